@@ -1,0 +1,84 @@
+"""Digests notice every edit that matters, and nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from thermofit.core.digest import PACKAGE, kernel_digest, path_digest, source_digest
+from thermofit.core.errors import DataError
+
+
+def house(folder: Path) -> Path:
+    texts = {
+        "core/parameters.py": "E = 1.0",
+        "core/artefact.py": "",
+        "core/study_models.py": "",
+        "effects/film.py": "A = 1",
+        "material/point.py": "",
+        "measure/force.py": "",
+        "measure/search.py": "from thermofit.core.jit import kernel",
+        "fit/problem.py": "",
+    }
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "name", ["effects/film.py", "material/point.py", "core/parameters.py", "measure/search.py", "fem/new.py", "core/new.py"]
+)
+def test_edit_of_a_possible_kernel_source_changes_the_kernel_digest(tmp_path: Path, name: str) -> None:
+    package = house(tmp_path)
+    before = kernel_digest(package)
+    (package / name).parent.mkdir(exist_ok=True)
+    (package / name).write_text("edited = 1")
+    assert kernel_digest(package) != before
+
+
+@pytest.mark.parametrize("name", ["core/artefact.py", "core/study_models.py", "measure/force.py", "fit/problem.py", "effects/notes.txt"])
+def test_edit_elsewhere_leaves_the_kernel_digest(tmp_path: Path, name: str) -> None:
+    package = house(tmp_path)
+    before = kernel_digest(package)
+    (package / name).write_text("edited = 1")
+    assert kernel_digest(package) == before
+
+
+def test_moving_code_between_files_is_an_edit(tmp_path: Path) -> None:
+    package = house(tmp_path)
+    before = kernel_digest(package)
+    (package / "effects/film.py").rename(package / "effects/loss.py")
+    assert kernel_digest(package) != before
+
+
+def test_source_digest_knows_rooms() -> None:
+    digests = {source_digest(), source_digest(("core",)), source_digest(("effects",))}
+    assert len(digests) == 3 and all(len(digest) == 64 for digest in digests)
+    assert source_digest(("core", "effects")) == source_digest(("effects", "core"))
+    assert PACKAGE.name == "thermofit"
+
+
+def test_file_digest_is_the_sha256_of_its_bytes(tmp_path: Path) -> None:
+    data = bytes(range(256)) * 9000
+    (tmp_path / "a.bin").write_bytes(data)
+    assert path_digest(tmp_path / "a.bin") == hashlib.sha256(data).hexdigest()
+
+
+def test_folder_digest_knows_names_contents_and_depth(tmp_path: Path) -> None:
+    seen = set()
+    for files in ({"a": "1", "b": "2"}, {"a": "2", "b": "1"}, {"a": "1", "c": "2"}, {"a": "1", "d/b": "2"}, {"a": "1"}, {}):
+        folder = tmp_path / str(len(seen))
+        folder.mkdir()
+        for name, text in files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text)
+        seen.add(path_digest(folder))
+    assert len(seen) == 6
+
+
+def test_missing_input_is_a_data_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"input '.*nowhere' cannot be read"):
+        path_digest(tmp_path / "nowhere")

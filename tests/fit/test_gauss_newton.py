@@ -1,0 +1,46 @@
+"""The bounded linear step against its optimality conditions."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from thermofit.fit.gauss_newton import bounded_step, reduce
+
+
+@settings(max_examples=60)
+@given(seed=st.integers(0, 10**6), size=st.integers(1, 6), badly=st.floats(0.0, 6.0))
+def test_optimality_conditions_of_the_bounded_step(seed, size, badly):
+    _check(seed, size, badly)
+
+
+def test_bounds_are_hit_exactly():
+    """A step that misses its bound by one bit would pass for a free parameter; rare, so that many seeds are needed."""
+    for seed in range(200):
+        _check(seed, 3, 2.0)
+
+
+def _check(seed, size, badly):
+    rng = np.random.default_rng(seed)
+    jacobian = rng.standard_normal((12, size)) * 10.0 ** (badly * rng.uniform(-1, 1, size))
+    residual = rng.standard_normal(12)
+    norms = np.linalg.norm(jacobian, axis=0)
+    room = (-rng.uniform(0, 0.4, size) / norms, rng.uniform(0, 0.4, size) / norms)
+    step = bounded_step(reduce(jacobian, residual), room)
+    assert (room[0] <= step.d).all() and (step.d <= room[1]).all()
+    gradient = jacobian.T @ (jacobian @ step.d + residual) / norms
+    low, up = step.d == room[0], step.d == room[1]
+    assert np.abs(gradient[~low & ~up]).max(initial=0.0) < 1e-8
+    assert (gradient[low & ~up] > -1e-8).all() and (gradient[up & ~low] < 1e-8).all()
+    after = jacobian @ step.d + residual
+    assert np.isclose(step.drop, residual @ residual - after @ after, atol=1e-9)
+
+
+def test_parameter_without_effect_stays():
+    jacobian = np.array([[1.0, 0.0], [1.0, 0.0]])
+    step = bounded_step(reduce(jacobian, np.array([1.0, 3.0])), (np.full(2, -np.inf), np.full(2, np.inf)))
+    assert np.allclose(step.d, [-2.0, 0.0])
+
+
+def test_fewer_data_than_parameters():
+    step = bounded_step(reduce(np.ones((1, 3)), np.array([3.0])), (np.full(3, -9.0), np.full(3, 9.0)))
+    assert np.allclose(step.d, -1.0) and np.isclose(step.drop, 9.0)

@@ -1,0 +1,155 @@
+"""Slice model and crosshead programme against closed forms and an independent root search."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from thermofit.core.errors import StudyError
+from thermofit.core.experiment import Specimen
+from thermofit.core.parameters import Parameters
+from thermofit.measure.machine import (
+    MachineSettings,
+    Step,
+    bar_of,
+    describe_programme,
+    elongation,
+    load_history,
+    programme_of,
+    uniaxial_law,
+    yield_stress,
+)
+
+LAW = Parameters.of({"E": 68396.66, "nu": 0.34, "M_y0": 128.92, "M_yinf": 292.73, "H_exp": 10.87, "F": 0.35})
+DOGBONE = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+STRAIGHT = Specimen(25.0, 1.2, 100.0, 25.0, 25.0, 150.0, 10.0)
+RATIO = np.sqrt(0.35 + 0.5)
+PROGRAMME = [
+    {"hold": 3.0},
+    {"crosshead_to": 9.5, "rate": 0.14},
+    {"force_to": 1500.0, "rate": -0.14},
+    {"crosshead_to": 19.5, "rate": 0.14},
+    {"force_to": 0.0, "rate": -0.14},
+    {"hold_force_until": 400.0},
+]
+MACHINE = MachineSettings()
+
+
+def closed_form_force(lam: float) -> tuple[float, float]:
+    """Force and elongation of the straight bar at the plastic multiplier Lambda."""
+    mandel = (128.92 + (292.73 - 128.92) * (1.0 - np.exp(-10.87 * lam))) / RATIO
+    stretch = np.exp(RATIO * lam + mandel / 68396.66)
+    return mandel / stretch * 25.0 * 1.2, 150.0 * (stretch - 1.0)
+
+
+@pytest.mark.parametrize("lam", [0.0, 1e-4, 0.01, 0.05, 0.1, 0.15, 0.179])
+def test_straight_bar_reproduces_the_closed_form(lam: float) -> None:
+    force, length = closed_form_force(lam)
+    bar = bar_of(STRAIGHT, uniaxial_law(LAW))
+    assert elongation(bar, np.array([force]), np.array([force]))[0] == pytest.approx(length, rel=2e-7)
+
+
+def test_unloaded_bar_keeps_the_plastic_stretch() -> None:
+    force, _ = closed_form_force(0.1)
+    bar = bar_of(STRAIGHT, uniaxial_law(LAW))
+    assert elongation(bar, np.array([0.0]), np.array([force]))[0] == pytest.approx(150.0 * np.expm1(RATIO * 0.1), rel=2e-7)
+
+
+def test_capacity_is_the_largest_force_of_the_closed_form() -> None:
+    lam = np.linspace(0.0, 0.4, 40001)
+    forces = np.array([closed_form_force(value)[0] for value in lam])
+    assert bar_of(STRAIGHT, uniaxial_law(LAW)).capacity == pytest.approx(forces.max(), rel=1e-8)
+
+
+def test_linear_hardening_belongs_to_model_1_only() -> None:
+    law = LAW.replace(H_lin=50.0)
+    lam = np.array([0.0, 0.1])
+    assert yield_stress(law, lam, 1) - yield_stress(law, lam, 2) == pytest.approx([0.0, 5.0])
+
+
+def test_elastic_dogbone_against_quadrature_over_its_width() -> None:
+    def width(y: float) -> float:
+        s = min(max(y - 50.0, 0.0), 15.0)
+        return 25.0 + 2.0 * (25.0 - np.sqrt(625.0 - s**2))
+
+    force = 1000.0
+
+    def strain(y: float) -> float:
+        nominal = force / (width(y) * 1.2)
+        return np.expm1(brentq(lambda e: 68396.66 * e - nominal * np.exp(e), 0.0, 0.01, xtol=1e-15))
+
+    expected = 2.0 * quad(strain, 0.0, 75.0, points=[50.0, 65.0], epsabs=1e-13)[0]
+    bar = bar_of(DOGBONE, uniaxial_law(LAW))
+    assert bar.length.sum() == pytest.approx(150.0)
+    assert elongation(bar, np.array([force]), np.array([force]))[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_programme_is_executed_exactly() -> None:
+    bar = bar_of(DOGBONE, uniaxial_law(LAW))
+    history = load_history(programme_of(PROGRAMME), bar, MACHINE)
+    time, crosshead = history.time, history.crosshead
+    assert (np.diff(time) > 0.0).all() and np.diff(time).max() <= 0.1 + 1e-9
+    assert time[0] == 0.0 and time[-1] == 400.0
+    assert np.isin(history.kinks, time).all() and len(history.kinks) == 5
+    assert history.kinks[:2] == pytest.approx([3.0, 3.0 + 9.5 / 0.14])
+    at = np.searchsorted(time, history.kinks)
+    assert crosshead[at[[1, 3]]] == pytest.approx([9.5, 19.5])
+    assert history.force[at[[2, 4]]] == pytest.approx([1500.0, 0.0])
+    rate = np.diff(crosshead) / np.diff(time)
+    phase = np.searchsorted(history.kinks, time[:-1], side="right")
+    assert rate == pytest.approx(np.array([0.0, 0.14, -0.14, 0.14, -0.14, 0.0])[phase], abs=1e-9)
+    largest = np.maximum.accumulate(history.force)
+    give = elongation(bar, history.force, largest) + MACHINE.compliance * history.force + history.slip
+    assert give == pytest.approx(crosshead, abs=1e-9)
+
+
+def test_slip_only_grows_and_stays_after_unloading() -> None:
+    history = load_history(programme_of(PROGRAMME), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
+    assert (np.diff(history.slip) >= 0.0).all()
+    assert 0.9 * MACHINE.slip < history.slip[-1] < MACHINE.slip
+    assert history.force[-1] == 0.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0.5, 8.0), st.floats(0.0, 1000.0), st.floats(8.5, 15.0), st.floats(0.05, 0.5))
+def test_any_loading_unloading_reloading_is_consistent(first: float, down: float, second: float, rate: float) -> None:
+    bar = bar_of(DOGBONE, uniaxial_law(LAW))
+    steps = [Step("crosshead_to", first, rate), Step("force_to", down, -rate), Step("crosshead_to", second, rate)]
+    history = load_history(steps, bar, MACHINE, rate=2.0)
+    largest = np.maximum.accumulate(history.force)
+    give = elongation(bar, history.force, largest) + MACHINE.compliance * history.force + history.slip
+    assert give == pytest.approx(history.crosshead, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("items", "text"),
+    [
+        ([{"crosshead_to": 40.0, "rate": 0.1}], "largest force"),
+        ([{"force_to": 9000.0, "rate": 0.1}], "more than the specimen can carry"),
+        ([{"crosshead_to": 5.0, "rate": -0.1}], "change its sign"),
+        ([{"crosshead_to": 5.0, "rate": 0.1}, {"crosshead_to": 0.0, "rate": -0.1}], "compress"),
+        ([{"hold": 5.0}, {"hold_force_until": 4.0}], "lies before"),
+        ([{"crosshead_to": 5.0}], "needs a rate"),
+        ([{"hold": 5.0, "rate": 1.0}], "takes no rate"),
+        ([{"crosshed_to": 5.0, "rate": 1.0}], r"programme\[0\]"),
+        ([{"force_to": -5.0, "rate": -1.0}], "buckles"),
+        ([], "takes no time"),
+    ],
+)
+def test_impossible_programmes_are_refused(items: list[dict[str, float]], text: str) -> None:
+    with pytest.raises(StudyError, match=text):
+        load_history(programme_of(items), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
+
+
+def test_impossible_specimens_are_refused() -> None:
+    with pytest.raises(StudyError, match="grip_width"):
+        bar_of(Specimen(25.0, 1.2, 100.0, 2.0, 35.0, 150.0, 10.0), uniaxial_law(LAW))
+    with pytest.raises(StudyError, match="total_length"):
+        bar_of(Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 120.0, 10.0), uniaxial_law(LAW))
+
+
+def test_programme_in_words() -> None:
+    words = describe_programme(programme_of(PROGRAMME))
+    assert words[1] == "crosshead at 0.14 mm/s to 9.5 mm" and words[-1] == "constant force until 400 s"

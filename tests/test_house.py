@@ -1,0 +1,110 @@
+"""The house: import directions, sizes of modules and functions, plain ASCII sources."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted((ROOT / "thermofit").rglob("*.py"))
+MAX_MODULE_LINES = 400
+MAX_FUNCTION_LINES = 80
+MAX_ARGUMENTS = 6
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def functions(path: Path) -> Iterator[Function]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, Function):
+            yield node
+
+
+def too_long(source: str, limit: int) -> list[str]:
+    """Names of the functions of a source that are longer than `limit` lines."""
+    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, Function))
+    return [node.name for node in nodes if (node.end_lineno or node.lineno) - node.lineno + 1 > limit]
+
+
+def is_compiled(node: Function) -> bool:
+    """Kernels receive arrays one by one and may have more arguments."""
+    return any("kernel" in ast.dump(decorator) or "njit" in ast.dump(decorator) for decorator in node.decorator_list)
+
+
+def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Check the import contract of pyproject.toml in a folder."""
+    code = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True))"
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_import_contract() -> None:
+    result = lint_imports(ROOT)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "broken"),
+    [
+        ("fem/wrong.py", "import thermofit.measure", "Imports only go down"),
+        ("fit/wrong.py", "import thermofit.measure", "Imports only go down"),
+        ("measure/wrong.py", "import thermofit.fit", "Imports only go down"),
+        ("core/wrong.py", "import thermofit.effects", "Imports only go down"),
+        ("fit/wrong.py", "import thermofit.fem", "never finite elements"),
+        ("measure/wrong.py", "import h5py", "HDF5"),
+        ("stages/one.py", "import thermofit.stages.two", "Stages do not import"),
+        ("stages/one.py", "import h5py", "HDF5"),
+        ("plots/__init__.py", "", "Imports only go down"),
+    ],
+)
+def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: str) -> None:
+    """In a skeleton of the house one wrong import breaks the contract that forbids it."""
+    (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    rooms = ("stages", "diagnose", "fit", "measure", "fem", "material", "effects", "core")
+    for name in ("cli.py", "core/artefact.py", "stages/one.py", "stages/two.py", "__init__.py", *(f"{room}/__init__.py" for room in rooms)):
+        path = tmp_path / "thermofit" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("import h5py\n" if name == "core/artefact.py" else "", encoding="utf-8")
+    assert lint_imports(tmp_path).returncode == 0
+    wrong = tmp_path / "thermofit" / module
+    wrong.parent.mkdir(exist_ok=True)
+    wrong.write_text(line + "\n", encoding="utf-8")
+    result = lint_imports(tmp_path)
+    assert result.returncode != 0
+    assert broken in result.stdout.split("Broken contracts")[-1], result.stdout
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_module_is_short(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= MAX_MODULE_LINES
+    assert too_long(text, MAX_FUNCTION_LINES) == []
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_functions_have_few_arguments_and_return_types(path: Path) -> None:
+    for node in functions(path):
+        arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        count = len([a for a in arguments if a.arg not in ("self", "cls")])
+        assert is_compiled(node) or count <= MAX_ARGUMENTS, f"{node.name} has {count} arguments"
+        assert node.returns is not None, f"{node.name} has no return type"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_module_says_what_it_is_in_ascii(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.isascii()
+    assert ast.get_docstring(ast.parse(text)), "a module begins with one line on what it is"
+
+
+def test_length_check_bites() -> None:
+    source = "def short():\n    pass\n\n\ndef long():\n" + "    pass\n" * MAX_FUNCTION_LINES
+    assert too_long(source, MAX_FUNCTION_LINES) == ["long"]

@@ -1,0 +1,106 @@
+"""Digests of sources and data: what an artefact and the kernel cache are keyed by.
+
+A digest is a sha256 in hexadecimal. Every file enters with its relative name, so that moving code between files
+changes the digest even where the concatenated text stays the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+
+from thermofit.core.errors import DataError
+
+PACKAGE = Path(__file__).resolve().parents[1]
+"""Folder of the package thermofit."""
+
+KERNEL_ROOMS = ("effects", "material", "fem")
+"""Rooms whose every source may be compiled into a kernel."""
+
+_OUTSIDE_KERNELS = tuple(
+    f"core/{name}" for name in ("artefact", "atomic", "checkpoint", "digest", "errors", "jsonable", "progress", "study")
+)
+"""Beginnings of the names of those modules of core from which no kernel takes a constant."""
+
+_BLOCK = 1 << 20
+_THREADS = 4
+
+
+def file_digest(path: Path) -> str:
+    """sha256 of the bytes of one file."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as stream:
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def path_digest(path: Path) -> str:
+    """sha256 of a file, or of the sorted relative names and contents of all files of a folder.
+
+    Names that start with a dot are left out: file browsers write them while one looks at the data.
+    DataError where the path is missing or unreadable.
+    """
+    try:
+        if path.is_dir():
+            return _combined(path, _visible_files(path))
+        return file_digest(path)
+    except OSError as error:
+        raise DataError(f"input '{path}' cannot be read ({error.strerror or error}): expected a readable file or folder") from error
+
+
+def source_digest(rooms: Sequence[str] = ()) -> str:
+    """sha256 over the .py sources of the named rooms (folders of thermofit); of the whole package where none is named.
+
+    Computed once per process: the code that runs is the code that was loaded, whatever is edited meanwhile.
+    """
+    return _source_digest(PACKAGE, tuple(sorted(rooms)))
+
+
+def kernel_digest(package: Path = PACKAGE) -> str:
+    """sha256 over all sources that a compiled kernel may contain.
+
+    These are the kernel rooms, what core lends to them (constants are frozen into compiled code), and every other module that
+    imports `thermofit.core.jit`. In doubt a source is in: a needless compilation is slow, a stale kernel is wrong.
+    """
+    return _combined(package, (path for path in _sources(package) if _may_be_compiled(package, path)))
+
+
+@lru_cache(maxsize=16)
+def _source_digest(package: Path, rooms: tuple[str, ...]) -> str:
+    return _combined(package, _sources(package, rooms))
+
+
+def _sources(package: Path, rooms: Sequence[str] = ()) -> list[Path]:
+    folders = [package / room for room in rooms] or [package]
+    return [path for folder in folders for path in folder.rglob("*.py")]
+
+
+def _may_be_compiled(package: Path, path: Path) -> bool:
+    name = path.relative_to(package).as_posix()
+    room = name.split("/")[0]
+    if room in KERNEL_ROOMS:
+        return True
+    if room == "core":
+        return not name.startswith(_OUTSIDE_KERNELS)
+    return b"core.jit" in path.read_bytes()
+
+
+def _visible_files(folder: Path) -> list[Path]:
+    return [
+        path for path in folder.rglob("*") if not any(part.startswith(".") for part in path.relative_to(folder).parts) and path.is_file()
+    ]
+
+
+def _combined(root: Path, files: Iterable[Path], digest_of: Callable[[Path], str] = file_digest) -> str:
+    """sha256 over `relative name, digest of contents` of the files, sorted by name."""
+    named = sorted((path.relative_to(root).as_posix(), path) for path in files)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        digests = list(pool.map(digest_of, (path for _, path in named)))
+    combined = hashlib.sha256()
+    for (name, _), digest in zip(named, digests, strict=True):
+        combined.update(f"{name}\0{digest}\n".encode("utf-8", "surrogateescape"))
+    return combined.hexdigest()

@@ -1,0 +1,92 @@
+"""What was measured: read-only containers that every reader fills and every stage receives.
+
+Units are fixed: mm, s, N, K. Raw files hold degrees Celsius; readers convert.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+CELSIUS = 273.15
+"""Zero degrees Celsius in K."""
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """Dogbone after DIN 50125-H; all lengths in mm. Origin at the centre, y along the load, z normal."""
+
+    gauge_width: float
+    thickness: float
+    parallel_length: float
+    shoulder_radius: float
+    grip_width: float
+    total_length: float
+    gripped_length: float
+
+
+@dataclass(frozen=True)
+class ForceRecord:
+    """Load cell (and crosshead) over time: `time` s (n,), `force` N (n,), `crosshead` mm (n,) or None."""
+
+    time: np.ndarray
+    force: np.ndarray
+    crosshead: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class DicField:
+    """Displacements of material points (Lagrangian).
+
+    `time` s (n_t,), `point_id` (n_s,), `reference` mm (n_s, 3) in the unloaded specimen, `displacement` mm
+    (n_t, n_s, 3) with NaN where a point is missing in a stage; `side` is "front" or "back".
+    """
+
+    time: np.ndarray
+    point_id: np.ndarray
+    reference: np.ndarray
+    displacement: np.ndarray
+    side: str = "front"
+
+
+@dataclass(frozen=True)
+class InfraredSequence:
+    """Temperatures at fixed pixels (Eulerian): `time` s (n_f,), `frames` K (n_f, n_row, n_col) float32."""
+
+    time: np.ndarray
+    frames: np.ndarray
+    side: str = "back"
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Points picked by hand in one infrared frame, all as (row, col) pixels, zero based, pixel centres integer.
+
+    `length` (2, 2) two points `length_mm` apart; `edge_left` (2, 2) on the left edge as seen in the image;
+    `edge_right` (2,) on the right edge; `circle` (3, 2) on a circle around the specimen centre.
+    """
+
+    frame: int
+    length: np.ndarray
+    length_mm: float
+    edge_left: np.ndarray
+    edge_right: np.ndarray
+    circle: np.ndarray
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One measured test. `repairs` lists in words everything that a reader counted or mended."""
+
+    folder: Path
+    specimen: Specimen
+    theta_air: float
+    theta_clamp: float
+    force: ForceRecord
+    dic: DicField | None
+    ir: InfraredSequence | None
+    landmarks: Landmarks | None
+    programme: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = field(default=())

@@ -1,0 +1,231 @@
+"""The study file: read, checked and completed. Everything a user gets wrong becomes one sentence (StudyError)."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from thermofit.core.errors import StudyError
+from thermofit.core.experiment import Experiment, Specimen
+from thermofit.core.parameters import Parameters, param
+from thermofit.core.study_errors import near_miss, sentence
+from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, start_of
+from thermofit.core.study_section import MeshSize, ParameterStart, mesh_size
+from thermofit.core.study_stages import StageSettings
+
+_VARIABLE = re.compile(r"\$\{([^}]*)\}")
+
+
+class Study(Sections):
+    """A loaded study: the sections of the file, defaults filled in, and its paths resolved."""
+
+    source: Path
+    """The study file, absolute."""
+    experiment: Path
+    """Raw folder, absolute; <run_dir>/raw for a virtual experiment."""
+    run_dir: Path
+    """Folder of artefacts and figures, absolute."""
+    virtual: bool
+    """True where the raw folder is to be made by `simulate`."""
+
+    @property
+    def mesh_size(self) -> MeshSize:
+        """Numbers of elements of the mesh."""
+        return mesh_size(self.mesh)
+
+    def stage(self, name: str) -> StageSettings:
+        """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
+        if name not in type(self.stages).model_fields:
+            raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
+        settings: StageSettings = getattr(self.stages, name)
+        if missing := check_starts(settings, self.parameters):
+            raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
+        return settings
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Lower and upper bound of a parameter: the study's, else the physical ones."""
+        param(name)
+        return bounds_of(name, self.parameters.get(name))
+
+    def scale(self, name: str) -> float:
+        """Usual size of a parameter: the study's, else that of the law."""
+        setting = self.parameters.get(name)
+        return setting.scale if isinstance(setting, ParameterStart) and setting.scale is not None else param(name).scale
+
+    def start_parameters(self, experiment: Experiment | None) -> Parameters:
+        """Start values; what the study leaves out is neutral, the temperatures of air and jaws are the experiment's (K).
+
+        theta_ref is theta_clamp where absent: the specimen rests in the closed jaws before the test. StudyError where
+        neither the study nor an experiment gives theta_air or theta_clamp.
+        """
+        values = {name: start_of(setting) for name, setting in self.parameters.items()}
+        measured = {} if experiment is None else {"theta_air": experiment.theta_air, "theta_clamp": experiment.theta_clamp}
+        return Parameters.of(_with_temperatures({**measured, **values}, f"{self.source.name}: key 'parameters"))
+
+    def truth_parameters(self) -> Parameters:
+        """Parameters of the virtual experiment; StudyError where the study has none."""
+        if self.simulate is None:
+            raise StudyError(f"{self.source.name}: key 'simulate' is missing: add it to make a virtual experiment, see `thermofit new`")
+        return Parameters.of(_with_temperatures(self.simulate.truth, f"{self.source.name}: key 'simulate.truth"))
+
+    def specimen_of(self, measured: Specimen) -> Specimen:
+        """The measured specimen with the lengths (mm) that the study overrides."""
+        return dataclasses.replace(measured, **self.specimen.model_dump(exclude_none=True))
+
+    def config_of(self, *keys: str) -> dict[str, Any]:
+        """The named sections ('mesh', 'stages.elastic') with defaults filled in, ready for JSON: a stage's provenance."""
+        dump = self.model_dump(mode="json")
+        config: dict[str, Any] = {}
+        for key in keys:
+            value: Any = dump
+            for part in key.split("."):
+                if not isinstance(value, dict) or part not in value:
+                    raise KeyError(f"the study has no section '{key}'")
+                value = value[part]
+            config[key] = value
+        return config
+
+
+def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
+    """Read a study file and apply overrides such as `mesh=coarse` or `stages.thermal.method=nelder-mead`.
+
+    Raises StudyError with one sentence for anything that is wrong in the file, in an override or in the environment.
+    """
+    source = Path(path)
+    tree = _read_tree(source)
+    for override in overrides:
+        _override(tree, override)
+    try:
+        # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
+        file = StudyFile.model_validate(json.loads(json.dumps(tree)))
+    except ValidationError as error:
+        raise StudyError(_say(source, error, overrides)) from None
+    except (TypeError, ValueError, RecursionError) as error:
+        raise StudyError(f"{source}: expected texts, numbers, lists and sections only, but found something else ({error})") from None
+    run_dir = Path(_expand(file.run_dir or f"runs/{file.name}", source, "run_dir")).expanduser().absolute()
+    if file.experiment is None:
+        raw = run_dir / "raw"
+    else:
+        raw = source.parent.absolute() / Path(_expand(file.experiment, source, "experiment")).expanduser()
+    sections = {name: getattr(file, name) for name in Sections.model_fields}
+    return Study(**sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=file.experiment is None)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of the study file, for editors (docs/study.schema.json)."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **StudyFile.model_json_schema()}
+    schema["title"] = "thermofit study"
+    return schema
+
+
+def _with_temperatures(values: Mapping[str, float], key: str) -> dict[str, float]:
+    """Values with theta_ref = theta_clamp where absent; StudyError where a temperature of the surroundings is absent."""
+    for name in ("theta_air", "theta_clamp"):
+        if name not in values:
+            raise StudyError(f"{key}.{name}' is missing and no experiment gives it: add it in K")
+    return {"theta_ref": values["theta_clamp"], **values}
+
+
+def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
+    """The sentence for the first error, with the override that caused it, and the number of further ones."""
+    # A list whose entries were refused is also reported as too short: the entry is what the user wants to read about.
+    errors = error.errors(include_url=False)
+    details = [e for e in errors if not (e["type"] == "too_short" and e["input"])] or errors
+    key, text = sentence(details[0])
+    guilty = [o for o in overrides if key == o.partition("=")[0] or key.startswith(o.partition("=")[0] + ".")]
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    cause = " with " + " ".join(guilty[-1].split()) if guilty else ""
+    return f"{source}{cause}: {text}{more}"
+
+
+def _expand(text: str, source: Path, key: str) -> str:
+    """Replace ${VARIABLE} by the environment's value."""
+
+    def value(match: re.Match[str]) -> str:
+        name = match.group(1)
+        if not os.environ.get(name):
+            raise StudyError(f"{source}: key '{key}' is '{text}', but the environment variable {name} is not set: export {name}=FOLDER")
+        return os.environ[name]
+
+    return _VARIABLE.sub(value, text)
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1 as in PyYAML, but 1e-4 is a number, dates are texts, and a repeated key is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise yaml.MarkedYAMLError(problem=f"the key {key!r} is not a text", problem_mark=key_node.start_mark)
+            if key in seen:
+                raise yaml.MarkedYAMLError(problem=f"the key '{key}' is given twice", problem_mark=key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep=deep)
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:timestamp"]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789"))
+
+
+def _yaml(text: str, source: str) -> Any:
+    """Parse YAML; StudyError with file and line."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{source}, line {mark.line + 1}" if mark else source
+        begin = error.context_mark.line + 1 if error.context_mark else None
+        context = f" ({error.context} that begins in line {begin})" if error.context and begin else ""
+        raise StudyError(f"{where}: {error.problem or error.context}{context}; expected YAML, mend the line") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise StudyError(f"{source}: {' '.join(str(error).split())}; expected YAML text") from None
+
+
+def _read_tree(source: Path) -> dict[str, Any]:
+    """The study file as nested dictionaries."""
+    try:
+        text = source.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise StudyError(f"{source}: expected a YAML text in UTF-8, found other bytes") from None
+    except OSError as error:
+        reason = error.strerror or "cannot be read"
+        raise StudyError(f"{source}: {reason.lower()}; expected a study file, `thermofit new {source}` writes a commented one") from None
+    tree = _yaml(text, str(source))
+    if not isinstance(tree, dict):
+        what = "nothing" if tree is None else f"a {type(tree).__name__}"
+        raise StudyError(f"{source}: expected a study (keys such as 'name:' and 'experiment:'), found {what}; compare `thermofit new`")
+    return tree
+
+
+def _override(tree: dict[str, Any], override: str) -> None:
+    """Set one dotted key of the tree to a YAML value."""
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise StudyError(f"override '{override}' is not understood: expected key=value, for example mesh=coarse")
+    place = tree
+    for depth, part in enumerate(parts[:-1], start=1):
+        if place.get(part) is None:
+            place[part] = {}
+        inner = place[part]
+        if not isinstance(inner, dict):
+            raise StudyError(f"override '{override}': key '{'.'.join(parts[:depth])}' is {inner!r} in the study, not a section of keys")
+        # A copy: sections that share a YAML anchor are one object, and only the named one is meant.
+        place[part] = dict(inner)
+        place = place[part]
+    place[parts[-1]] = _yaml(text, f"override '{override}'")

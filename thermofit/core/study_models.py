@@ -1,0 +1,293 @@
+"""The study file as pydantic models. Units: mm, s, N, K, MPa; every default is the one that a run uses."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
+
+from thermofit.core.study_errors import content_error
+from thermofit.core.study_section import (
+    LAW_BY_NAME,
+    Count,
+    Mesh,
+    NonNegative,
+    Number,
+    ParameterName,
+    ParameterSettings,
+    ParameterStart,
+    ParameterValues,
+    Positive,
+    Section,
+    Times,
+    Whole,
+    hardening_error,
+    physical_error,
+    word_or,
+)
+from thermofit.core.study_stages import StageName, Stages, StageSettings
+from thermofit.core.study_virtual import Simulate
+
+FROM_EXPERIMENT = ("theta_air", "theta_clamp", "theta_ref")
+"""Parameters that need no start: thermocouples of the experiment give it."""
+
+
+def _no_truth_value(value: Any) -> Any:
+    """Python takes true for 1; the study must not."""
+    if isinstance(value, bool):
+        raise content_error(f"is {str(value).lower()}; expected 1 or 2")
+    return value
+
+
+class SpecimenOverride(Section):
+    """Lengths in mm that replace those of experiment.yaml."""
+
+    gauge_width: Positive | None = None
+    thickness: Positive | None = None
+    parallel_length: Positive | None = None
+    shoulder_radius: Positive | None = None
+    grip_width: Positive | None = None
+    total_length: Positive | None = None
+    gripped_length: Positive | None = None
+
+
+class EvaluationWindow(Section):
+    """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2)."""
+
+    abs_x_max: Positive = 11.0
+    abs_y_max: Positive = 20.0
+
+
+class Evaluation(Section):
+    """Where and when model and measurement are compared."""
+
+    window: EvaluationWindow = EvaluationWindow()
+    nodes: Mesh = "full"
+    """Mesh whose face nodes are compared; predictions on another mesh are interpolated to them by its shape functions."""
+    displacement_times: Annotated[Annotated[Literal["stages"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = (
+        "stages"
+    )
+    """`stages` (every DIC stage) or a list of times in s."""
+    temperature_times: Annotated[Annotated[Literal["frames"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = "frames"
+    """`frames` (every infrared frame) or a list of times in s."""
+    reference_time: NonNegative | None = None
+    """Time t_0 of dtheta and of du in s (2.22), (2.23); null: the first observation, which must be before loading."""
+
+
+class Force(Section):
+    """The measured force is prescribed as a load."""
+
+    smoothing: Literal["phases", "none"] = "phases"
+    """`phases`: smoothed to its noise level, phase by phase; `none`: as measured."""
+    noise: Positive | None = None
+    """Standard deviation of the load cell in N; null: estimated from the data."""
+
+
+Pixel = tuple[Number, Number]
+
+
+class LengthMark(Section):
+    """Two pixels [row, col] that lie `length_mm` apart."""
+
+    p1: Pixel
+    p2: Pixel
+    length_mm: Positive
+    note: str = ""
+
+
+class EdgeMarks(Section):
+    """Two pixels on one edge."""
+
+    p1: Pixel
+    p2: Pixel
+    note: str = ""
+
+
+class EdgeMark(Section):
+    """One pixel on the other edge."""
+
+    p1: Pixel
+    note: str = ""
+
+
+class CircleMarks(Section):
+    """Three pixels on a circle around the specimen's centre."""
+
+    p1: Pixel
+    p2: Pixel
+    p3: Pixel
+    note: str = ""
+
+
+class LandmarkOverride(Section):
+    """Landmarks with the keys of experiment.yaml; all four are needed."""
+
+    length: LengthMark
+    edge_left: EdgeMarks
+    edge_right: EdgeMark
+    circle: CircleMarks
+    note: str = ""
+
+
+class Infrared(Section):
+    """What `calibrate-ir` takes instead of experiment.yaml, and how it reads the frames."""
+
+    landmarks: LandmarkOverride | None = None
+    landmarks_frame: Annotated[Whole, Field(ge=0)] | None = None
+    rotation_deg: Annotated[Number, Field(gt=-45, lt=45)] | None = None
+    """Roll of the camera in degrees; null: from the edge (Algorithm 1)."""
+    refine: StrictBool = True
+    """Refine centre and roll on the visible edges of the specimen after Algorithm 1, where their contrast suffices."""
+    edge_margin: NonNegative = 1.0
+    """Pixels nearer than this to the specimen's edge (mm) are blurred and left out."""
+
+
+class Noise(Section):
+    """Standard deviations of the raw data; null: estimated from the data."""
+
+    displacement: Positive | None = None
+    """In-plane noise of one DIC point, mm."""
+    temperature: Positive | None = None
+    """Noise of one pixel, K."""
+
+
+class Numerics(Section):
+    """How the forward model is solved."""
+
+    steps_per_interval: Count = 1
+    """Solution steps between two neighbouring required times."""
+    max_time_step: Positive = 5.0
+    """s"""
+    plastic_integration: Literal["closed-form", "backward-euler"] = "closed-form"
+    heat_integration: Literal["sdirk2", "backward-euler"] = "sdirk2"
+    newton_tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-9
+    coupling_tolerance: Positive = 1.0e-4
+    """Change of temperature at which the staggered coupling has converged, K."""
+    force_tolerance: Positive = 2.0
+    """Solution steps are set so that the force is straight between them within this many N."""
+    coarse_start: StrictBool = True
+    """On a finer mesh the optimum of the coarse mesh is the start."""
+    threads: Count = 2
+
+
+class GridSearch(Section):
+    """The same stage from several starts (thesis 2.8): is the optimum unique?"""
+
+    stage: StageName
+    starts: Annotated[tuple[ParameterValues, ...], Field(min_length=1)]
+
+
+class Sensitivity(Section):
+    """The same stage with other prescribed values of one quantity (Tables 5.20, 5.21)."""
+
+    stage: StageName
+    quantity: ParameterName
+    values: Annotated[tuple[Number, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _values_are_physical(self) -> Sensitivity:
+        for value in self.values:
+            if text := physical_error(self.quantity, value):
+                raise content_error(text, key="values")
+        return self
+
+
+class Sections(Section):
+    """All sections whose values mean the same in the file and in the loaded study."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    """Name of the study; letters, digits and _ . -"""
+    model: Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)] = 2
+    """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
+    mesh: Mesh = "full"
+    specimen: SpecimenOverride = SpecimenOverride()
+    parameters: ParameterSettings = Field(default={})
+    """Start (or fixed) values by name: a number, or {start: ..., bounds: [.., ..], scale: ...}."""
+    evaluation: Evaluation = Evaluation()
+    force: Force = Force()
+    ir: Infrared = Infrared()
+    noise: Noise = Noise()
+    numerics: Numerics = Numerics()
+    stages: Stages = Stages()
+    gridsearch: GridSearch | None = None
+    sensitivity: Sensitivity | None = None
+    simulate: Simulate | None = None
+
+    @model_validator(mode="after")
+    def _physics(self) -> Sections:
+        """Starts, truth and grid are physical, and every stage that the study lists has its starts."""
+        starts = {name: start_of(setting) for name, setting in self.parameters.items()}
+        for name, setting in self.parameters.items():
+            _check_parameter(name, setting)
+        _check_hardening(starts, "parameters.M_yinf")
+        if self.simulate is not None:
+            _check_hardening(self.simulate.truth, "simulate.truth.M_yinf")
+        for name in sorted(self.stages.model_fields_set):
+            if missing := check_starts(getattr(self.stages, name), starts):
+                raise content_error(f"is missing, but stage {name} identifies it: add its start", f"parameters.{missing}")
+        for index, trial in enumerate(self.gridsearch.starts if self.gridsearch else ()):
+            key = f"gridsearch.starts.{index}"
+            _check_hardening({**starts, **trial}, f"{key}.M_yinf")
+            for name, value in trial.items():
+                low, high = bounds_of(name, self.parameters.get(name))
+                if not low <= value <= high:
+                    raise content_error(f"is {value:g}; expected {low:g} to {high:g}, the bounds in parameters.{name}", f"{key}.{name}")
+        if self.sensitivity is not None and self.sensitivity.quantity in getattr(self.stages, self.sensitivity.stage).free:
+            quantity, stage = self.sensitivity.quantity, self.sensitivity.stage
+            raise content_error(f"is {quantity}, which stages.{stage}.free identifies; expected a prescribed one", "sensitivity.quantity")
+        return self
+
+
+class StudyFile(Sections):
+    """The study file as it is written. Paths may hold ${VARIABLES} of the environment."""
+
+    experiment: str | None = None
+    """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw."""
+    run_dir: str | None = None
+    """Where artefacts and figures go, relative to the current directory; absent: runs/<name>."""
+
+    @model_validator(mode="after")
+    def _has_data(self) -> StudyFile:
+        if self.experiment is None and self.simulate is None:
+            raise content_error("is missing: name the raw folder, or describe a virtual experiment under 'simulate'", "experiment")
+        return self
+
+
+def start_of(setting: float | ParameterStart) -> float:
+    """Start value of a parameter's setting."""
+    return setting.start if isinstance(setting, ParameterStart) else setting
+
+
+def bounds_of(name: str, setting: float | ParameterStart | None) -> tuple[float, float]:
+    """Bounds of a parameter: the study's, else the physical ones."""
+    if isinstance(setting, ParameterStart) and setting.bounds is not None:
+        return setting.bounds
+    return LAW_BY_NAME[name].lower, LAW_BY_NAME[name].upper
+
+
+def check_starts(settings: StageSettings, given: Container[str]) -> str | None:
+    """The first free parameter of a stage that has no start value in the study, None where all have one."""
+    return next((name for name in settings.free if name not in given and name not in FROM_EXPERIMENT), None)
+
+
+def _check_parameter(name: str, setting: float | ParameterStart) -> None:
+    """Start inside the bounds, bounds in order and inside the physical ones."""
+    low, high = bounds_of(name, setting)
+    key = f"parameters.{name}"
+    if low >= high:
+        raise content_error(f"is [{low:g}, {high:g}]; expected the lower bound first, and below the upper one", f"{key}.bounds")
+    for bound in (low, high):
+        if text := physical_error(name, bound):
+            raise content_error(f"holds a bound that {text}; the study may narrow the physical bounds, not widen them", f"{key}.bounds")
+    start = start_of(setting)
+    if text := physical_error(name, start):
+        raise content_error(text, key if not isinstance(setting, ParameterStart) else f"{key}.start")
+    if not low <= start <= high:
+        raise content_error(f"is {start:g}, outside its bounds [{low:g}, {high:g}]; expected a start between them", f"{key}.start")
+
+
+def _check_hardening(values: Mapping[str, float], key: str) -> None:
+    """M_yinf > M_y0."""
+    if text := hardening_error(values):
+        raise content_error(text, key)

@@ -1,0 +1,109 @@
+"""The commented study file that `thermofit new` writes."""
+
+from __future__ import annotations
+
+_TEMPLATE = """\
+## A study of thermofit: which experiment, which parameters are identified, and how.
+## Units: N, mm, s, K, MPa; film coefficients W/(m^2 K), kappa mW/(mm K), c0 mJ/(mm^3 K). Temperatures here are in K.
+## Lines with one mark (#) show further keys, mostly with their defaults. A misspelt key is reported with the near miss.
+
+name: my-study                       # letters, digits and _ . -
+experiment: my-experiment            # raw folder, relative to this file; may hold ${VARIABLES} of the environment
+# run_dir: runs/my-study             # artefacts and figures, relative to the current directory
+# model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
+# mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
+# specimen: {thickness: 1.2}         # lengths in mm that replace those of experiment.yaml
+
+## A number is the start of an identified parameter and the value of a fixed one. What is not given is neutral:
+## G = H = 0.5 and L = M = N = 1.5 (von Mises with F = 0.5), H_lin = 0. Scale: usual size of a parameter, for the search.
+parameters:
+  E: {start: 60000, bounds: [30000, 150000]}   # MPa
+  nu: {start: 0.30, bounds: [0.05, 0.49]}
+  M_y0: {start: 140, bounds: [20, 1000]}       # MPa, M_yinf > M_y0
+  M_yinf: {start: 290, bounds: [50, 2000]}     # MPa
+  H_exp: {start: 15, bounds: [1, 200]}
+  F: {start: 0.5, bounds: [0.05, 5]}           # Hill parameter; load along y: width-to-thickness ratio r = F/H
+  alpha_exp: {start: 23.0e-6, bounds: [1.0e-6, 1.0e-4]}   # 1/K
+  kappa: {start: 200, bounds: [10, 1000]}      # mW/(mm K)
+  c0: {start: 2.43, bounds: [0.5, 10]}         # mJ/(mm^3 K), at constant elastic deformation
+  beta: {start: 1.0, bounds: [0.0, 5]}         # dissipation factor (not a Taylor-Quinney factor)
+  alpha_air: {start: 10, bounds: [0, 1000]}    # W/(m^2 K)
+  alpha_clamp: {start: 300, bounds: [0, 1.0e+6]}
+  # theta_air: 297.4                           # K; absent: thermocouples of the experiment
+  # theta_clamp: 296.7
+  # theta_ref: 296.7                           # absent: theta_clamp
+
+# evaluation:
+#   window: {abs_x_max: 11.0, abs_y_max: 20.0} # mm, nodes that are compared
+#   displacement_times: stages                 # or a list of times in s
+#   temperature_times: frames                  # or a list of times in s
+#   reference_time: null                       # s; null: first observation before loading
+# force: {smoothing: phases, noise: null}      # phases or none; noise in N, null: estimated
+# ir: {rotation_deg: null, refine: true, edge_margin: 1.0}   # landmarks: as in experiment.yaml, to replace them
+# noise: {displacement: null, temperature: null}              # sigma in mm and K; null: estimated
+# numerics:
+#   steps_per_interval: 1
+#   max_time_step: 5.0                         # s
+#   plastic_integration: closed-form           # or backward-euler
+#   heat_integration: sdirk2                   # or backward-euler
+#   newton_tolerance: 1.0e-9
+#   coupling_tolerance: 1.0e-4                 # K
+#   threads: 2
+
+## channels: u, du (relative displacements), theta, dtheta (change of temperature), force.
+## weight: sigma (1/sigma^2), value (2.25), max (2.26), a number, or {x: 5, y: 1} for u and du.
+## window: auto (elastic range, from the data), all, or [t0, t1] in s. coupling: full or one-way.
+## method: least-squares, nelder-mead (the thesis), bobyqa, sbplx, cobyla.
+stages:
+  elastic:
+    free: [E, nu]
+    channels: {du: {weight: sigma}}
+    window: auto
+    method: least-squares
+    coupling: full
+    max_evaluations: 2000
+    tolerance: 1.0e-6
+    du: {scheme: rigid-body}                   # or neighbour, gradient
+  plastic:
+    free: [M_y0, M_yinf, H_exp, F]
+    channels: {du: {}}
+    window: all
+    coupling: full
+  thermal:
+    free: [alpha_exp, kappa, c0, beta, alpha_air, alpha_clamp]
+    channels: {dtheta: {}}
+    window: all
+    coupling: one-way
+
+# gridsearch:                                  # the same stage from other starts
+#   stage: thermal
+#   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
+# sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
+
+## A virtual experiment instead of a measured one: take away `experiment` above.
+# simulate:
+#   seed: 1
+#   truth: {E: 68396.66, nu: 0.34, M_y0: 128.92, M_yinf: 292.73, H_exp: 10.87, F: 0.35, alpha_exp: 20.21e-6, kappa: 133.45, c0: 2.22,
+#           beta: 0.79, alpha_air: 14.72, alpha_clamp: 236.3, theta_air: 297.4, theta_clamp: 296.7}
+#   mesh: full
+#   specimen: {gauge_width: 25.0, thickness: 1.2, parallel_length: 100, shoulder_radius: 25, grip_width: 35,
+#              total_length: 150, gripped_length: 10}
+#   programme:
+#     - {hold: 3.0}                            # s
+#     - {crosshead_to: 9.5, rate: 0.14}        # mm, mm/s
+#     - {force_to: 1500, rate: -0.14}          # N, mm/s
+#     - {crosshead_to: 19.5, rate: 0.14}
+#     - {force_to: 0.0, rate: -0.14}
+#     - {hold_force_until: 400.0}              # s
+#   machine: {compliance: 1.0e-4, slip: 0.3, rotation_deg: 0.05}   # mm/N, mm, degrees
+#   dic: {stages: 120, spacing: 1.0, noise_in_plane: 0.002, noise_out_of_plane: 0.005, lost_fraction: 0.01}
+#   ir: {frames: 130, pixel_size: 0.4, roll_deg: 1.1, netd: 0.025, offset: 0.5, blur_px: 0.7, landmark_noise_px: 0.15, background: 296.5,
+#        image_shape: [218, 90]}
+#   force: {rate: 10.0, noise: 4.0}            # Hz, N
+#   thermocouple_error: 0.05                   # K
+"""
+
+
+def template() -> str:
+    """Text of the commented study file; it loads as it stands."""
+    return _TEMPLATE

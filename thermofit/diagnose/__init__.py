@@ -1,0 +1,1 @@
+"""Residual structure against the noise floor."""

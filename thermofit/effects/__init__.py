@@ -1,0 +1,1 @@
+"""Physical and measurement effects, one file each."""

@@ -1,0 +1,1 @@
+"""Geometry and equilibrium: mesh, elements, boundary, linear algebra, march in time."""

@@ -1,0 +1,1 @@
+"""Least squares: optimisers, scaling, covariance. Sees a residual function and nothing else."""

@@ -1,0 +1,141 @@
+"""Bounded Gauss-Newton that saves forward runs: the Jacobian is updated by Broyden and recomputed only where that fails.
+
+Secant version of the damped Gauss-Newton method (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares
+Problems, 2nd ed., IMM, DTU, 2004, section 3.5) with a box as trust region: box and bounds are then one set of bounds of a
+small linear least-squares problem that is solved exactly. Convergence is declared only on a Jacobian computed at the final
+point; the covariance needs that one anyway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.fit.evaluate import EvaluationLimit, Evaluations
+from thermofit.fit.gauss_newton import Step, bounded_step, reduce
+from thermofit.fit.jacobian import jacobian_at
+from thermofit.fit.least_squares import Ending
+from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
+from thermofit.fit.settings import Settings, relative_drop
+
+FIRST_RADIUS = 0.3
+"""Half width of the first trust box in units of the scale."""
+BELIEVED = 0.5
+"""Achieved over predicted drop below which an updated Jacobian is recomputed."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Point z (n_p,), its residual (n,) and Jacobian (n, n_p) with respect to z, half width `radius` of the trust box.
+
+    `fresh`: the Jacobian was computed at z, not updated; `rejected`: trials in a row that did not lower f; `failed`: the last
+    one because the forward model failed.
+    """
+
+    z: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    radius: float
+    fresh: bool = True
+    rejected: int = 0
+    failed: bool = False
+
+
+def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
+    """Minimise r.r within bounds; with an exact Jacobian in the problem that one is used at every accepted point.
+
+    A failed evaluation is rejected like one that raises f: the box shrinks to a quarter of the step. The limit of evaluations
+    ends the search in any case. NumericsError if the start fails or a derivative cannot be had.
+    """
+    try:
+        state = _first(evaluations, settings)
+        while True:
+            full = _step(evaluations, state, np.inf)
+            f = float(state.residual @ state.residual)
+            small = float(np.max(np.abs(full.d))) <= settings.x_tolerance
+            flat = full.drop <= f * relative_drop(settings, state.residual.size, state.z.size)
+            if (small or flat) and state.fresh:
+                return Ending(True, "the parameters no longer change" if small else "the objective no longer changes")
+            exhausted = state.radius < 0.01 * settings.x_tolerance
+            if exhausted and state.fresh:
+                return _stuck(state)
+            if small or flat or exhausted:
+                state = _refresh(evaluations, state, settings)
+                continue
+            state = _advance(evaluations, state, settings)
+    except EvaluationLimit as limit:
+        return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
+
+
+def _first(evaluations: Evaluations, settings: Settings) -> State:
+    problem = evaluations.problem
+    residual = evaluations.residual(problem.start)
+    jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
+    return State(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
+
+
+def _refresh(evaluations: Evaluations, state: State, settings: Settings) -> State:
+    """The Jacobian computed at z. A box that shrank on account of an outdated one gets room again."""
+    problem = evaluations.problem
+    jacobian = jacobian_at(evaluations, from_scaled(problem, state.z), settings) * problem.scale
+    return replace(state, jacobian=jacobian, fresh=True, rejected=0, radius=max(state.radius, 10.0 * settings.x_tolerance))
+
+
+def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
+    """Minimum of the linear model within bounds and box."""
+    lower, upper = scaled_bounds(evaluations.problem)
+    room = np.maximum(lower - state.z, -radius), np.minimum(upper - state.z, radius)
+    return bounded_step(reduce(state.jacobian, state.residual), room)
+
+
+def _advance(evaluations: Evaluations, state: State, settings: Settings) -> State:
+    """One trial step and the state after it."""
+    problem = evaluations.problem
+    step = _step(evaluations, state, state.radius)
+    length = float(np.max(np.abs(step.d)))
+    x = from_scaled(problem, state.z + step.d)
+    outcome = evaluations.outcome(x)
+    if outcome.residual is None:
+        return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=True)
+    z = to_scaled(problem, x)
+    ratio = (float(state.residual @ state.residual) - outcome.f) / step.drop if step.drop > 0.0 else -1.0
+    exact = problem.jacobian is not None
+    jacobian = state.jacobian if exact else _update(state, z - state.z, outcome.residual)
+    if ratio > 1e-4:
+        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
+        return _refresh(evaluations, moved, settings) if exact or ratio < BELIEVED else moved
+    if state.fresh:
+        return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
+    if state.rejected == 0:
+        # A rejected trial teaches the updated Jacobian too: one more try costs one run, a new Jacobian one per parameter.
+        return replace(state, jacobian=jacobian, radius=0.25 * length, rejected=1, failed=False)
+    return _refresh(evaluations, replace(state, radius=0.5 * length), settings)
+
+
+def _radius(radius: float, length: float, ratio: float) -> float:
+    """The next box after an accepted step of that length and ratio of achieved to predicted drop."""
+    if ratio > 0.75:
+        return max(radius, 2.0 * length)
+    if ratio > 0.25:
+        return radius
+    return (0.5 if ratio > 0.1 else 0.25) * length
+
+
+def _update(state: State, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Broyden's rank-one update: the smallest change of J that explains the residual after the step d."""
+    square = float(d @ d)
+    if square == 0.0:
+        return state.jacobian
+    miss = residual - state.residual - state.jacobian @ d
+    return np.asarray(state.jacobian + np.outer(miss, d / square))
+
+
+def _stuck(state: State) -> Ending:
+    if state.failed:
+        return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
+    return Ending(
+        False,
+        "stopped: no step lowers the objective although its derivative says so; the residual is not smooth enough for finite "
+        "differences of this step, raise difference_step or use nelder-mead",
+    )

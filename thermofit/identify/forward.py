@@ -1,0 +1,86 @@
+"""Forward models of the stages: parameters to predicted fields at the observation points and times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.errors import StudyError
+from thermofit.core.parameters import Parameters
+from thermofit.core.study import Study
+from thermofit.core.study_section import MeshSize
+from thermofit.fem.body import Body, tension_body
+from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.newton import NewtonSettings
+from thermofit.fem.one_way import HeatProblem, heat_run
+from thermofit.identify.inputs import LoadSteps, Measured
+from thermofit.measure.observation import FaceOperator, FieldObservation, face_operator
+
+
+def specimen_body(data: Measured, size: MeshSize) -> Body:
+    """Quarter model of the measured specimen."""
+    return tension_body(dogbone_mesh(data.specimen, size.n_x, size.n_y, size.n_z))
+
+
+def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_points: bool = False) -> MarchSettings:
+    """Numerics of a study."""
+    n = study.numerics
+    return MarchSettings(
+        newton=NewtonSettings(tolerance=n.newton_tolerance),
+        coupling=coupling,
+        coupling_tolerance=n.coupling_tolerance,
+        heat_scheme=n.heat_integration,
+        model=study.model,
+        closed_form=n.plastic_integration == "closed-form",
+        plastic=plastic,
+        keep_points=keep_points,
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """A mechanical (coupled) run of the specimen through given load steps."""
+
+    body: Body
+    steps: LoadSteps
+    settings: MarchSettings
+
+    def __call__(self, parameters: Parameters, on_step: Callable[[int], None] | None = None) -> History:
+        """History at the load steps. NumericsError where a step fails."""
+        return march(self.body, parameters, Loading(self.steps.time, self.steps.force), self.steps.time, self.settings, on_step)
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Takes the fields of a history at observation points and times; every observation time is a step time of the run."""
+
+    operator: FaceOperator
+    index: np.ndarray
+    reference: int
+
+    def displacement(self, history: History) -> np.ndarray:
+        """u - u(start) (n_t, n_s, 2) mm: the cameras measure against the resting specimen."""
+        u = self.operator.displacement(history.u[np.append(self.index, self.reference)])
+        return np.asarray(u[:-1] - u[-1])
+
+    def temperature(self, theta: np.ndarray) -> np.ndarray:
+        """theta (n_t, n_s, 1) K from nodal temperatures (n_steps, n_np)."""
+        return self.operator.temperature(theta[self.index])
+
+
+def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Sampler:
+    """Sampler of an observation; StudyError where an observation time is not among the steps (an inconsistent artefact)."""
+    index = np.searchsorted(steps.time, observation.time - 1e-7)
+    index = np.minimum(index, len(steps.time) - 1)
+    worst = float(np.max(np.abs(steps.time[index] - observation.time), initial=0.0))
+    if worst > 1e-6:
+        raise StudyError(f"steps: an observation time of {observation.name} is {worst:.3g} s off the load steps; run `thermofit interpolate` again")
+    return Sampler(face_operator(body.mesh.nodes, body.mesh.node_sets["face"], observation.xy), index, 0)
+
+
+def predicted_temperature(problem: HeatProblem, sample: Sampler, parameters: Parameters) -> np.ndarray:
+    """Temperatures (n_t, n_s, 1) K of a one-way heat run at the observations."""
+    return sample.temperature(heat_run(problem, parameters))

@@ -1,0 +1,141 @@
+"""What the identification reads: the record of `interpolate` as arrays, with specimen, load steps and phases of the test."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.artefact import Dataset, Record, read_record
+from thermofit.core.errors import DataError
+from thermofit.core.experiment import Specimen
+from thermofit.core.parameters import Parameters
+from thermofit.core.staging import artefact_path
+from thermofit.core.study import Study
+from thermofit.measure.observation import FieldObservation
+
+INTERPOLATE = "interpolate"
+
+
+@dataclass(frozen=True)
+class LoadSteps:
+    """Times s (n,) that the solver steps through and the smoothed force N (n,) there."""
+
+    time: np.ndarray
+    force: np.ndarray
+
+    def until(self, t_end: float) -> LoadSteps:
+        """The steps up to t_end, which becomes the last one."""
+        keep = self.time < t_end - 1e-9
+        end = float(np.interp(t_end, self.time, self.force))
+        return LoadSteps(np.append(self.time[keep], t_end), np.append(self.force[keep], end))
+
+
+@dataclass(frozen=True)
+class TestPhase:
+    """One phase of the test: t0, t1 in s, label elastic, loading, unloading, hold or cooling."""
+
+    __test__ = False
+    t0: float
+    t1: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One experiment as the identification sees it; times in s, temperatures in K."""
+
+    specimen: Specimen
+    theta_air: float
+    theta_clamp: float
+    displacement: FieldObservation
+    temperature: FieldObservation | None
+    steps: dict[str, LoadSteps]
+    load_start: float
+    phases: tuple[TestPhase, ...]
+
+
+def field_datasets(observation: FieldObservation) -> dict[str, Dataset]:
+    """Datasets of one field in an artefact."""
+    name, dims = observation.name, ("time", "point", "component")
+    return {
+        f"{name}/time": Dataset(observation.time, "s", ("time",)),
+        f"{name}/xy": Dataset(observation.xy, "mm", ("point", "axis")),
+        f"{name}/value": Dataset(observation.value, observation.unit, dims),
+        f"{name}/sigma": Dataset(observation.sigma, observation.unit, dims),
+        f"{name}/mask": Dataset(observation.mask, "1", dims[:2]),
+    }
+
+
+def read_field(record: Record, name: str) -> FieldObservation:
+    """The field of that name in an artefact."""
+    value = record[f"{name}/value"]
+    return FieldObservation(
+        name=name,
+        time=record[f"{name}/time"].value,
+        xy=record[f"{name}/xy"].value,
+        value=value.value,
+        sigma=record[f"{name}/sigma"].value,
+        mask=record[f"{name}/mask"].value.astype(bool),
+        unit=value.unit,
+    )
+
+
+def measured(study: Study) -> Measured:
+    """Measured of a study from `<run_dir>/interpolate.h5`; StudyError that names the command where it is missing."""
+    return measured_of(read_record(artefact_path(study.run_dir, INTERPOLATE), INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+
+
+def measured_of(record: Record) -> Measured:
+    """Measured from an open record of `interpolate`."""
+    summary = record.summary
+    steps = {
+        name: LoadSteps(record[f"steps/{name}/time"].value, record[f"steps/{name}/force"].value) for name in ("displacement", "temperature", "all")
+    }
+    return Measured(
+        specimen=Specimen(**summary["specimen"]),
+        theta_air=float(summary["temperatures"]["theta_air"]),
+        theta_clamp=float(summary["temperatures"]["theta_clamp"]),
+        displacement=read_field(record, "u"),
+        temperature=read_field(record, "theta") if record.has("theta/value") else None,
+        steps=steps,
+        load_start=float(summary["load_start_s"]),
+        phases=tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in summary["phases"]),
+    )
+
+
+def temperature_of(data: Measured) -> FieldObservation:
+    """The temperature field; DataError where the experiment has none."""
+    if data.temperature is None:
+        raise DataError("experiment: no infrared frames were interpolated; add the ir section to experiment.yaml and run calibrate-ir and interpolate")
+    return data.temperature
+
+
+def start_parameters(study: Study, data: Measured) -> Parameters:
+    """Start values of the study with the thermocouple temperatures of the experiment where the study gives none."""
+    return study.start_parameters(_Thermocouples(data.theta_air, data.theta_clamp))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Thermocouples:
+    theta_air: float
+    theta_clamp: float
+
+
+def specimen_dict(specimen: Specimen) -> dict[str, Any]:
+    """Specimen as plain numbers for a summary."""
+    return dataclasses.asdict(specimen)
+
+
+def with_identified(study: Study, parameters: Parameters, stages: tuple[str, ...]) -> tuple[Parameters, dict[str, Path]]:
+    """Parameters with what the given earlier stages identified, and the artefacts that hold it (StudyError where one is missing)."""
+    inputs: dict[str, Path] = {}
+    for stage in stages:
+        path = artefact_path(study.run_dir, stage)
+        record = read_record(path, stage, f"thermofit {stage} {study.source.name}")
+        parameters = parameters.replace(**{name: result.value for name, result in record.parameters.items() if result.free})
+        inputs[stage] = path
+    return parameters, inputs

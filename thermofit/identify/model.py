@@ -1,0 +1,148 @@
+"""The residual of a stage: forward model, observations and weights put together (2.24)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.errors import DataError
+from thermofit.core.parameters import Parameters
+from thermofit.core.study import Study
+from thermofit.core.study_section import MeshSize
+from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.fem.one_way import heat_problem
+from thermofit.identify.forward import Run, Sampler, march_settings, predicted_temperature, sampler, specimen_body
+from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
+from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
+from thermofit.measure.observation import FieldObservation
+
+MECHANICAL_CHANNELS = ("u", "du")
+THERMAL = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
+"""Parameters that a one-way heat run depends on while the mechanics stays as it is."""
+
+Errors = dict[str, np.ndarray]
+"""Error field prediction - observation (n_t, n_s, n_c) of "u" and "theta"."""
+
+
+@dataclass(frozen=True)
+class StageModel:
+    """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them."""
+
+    errors: Callable[[Parameters], Errors]
+    comparisons: tuple[Comparison, ...]
+    observations: dict[str, FieldObservation]
+    remark: str
+
+    def residual(self, parameters: Parameters) -> np.ndarray:
+        """Whitened residual (n,) of all channels, one after the other (2.24), (2.27)."""
+        return self.assemble(self.errors(parameters))
+
+    def assemble(self, errors: Errors) -> np.ndarray:
+        """The residual (n,) of error fields."""
+        return np.concatenate([c.residual(errors[field_of(c.channel)]) for c in self.comparisons])
+
+    def noise(self, v: np.ndarray) -> np.ndarray:
+        """Correlation of the residual's noise applied to columns (n, k)."""
+        out, at = np.empty_like(v), 0
+        for c in self.comparisons:
+            part = slice(at, at + c.n)
+            out[part] = v[part] if c.noise is None else c.noise(v[part])
+            at += c.n
+        return out
+
+
+def field_of(channel: str) -> str:
+    """The observed field behind a channel."""
+    return "u" if channel in MECHANICAL_CHANNELS else "theta"
+
+
+def reference_times(observation: FieldObservation, study: Study, load_start: float) -> np.ndarray:
+    """True (n_t,) at the times that dtheta refers to: the one that the study names, else all before loading (2.22)."""
+    wanted = study.evaluation.reference_time
+    if wanted is None:
+        return np.asarray(observation.time <= load_start + 1e-9)
+    return np.asarray(np.arange(len(observation.time)) == int(np.argmin(np.abs(observation.time - wanted))))
+
+
+def comparison(channel: str, observation: FieldObservation, settings: StageSettings, study: Study, load_start: float) -> Comparison:
+    """The comparison of one channel as a stage asks for it."""
+    weight = _weight(settings.channels[channel])  # type: ignore[index]
+    if channel == "u":
+        return plain(observation, weight)
+    if channel == "du":
+        du = settings.du
+        return relative_displacements(observation, RelativeScheme(du.scheme, du.components, du.distance), weight)
+    if channel == "theta":
+        return plain(observation, weight)
+    return temperature_change(observation, reference_times(observation, study, load_start), weight)
+
+
+def _weight(settings: ChannelSettings) -> Weight:
+    weight = settings.weight
+    if isinstance(weight, float | str):
+        return weight
+    return (weight.x, weight.y)
+
+
+def steps_for(data: Measured, fields: set[str]) -> LoadSteps:
+    """The load steps that hit every observation time of the given fields."""
+    if fields == {"u"}:
+        return data.steps["displacement"]
+    return data.steps["temperature" if fields == {"theta"} else "all"]
+
+
+def stage_model(
+    study: Study, data: Measured, settings: StageSettings, base: Parameters, size: MeshSize, times: tuple[float, float, str]
+) -> StageModel:
+    """StageModel of a stage on a mesh; `times` = (t0, t1, remark) is its window in s, `base` its parameters to start from.
+
+    Where only temperatures are compared, only thermal parameters are free and the coupling is one-way, the mechanics is solved once
+    (coupled, at `base`) and an evaluation is a heat run on it. DataError where the window holds no observation.
+    """
+    t0, t1, remark = times
+    observations: dict[str, FieldObservation] = {}
+    for channel in settings.channels:
+        if field_of(channel) == "u":
+            observations["u"] = data.displacement.between(t0, t1)
+        else:
+            observations["theta"] = temperature_of(data).between(min(t0, data.load_start), t1)
+    if "force" in settings.channels:
+        raise DataError("channel force: the force is prescribed as a load here, so that its residual vanishes; compare u, du, theta or dtheta")
+    end = max(float(o.time[-1]) for o in observations.values())
+    steps = steps_for(data, set(observations)).until(end)
+    body = specimen_body(data, size)
+    samplers = {name: sampler(body, o, steps) for name, o in observations.items()}
+    comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
+    one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= set(THERMAL)
+    if one_way:
+        errors = _heat_errors(study, Run(body, steps, march_settings(study, "full", keep_points=True)), samplers, observations, base)
+    else:
+        elastic_only = set(settings.free) <= {"E", "nu"}
+        errors = _coupled_errors(Run(body, steps, march_settings(study, settings.coupling, plastic=not elastic_only)), samplers, observations)
+    return StageModel(errors, comparisons, observations, remark)
+
+
+def _coupled_errors(run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation]) -> Callable[[Parameters], Errors]:
+    def errors(parameters: Parameters) -> Errors:
+        history = run(parameters)
+        out = {}
+        if "u" in observations:
+            out["u"] = samplers["u"].displacement(history) - observations["u"].value
+        if "theta" in observations:
+            out["theta"] = samplers["theta"].temperature(history.theta) - observations["theta"].value
+        return out
+
+    return errors
+
+
+def _heat_errors(
+    study: Study, run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation], base: Parameters
+) -> Callable[[Parameters], Errors]:
+    problem = heat_problem(run.body, run(base), run.settings)
+
+    def errors(parameters: Parameters) -> Errors:
+        return {"theta": predicted_temperature(problem, samplers["theta"], parameters) - observations["theta"].value}
+
+    return errors

@@ -1,0 +1,120 @@
+"""What a stage reports: parameters with standard errors, channels against the noise floor, the log of evaluations, a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.artefact import Dataset, ParameterResult
+from thermofit.core.parameters import NAMES, Parameters, param
+from thermofit.core.staging import Made
+from thermofit.core.study import Study
+from thermofit.identify.inputs import field_datasets
+from thermofit.identify.model import Errors, StageModel, field_of
+from thermofit.identify.solve import Solved, merged_counts
+from thermofit.measure.comparison import Comparison
+
+
+def parameter_results(study: Study, start: Parameters, solved: Solved) -> dict[str, ParameterResult]:
+    """Every parameter by name; sigma and at_bound where it was free."""
+    free = solved.fit.names
+    sigma = None if solved.covariance is None else solved.covariance.sigma
+    results = {}
+    for name in NAMES:
+        low, high = study.bounds(name)
+        is_free = name in free
+        index = free.index(name) if is_free else -1
+        spread = None if sigma is None or not is_free or not np.isfinite(sigma[index]) else float(sigma[index])
+        results[name] = ParameterResult(
+            value=solved.parameters[name],
+            sigma=spread,
+            unit=param(name).unit,
+            free=is_free,
+            at_bound=bool(is_free and solved.fit.at_bound[index]),
+            start=start[name],
+            lower=low,
+            upper=high,
+        )
+    return results
+
+
+def channel_table(comparisons: tuple[Comparison, ...], errors: Errors) -> dict[str, dict[str, Any]]:
+    """Per channel: number, rms of the compared error, its unit, reduced chi-square and the rms that noise alone would give."""
+    table = {}
+    for c in comparisons:
+        r = c.residual(errors[field_of(c.channel)])
+        used = c.weight > 0.0
+        physical = r[used] / np.sqrt(c.weight[used])
+        table[c.channel] = {
+            "n": c.n,
+            "rms": float(np.sqrt(np.mean(physical**2))),
+            "unit": c.unit,
+            "chi2_reduced": float(np.mean((physical / c.sigma[used]) ** 2)),
+            "floor_rms": float(np.sqrt(np.mean(c.sigma[used] ** 2))),
+        }
+    return table
+
+
+def verdict(solved: Solved, channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, bool]:
+    """One line for the user, and whether the answer can be trusted."""
+    fit = solved.fit
+    doubts = [] if fit.converged else [f"not converged: {fit.message}"]
+    doubts += [f"{name} is at its bound" for name, at in zip(fit.names, fit.at_bound, strict=True) if at]
+    if solved.covariance is None:
+        doubts += list(solved.remarks)
+    elif not solved.covariance.identifiable:
+        doubts.append("not identifiable: " + "; ".join(" ~ ".join(direction.names) for direction in solved.covariance.null))
+    errors = ", ".join(f"{name} rms {c['rms']:.3g} {c['unit']} (noise {c['floor_rms']:.3g})" for name, c in channels.items())
+    if doubts:
+        return f"not trustworthy: {'; '.join(doubts)}; {errors}", False
+    return f"identified {', '.join(fit.names)}; {errors}", True
+
+
+def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ...] = ()) -> Made:
+    """The record of an identification stage."""
+    errors = solved.model.errors(solved.parameters)
+    channels = channel_table(solved.model.comparisons, errors)
+    line, trustworthy = verdict(solved, channels)
+    counts = merged_counts(solved.coarse, solved.fit)
+    fit = solved.fit
+    datasets = {
+        "evaluations/x": Dataset(np.array([e.x for e in fit.log]).reshape(-1, len(fit.names)), "1", ("evaluation", "parameter")),
+        "evaluations/f": Dataset(np.array([np.nan if e.failed else e.f for e in fit.log]), "1", ("evaluation",)),
+        "evaluations/failed": Dataset(np.array([e.failed for e in fit.log]), "1", ("evaluation",)),
+        "evaluations/seconds": Dataset(np.array([e.seconds for e in fit.log]), "s", ("evaluation",)),
+        "evaluations/purpose": Dataset(np.array([str(e.purpose) for e in fit.log]), "1", ("evaluation",)),
+        "evaluations/names": Dataset(np.array(fit.names), "1", ("parameter",)),
+        **_matrices(solved),
+        **_fields(solved.model, errors),
+    }
+    summary = {
+        "verdict": line,
+        "trustworthy": trustworthy,
+        "objective": fit.f,
+        "method": fit.method,
+        "channels": channels,
+        "evaluations": counts,
+        "remarks": [r for r in (*remarks, solved.model.remark, *solved.remarks) if r],
+    }
+    return Made(datasets, summary, parameter_results(study, start, solved))
+
+
+def _matrices(solved: Solved) -> dict[str, Dataset]:
+    if solved.covariance is None:
+        return {}
+    dims = ("parameter", "parameter")
+    return {
+        "covariance": Dataset(solved.covariance.matrix, "1", dims),
+        "correlation": Dataset(solved.covariance.correlation_parameters, "1", dims),
+        "correlation_sensitivity": Dataset(solved.covariance.correlation_sensitivity, "1", dims),
+    }
+
+
+def _fields(model: StageModel, errors: Errors) -> dict[str, Dataset]:
+    out: dict[str, Dataset] = {}
+    for name, observation in model.observations.items():
+        out.update(field_datasets(observation))
+        out[f"{name}/predicted"] = Dataset(errors[name] + observation.value, observation.unit, ("time", "point", "component"))
+    return out

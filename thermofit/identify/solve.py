@@ -1,0 +1,126 @@
+"""Solve one stage: coarse mesh first, every evaluation kept on disk, standard errors with the noise of the comparison."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.checkpoint import Checkpoint
+from thermofit.core.digest import source_digest
+from thermofit.core.errors import UntrustworthyError
+from thermofit.core.jsonable import json_text
+from thermofit.core.parameters import Parameters
+from thermofit.core.progress import progress
+from thermofit.core.staging import Job
+from thermofit.core.study import Study
+from thermofit.core.study_section import PRESETS, MeshSize
+from thermofit.core.study_stages import StageSettings
+from thermofit.fit.covariance import Covariance, covariance
+from thermofit.fit.minimise import minimise
+from thermofit.fit.problem import Problem
+from thermofit.fit.result import FitResult
+from thermofit.fit.settings import Hooks, Settings
+from thermofit.identify.model import StageModel
+
+DIFFERENCE_STEP = 2e-5
+"""Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""
+
+ModelOn = Callable[[MeshSize, Parameters], StageModel]
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A stage that is solved: parameters, the model on the final mesh, the fit, and the covariance with correlated noise."""
+
+    parameters: Parameters
+    model: StageModel
+    fit: FitResult
+    covariance: Covariance | None
+    coarse: FitResult | None
+    remarks: tuple[str, ...]
+
+
+def solve(study: Study, settings: StageSettings, base: Parameters, model_on: ModelOn, job: Job) -> Solved:
+    """Minimise a stage's objective from `base`; on a fine mesh the optimum of the coarse mesh is the start.
+
+    A killed run resumes: finished evaluations are read from `<run_dir>/<stage>.evaluations/`, which goes when the artefact is
+    written. NumericsError where the forward model fails at the start.
+    """
+    base = base.with_free(settings.free)
+    size, coarse_size = study.mesh_size, PRESETS["coarse"]
+    coarse = None
+    if _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
+        _, coarse = _minimise(study, settings, base, (model_on, coarse_size), job)
+        base = base.with_vector(coarse.x)
+    model, fit = _minimise(study, settings, base, (model_on, size), job)
+    spread, remark = _covariance(model, fit)
+    return Solved(base.with_vector(fit.x), model, fit, spread, coarse, (remark,) if remark else ())
+
+
+def checkpoint_folder(job: Job, label: str) -> str:
+    """Name of the folder of evaluations of a job on one mesh."""
+    return f".{job.stage}.{label}.evaluations"
+
+
+def discard_checkpoints(job: Job) -> None:
+    """Remove the evaluations of a job whose artefact is safely written."""
+    import shutil
+
+    for folder in job.path.parent.glob(f".{job.stage}.*.evaluations"):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _elements(size: MeshSize) -> int:
+    return size.n_x * size.n_y * size.n_z
+
+
+def _minimise(
+    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job
+) -> tuple[StageModel, FitResult]:
+    model_on, size = on
+    label = f"{size.n_x}x{size.n_y}x{size.n_z}"
+    model = model_on(size, base)
+    key = json_text({"config": job.config, "inputs": {k: str(v) for k, v in job.inputs.items()}, "base": dict(base.values), "source": source_digest()})
+    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), key)
+    bounds = np.array([study.bounds(name) for name in settings.free])
+    problem = Problem(
+        residual=lambda x: model.residual(base.with_vector(x)),
+        start=base.vector(),
+        lower=bounds[:, 0],
+        upper=bounds[:, 1],
+        scale=np.array([study.scale(name) for name in settings.free]),
+        names=settings.free,
+    )
+    options = Settings(x_tolerance=settings.tolerance, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP)
+    with progress(f"{job.stage} {label}", None) as advance:
+
+        def follow(evaluation: object, residual: np.ndarray | None) -> None:
+            f = getattr(evaluation, "f", float("nan"))
+            advance(1, "failed" if residual is None else f"chi2/n {f / max(len(residual), 1):.4g}")
+
+        fit = minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow))
+    return model, fit
+
+
+def _covariance(model: StageModel, fit: FitResult) -> tuple[Covariance | None, str]:
+    if fit.jacobian is None:
+        return None, "no standard errors: the Jacobian at the optimum could not be formed"
+    noisy = any(c.noise is not None for c in model.comparisons)
+    try:
+        return covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, model.noise if noisy else None), ""
+    except UntrustworthyError as error:
+        return None, f"no standard errors: {error}"
+
+
+def merged_counts(*fits: FitResult | None) -> Mapping[str, float]:
+    """Forward runs, failed and replayed ones and wall time of several fits together."""
+    total: dict[str, float] = {"forward": 0, "failed": 0, "replayed": 0, "wall_s": 0.0}
+    for fit in fits:
+        if fit is not None:
+            counts = dataclasses.asdict(fit.counts)
+            for name in total:
+                total[name] += counts[name]
+    return total

@@ -1,0 +1,1 @@
+"""One material point: tensor algebra, the law page, the local update."""

@@ -1,0 +1,144 @@
+"""The law page: what the material is, one scalar function per physical statement (thesis chapter 4).
+
+Free energy (4.1) to (4.7), per unit reference volume, theta_0 the stress-free reference temperature:
+
+    psi = lambda/2 ln^2 J + mu/2 (tr C_el - 3) - mu ln J                     elastic (4.2)
+        + c0 [theta - theta_0 - theta ln(theta/theta_0)]                     thermal (4.3)
+        - 3 alpha_exp K (theta - theta_0) ln J / J                           coupling (4.4)
+        + (1 - beta) M_y0 alpha                                              stored energy of cold work (4.5)
+        + psi_pl(alpha)                                                      hardening (4.6), (4.7)
+
+Plastic flow is isochoric, so J = det F = det F_el. Isotropic elasticity: M = F_el^T P_el is symmetric and its deviator is
+mu dev C_el; the Hill surface (4.19) sees nothing else of it.
+
+Model 1 is associated, alpha = Lambda, with Voce and linear hardening. Model 2 is non-associated,
+d alpha = (1 - b alpha) d Lambda, psi_pl = h alpha^2 / 2, with b = H_exp, h = b (M_yinf - M_y0) (4.27), (4.28).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from thermofit.core.jit import kernel
+from thermofit.core.parameters import Parameters
+from thermofit.effects.linear_hardening import yield_stress as linear_hardening
+
+
+class Law(NamedTuple):
+    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa."""
+
+    lame: float
+    mu: float
+    bulk: float
+    M_y0: float
+    M_yinf: float
+    H_exp: float
+    H_lin: float
+    F: float
+    G: float
+    H: float
+    L: float
+    M: float
+    N: float
+    alpha_exp: float
+    kappa: float
+    c0: float
+    beta: float
+    theta_ref: float
+    model: int
+    closed_form: int
+    """1: alpha integrated in closed form (errata 2); 0: backward Euler as in the thesis."""
+    plastic: int
+    """0: plasticity never starts (identification of the elastic stage)."""
+
+
+def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
+    """The Law of named parameters: lambda, mu, K from E and nu (Remark 4.5)."""
+    v = parameters.values
+    E, nu = v["E"], v["nu"]
+    lame = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    mu = E / (2.0 * (1.0 + nu))
+    names = ("M_y0", "M_yinf", "H_exp", "H_lin", "F", "G", "H", "L", "M", "N", "alpha_exp", "kappa", "c0", "beta", "theta_ref")
+    return Law(
+        lame=lame,
+        mu=mu,
+        bulk=lame + 2.0 * mu / 3.0,
+        model=int(model),
+        closed_form=int(closed_form),
+        plastic=int(plastic),
+        **{name: float(v[name]) for name in names},
+    )
+
+
+@kernel(inline="always")
+def hardening_variable(alpha_n: float, d_lambda: float, law: Law) -> tuple[float, float]:
+    """alpha after the plastic increment d_lambda, and d alpha / d d_lambda (4.15).
+
+    Model 1: alpha = alpha_n + d_lambda. Model 2: exact alpha = (1 - (1 - b alpha_n) exp(-b d_lambda)) / b, or backward Euler
+    alpha = (alpha_n + d_lambda) / (1 + b d_lambda).
+    """
+    if law.model == 1:
+        return alpha_n + d_lambda, 1.0
+    b = law.H_exp
+    if law.closed_form == 1:
+        remaining = (1.0 - b * alpha_n) * math.exp(-b * d_lambda)
+        return (1.0 - remaining) / b, remaining
+    alpha = (alpha_n + d_lambda) / (1.0 + b * d_lambda)
+    return alpha, (1.0 - b * alpha_n) / (1.0 + b * d_lambda) ** 2
+
+
+@kernel(inline="always")
+def yield_stress(alpha: float, accumulated: float, law: Law) -> tuple[float, float, float]:
+    """Yield stress M_y0 - K_bar in MPa, and its derivatives by alpha and by the accumulated multiplier Lambda (4.18), (4.29)."""
+    if law.model == 1:
+        saturation = (law.M_yinf - law.M_y0) * math.exp(-law.H_exp * alpha)
+        value = law.M_yinf - saturation
+        by_alpha = law.H_exp * saturation
+    else:
+        by_alpha = law.H_exp * (law.M_yinf - law.M_y0)
+        value = law.M_y0 + by_alpha * alpha
+    return value + linear_hardening(accumulated, law.H_lin), by_alpha, law.H_lin
+
+
+@kernel(inline="always")
+def dissipated_energy(alpha_n: float, alpha: float, d_lambda: float, law: Law) -> float:
+    """Mechanical dissipation of one increment in mJ/mm^3: the integral of (4.21) or (4.22) over d_lambda.
+
+    Model 2 in closed form: with d alpha = (1 - b alpha) d Lambda, b int alpha dLambda = d_lambda - d_alpha and
+    b int alpha^2 dLambda = (d_lambda - d_alpha)/b - (alpha^2 - alpha_n^2)/2.
+    """
+    if law.model == 1:
+        return law.beta * law.M_y0 * d_lambda
+    b = law.H_exp
+    h = b * (law.M_yinf - law.M_y0)
+    if law.closed_form == 1:
+        slack = d_lambda - (alpha - alpha_n)
+        squared = slack / b - 0.5 * (alpha * alpha - alpha_n * alpha_n)
+        return h * squared + (1.0 - law.beta) * law.M_y0 * slack + law.beta * law.M_y0 * d_lambda
+    return d_lambda * (b * h * alpha * alpha + (1.0 - law.beta) * b * law.M_y0 * alpha + law.beta * law.M_y0)
+
+
+@kernel(inline="always")
+def pressure_factor(log_j: float, j: float, theta: float, law: Law) -> tuple[float, float]:
+    """k in P = mu F C_p^-1 + k F^-T (4.8), MPa, and dk / d ln J: k = lambda ln J - mu - 3 alpha K (theta - theta_0)(1 - ln J)/J."""
+    thermal = 3.0 * law.alpha_exp * law.bulk * (theta - law.theta_ref) / j
+    return law.lame * log_j - law.mu - thermal * (1.0 - log_j), law.lame + thermal * (2.0 - log_j)
+
+
+@kernel(inline="always")
+def thermoelastic_heat(theta: float, g_n: float, g: float, law: Law) -> float:
+    """Gough-Joule heat of one increment, mJ/mm^3 (4.20): theta d2psi/dF_el dtheta : dF_el = -3 alpha K theta d(ln J / J).
+
+    g = ln J / J at the end, g_n at the start of the increment.
+    """
+    return -3.0 * law.alpha_exp * law.bulk * theta * (g - g_n)
+
+
+@kernel(inline="always")
+def hill_gradient(a11: float, a22: float, a33: float, law: Law) -> tuple[float, float, float]:
+    """Normal components of G : A for the Hill tensor (4.19), (D.7): F acts on (11-22), G on (33-11), H on (22-33)."""
+    f = law.F * (a11 - a22)
+    g = law.G * (a33 - a11)
+    h = law.H * (a22 - a33)
+    return f - g, h - f, g - h

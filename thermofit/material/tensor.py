@@ -1,0 +1,190 @@
+"""Second-order tensors in three dimensions: products, inverse, exponential of a small symmetric tensor.
+
+A general tensor is a (3, 3) array. A symmetric tensor is a tuple of its six components 11, 22, 33, 12, 23, 13, which the
+compiler keeps in registers. A linear map between symmetric tensors is a (6, 6) array over these components; an off-diagonal
+component stands for both of its entries.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermofit.core.jit import kernel
+
+Symmetric = tuple[float, float, float, float, float, float]
+
+ROW = np.array([0, 1, 2, 0, 1, 0])
+"""First index of the six components of a symmetric tensor."""
+COLUMN = np.array([0, 1, 2, 1, 2, 2])
+"""Second index of the six components of a symmetric tensor."""
+MAX_TERMS = 20
+_NEGLIGIBLE = 1e-17
+
+
+@kernel
+def determinant(a: np.ndarray) -> float:
+    """det(a) of a (3, 3) tensor."""
+    return (
+        a[0, 0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
+        - a[0, 1] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
+        + a[0, 2] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
+    )
+
+
+@kernel
+def inverse_transpose(a: np.ndarray, det: float, out: np.ndarray) -> None:
+    """out = a^-T = cof(a) / det(a)."""
+    r = 1.0 / det
+    out[0, 0] = (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]) * r
+    out[0, 1] = (a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]) * r
+    out[0, 2] = (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]) * r
+    out[1, 0] = (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2]) * r
+    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) * r
+    out[1, 2] = (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1]) * r
+    out[2, 0] = (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) * r
+    out[2, 1] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) * r
+    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * r
+
+
+@kernel
+def multiply(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    """out = a . b."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@kernel
+def multiply_symmetric(a: np.ndarray, s: Symmetric, out: np.ndarray) -> None:
+    """out = a . s for a symmetric s."""
+    for i in range(3):
+        x, y, z = a[i, 0], a[i, 1], a[i, 2]
+        out[i, 0] = x * s[0] + y * s[3] + z * s[5]
+        out[i, 1] = x * s[3] + y * s[1] + z * s[4]
+        out[i, 2] = x * s[5] + y * s[4] + z * s[2]
+
+
+@kernel
+def gram(a: np.ndarray) -> Symmetric:
+    """a^T . a."""
+    return (
+        a[0, 0] * a[0, 0] + a[1, 0] * a[1, 0] + a[2, 0] * a[2, 0],
+        a[0, 1] * a[0, 1] + a[1, 1] * a[1, 1] + a[2, 1] * a[2, 1],
+        a[0, 2] * a[0, 2] + a[1, 2] * a[1, 2] + a[2, 2] * a[2, 2],
+        a[0, 0] * a[0, 1] + a[1, 0] * a[1, 1] + a[2, 0] * a[2, 1],
+        a[0, 1] * a[0, 2] + a[1, 1] * a[1, 2] + a[2, 1] * a[2, 2],
+        a[0, 0] * a[0, 2] + a[1, 0] * a[1, 2] + a[2, 0] * a[2, 2],
+    )
+
+
+@kernel
+def congruence(y: Symmetric, c: Symmetric) -> Symmetric:
+    """y . c . y of two symmetric tensors."""
+    t00, t01, t02 = c[0] * y[0] + c[3] * y[3] + c[5] * y[5], c[0] * y[3] + c[3] * y[1] + c[5] * y[4], c[0] * y[5] + c[3] * y[4] + c[5] * y[2]
+    t10, t11, t12 = c[3] * y[0] + c[1] * y[3] + c[4] * y[5], c[3] * y[3] + c[1] * y[1] + c[4] * y[4], c[3] * y[5] + c[1] * y[4] + c[4] * y[2]
+    t20, t21, t22 = c[5] * y[0] + c[4] * y[3] + c[2] * y[5], c[5] * y[3] + c[4] * y[1] + c[2] * y[4], c[5] * y[5] + c[4] * y[4] + c[2] * y[2]
+    return (
+        y[0] * t00 + y[3] * t10 + y[5] * t20,
+        y[3] * t01 + y[1] * t11 + y[4] * t21,
+        y[5] * t02 + y[4] * t12 + y[2] * t22,
+        y[0] * t01 + y[3] * t11 + y[5] * t21,
+        y[3] * t02 + y[1] * t12 + y[4] * t22,
+        y[0] * t02 + y[3] * t12 + y[5] * t22,
+    )
+
+
+@kernel
+def commuting_product(a: Symmetric, b: Symmetric) -> Symmetric:
+    """a . b of two symmetric tensors that commute, so that the product is symmetric."""
+    return (
+        a[0] * b[0] + a[3] * b[3] + a[5] * b[5],
+        a[3] * b[3] + a[1] * b[1] + a[4] * b[4],
+        a[5] * b[5] + a[4] * b[4] + a[2] * b[2],
+        a[0] * b[3] + a[3] * b[1] + a[5] * b[4],
+        a[3] * b[5] + a[1] * b[4] + a[4] * b[2],
+        a[0] * b[5] + a[3] * b[4] + a[5] * b[2],
+    )
+
+
+@kernel
+def double_contraction(a: Symmetric, b: Symmetric) -> float:
+    """a : b of two symmetric tensors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + 2.0 * (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
+
+
+@kernel
+def added(a: Symmetric, b: Symmetric, factor: float) -> Symmetric:
+    """a + factor b."""
+    return (
+        a[0] + factor * b[0],
+        a[1] + factor * b[1],
+        a[2] + factor * b[2],
+        a[3] + factor * b[3],
+        a[4] + factor * b[4],
+        a[5] + factor * b[5],
+    )
+
+
+@kernel
+def scaled(a: Symmetric, factor: float) -> Symmetric:
+    """factor a."""
+    return (factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4], factor * a[5])
+
+
+@kernel
+def largest(a: Symmetric) -> float:
+    """Largest absolute component."""
+    return max(abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5]))
+
+
+@kernel
+def exponential(x: Symmetric) -> tuple[Symmetric, int]:
+    """exp(x) by its power series, and the number of terms; 0 terms where the series did not converge.
+
+    Meant for plastic increments (norm well below 1), for which the series ends after 4 to 8 terms at full precision.
+    """
+    term = x
+    out = (1.0 + x[0], 1.0 + x[1], 1.0 + x[2], x[3], x[4], x[5])
+    for order in range(2, MAX_TERMS):
+        term = scaled(commuting_product(term, x), 1.0 / order)
+        out = added(out, term, 1.0)
+        if largest(term) < _NEGLIGIBLE:
+            return out, order
+    return out, 0
+
+
+@kernel
+def exponential_derivative(x: Symmetric, dx: Symmetric, n_terms: int) -> Symmetric:
+    """d exp(x)[dx]: the derivative of the power series of `exponential` with the same number of terms.
+
+    T_k = x^k / k!, dT_k = (dT_(k-1) . x + T_(k-1) . dx) / k; dT_k is symmetric, so six components suffice.
+    """
+    term, d_term, out = x, dx, dx
+    for order in range(2, n_terms + 1):
+        r = 1.0 / order
+        d_term = scaled(added(commuting_product(d_term, x), commuting_product(term, dx), 1.0), r)
+        term = scaled(commuting_product(term, x), r)
+        out = added(out, d_term, 1.0)
+    return out
+
+
+@kernel
+def solve_in_place(a: np.ndarray, b: np.ndarray) -> None:
+    """b := a^-1 . b for a small dense system without pivoting; a (n, n) close to the identity, b (n, m)."""
+    n = a.shape[0]
+    m = b.shape[1]
+    for k in range(n):
+        r = 1.0 / a[k, k]
+        for i in range(k + 1, n):
+            factor = a[i, k] * r
+            for j in range(k + 1, n):
+                a[i, j] -= factor * a[k, j]
+            for j in range(m):
+                b[i, j] -= factor * b[k, j]
+    for k in range(n - 1, -1, -1):
+        r = 1.0 / a[k, k]
+        for j in range(m):
+            s = b[k, j]
+            for i in range(k + 1, n):
+                s -= a[k, i] * b[i, j]
+            b[k, j] = s * r

@@ -1,0 +1,1 @@
+"""Instruments: readers, infrared camera, image correlation, load cell, observation operators."""

@@ -1,0 +1,218 @@
+"""How a prediction is compared with an observation: channels, weights, and measures that rigid-body motion cannot reach.
+
+A comparison is a linear map from the error field e = prediction - observation (n_t, n_s, n_c) to the whitened residual
+r = sqrt(W) e of the objective (2.24), (2.27), together with the correlation that the map itself puts into the noise of r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from thermofit.core.errors import DataError, StudyError
+from thermofit.measure.observation import FieldObservation
+
+NoiseOperator = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`residual(error)` (n,) of an error field, `noise` applies the correlation of the residual's noise to (n, k), or None if white.
+
+    `rows` (n, 3) names time, point and component of every residual entry; `sigma` (n,) and `weight` (n,) (1/unit^2) belong to it;
+    `unit` is that of the compared quantity.
+    """
+
+    channel: str
+    residual: Callable[[np.ndarray], np.ndarray]
+    noise: NoiseOperator | None
+    rows: np.ndarray
+    sigma: np.ndarray
+    weight: np.ndarray
+    unit: str
+
+    @property
+    def n(self) -> int:
+        """Number of compared values."""
+        return len(self.sigma)
+
+
+@dataclass(frozen=True)
+class RelativeScheme:
+    """Which relative displacements: scheme, components xx, yy, xy, yx and neighbour distance in mm (None: the next point)."""
+
+    scheme: str = "rigid-body"
+    components: tuple[str, ...] = ("xx", "yy")
+    distance: float | None = None
+
+
+Weight = float | str | tuple[float, float]
+
+
+def weights(choice: Weight, value: np.ndarray, sigma: np.ndarray, component: np.ndarray) -> np.ndarray:
+    """W of every entry: "sigma" 1/sigma^2, "value" (2.25), "max" (2.26), a number, or one number for each component.
+
+    "value" is bounded at the noise level, where it would divide by zero.
+    """
+    if choice == "sigma":
+        return 1.0 / sigma**2
+    if choice == "value":
+        return 1.0 / np.maximum(np.abs(value), sigma) ** 2
+    if choice == "max":
+        largest = np.array([np.max(np.abs(value[component == c]), initial=0.0) for c in range(int(component.max(initial=0)) + 1)])
+        return 1.0 / np.maximum(largest[component], np.finfo(float).tiny) ** 2
+    if isinstance(choice, tuple):
+        return np.asarray(choice)[component]
+    if isinstance(choice, str):
+        raise StudyError(f"weight '{choice}' is not known; expected sigma, value, max or numbers")
+    return np.full(len(value), float(choice))
+
+
+def plain(observation: FieldObservation, choice: Weight = "sigma") -> Comparison:
+    """The field itself (2.8), (2.20)."""
+    rows = _rows(observation.mask, observation.value.shape[2])
+    take = tuple(rows.T)
+    sigma = observation.sigma[take]
+    w = weights(choice, observation.value[take], sigma, rows[:, 2])
+    root = np.sqrt(w)
+    return Comparison(observation.name, lambda e: root * e[take], None, rows, sigma, w, observation.unit)
+
+
+def rigid_free(observation: FieldObservation, choice: Weight = "sigma") -> Comparison:
+    """Relative displacements in their most efficient form: at every time the best small rigid motion is taken out of the error.
+
+    All differences of points at once: what is left is what no translation and no small in-plane rotation of the deformed
+    specimen can explain. The generators are 1, 1 and the rotation of the current position X + u.
+    """
+    rows = _rows(observation.mask, 2)
+    take = tuple(rows.T)
+    sigma = observation.sigma[take]
+    root = np.sqrt(weights(choice, observation.value[take], sigma, rows[:, 2]))
+    bounds = np.searchsorted(rows[:, 0], np.arange(len(observation.time) + 1))
+    bases = []
+    for n in range(len(observation.time)):
+        part = slice(bounds[n], bounds[n + 1])
+        if bounds[n + 1] - bounds[n] < 6:
+            raise DataError(f"{observation.name}: fewer than 3 points are measured at {observation.time[n]:g} s; leave this stage out of the window")
+        current = observation.xy[rows[part, 1]] + observation.value[n, rows[part, 1]]
+        x_row = rows[part, 2] == 0
+        generators = np.stack([x_row * 1.0, ~x_row * 1.0, np.where(x_row, -current[:, 1], current[:, 0])], axis=1)
+        bases.append(np.linalg.qr(root[part, None] * generators)[0])
+
+    def residual(error: np.ndarray) -> np.ndarray:
+        r = root * error[take]
+        for n, basis in enumerate(bases):
+            part = slice(bounds[n], bounds[n + 1])
+            r[part] -= basis @ (basis.T @ r[part])
+        return r
+
+    return Comparison("du", residual, None, rows, sigma, root**2, observation.unit)
+
+
+def neighbour_differences(observation: FieldObservation, scheme: RelativeScheme, choice: Weight = "sigma") -> Comparison:
+    """Differences to the next point in x or y, (2.11) to (2.14); scheme "gradient" divides by the distance, (2.15) to (2.17).
+
+    A difference counts where both points are measured. Its noise is correlated with that of its neighbours; `noise` applies it.
+    """
+    blocks = [_pairs(observation, name, scheme) for name in scheme.components]
+    if not sum(len(block) for block, _ in blocks):
+        raise DataError(f"du: no two of the {len(observation.xy)} points are neighbours within the window; widen it or use scheme rigid-body")
+    table = np.concatenate([block for block, _ in blocks])
+    length = np.concatenate([distance for _, distance in blocks]) if scheme.scheme == "gradient" else np.ones(len(table))
+    table, length = _sorted_by_time(table, length)
+    here, there = (table[:, 0], table[:, 1], table[:, 3]), (table[:, 0], table[:, 2], table[:, 3])
+    sigma = np.hypot(observation.sigma[here], observation.sigma[there]) / length
+    w = weights(choice, (observation.value[here] - observation.value[there]) / length, sigma, table[:, 3])
+    root = np.sqrt(w)
+    shape = observation.value.shape
+    flat_here, flat_there = np.ravel_multi_index(here, shape), np.ravel_multi_index(there, shape)
+    n = len(table)
+    spread = csr_array(
+        (
+            np.concatenate([observation.sigma.ravel()[flat_here] / (length * sigma), -observation.sigma.ravel()[flat_there] / (length * sigma)]),
+            (np.tile(np.arange(n), 2), np.concatenate([flat_here, flat_there])),
+        ),
+        shape=(n, int(np.prod(shape))),
+    )
+    unit = "1" if scheme.scheme == "gradient" else observation.unit
+    rows = np.stack([table[:, 0], table[:, 1], table[:, 3]], axis=1)
+    return Comparison(
+        "du", lambda e: root * (e[here] - e[there]) / length, lambda v: spread @ (spread.T @ v), rows, sigma, w, unit
+    )
+
+
+def relative_displacements(observation: FieldObservation, scheme: RelativeScheme, choice: Weight = "sigma") -> Comparison:
+    """Channel du by the scheme chosen (2.10)."""
+    if scheme.scheme == "rigid-body":
+        return rigid_free(observation, choice)
+    return neighbour_differences(observation, scheme, choice)
+
+
+def temperature_change(observation: FieldObservation, reference: np.ndarray, choice: Weight = "sigma") -> Comparison:
+    """Channel dtheta (2.21) to (2.23): change against the mean over the reference times; `reference` (n_t,) is True there.
+
+    The noise of the reference is common to all times of a point; `noise` applies that correlation.
+    """
+    if not reference.any():
+        raise DataError("dtheta: no frame lies before loading, so that there is no reference; give evaluation.reference_time or use channel theta")
+    based = observation.mask[reference].all(axis=0)
+    mask = observation.mask & based & ~reference[:, None]
+    if not mask.any():
+        raise DataError("dtheta: no point is measured both at the reference times and later; check the window and the camera")
+    rows = _rows(mask, 1)
+    take = tuple(rows.T)
+    filled = np.where(observation.mask[:, :, None], observation.sigma, 0.0)
+    variance_reference = (filled[reference] ** 2).sum(axis=0)[:, 0] / reference.sum() ** 2
+    own = observation.sigma[take]
+    total = np.sqrt(own**2 + variance_reference[rows[:, 1]])
+    base = np.where(observation.mask[:, :, None], observation.value, 0.0)[reference].mean(axis=0)
+    value = observation.value[take] - base[rows[:, 1], 0]
+    w = weights(choice, value, total, rows[:, 2])
+    root = np.sqrt(w)
+
+    def residual(error: np.ndarray) -> np.ndarray:
+        shift = np.where(observation.mask[:, :, None], error, 0.0)[reference].mean(axis=0)
+        return root * (error[take] - shift[rows[:, 1], 0])
+
+    common = csr_array((np.sqrt(variance_reference[rows[:, 1]]) / total, (np.arange(len(rows)), rows[:, 1])), shape=(len(rows), len(based)))
+
+    def noise(v: np.ndarray) -> np.ndarray:
+        return np.asarray(((own / total) ** 2)[:, None] * v + common @ (common.T @ v))
+
+    return Comparison("dtheta", residual, noise, rows, total, w, observation.unit)
+
+
+def _rows(mask: np.ndarray, n_components: int) -> np.ndarray:
+    t, s = np.nonzero(mask)
+    c = np.arange(n_components)
+    return np.stack([np.repeat(t, n_components), np.repeat(s, n_components), np.tile(c, len(t))], axis=1)
+
+
+def _pairs(observation: FieldObservation, name: str, scheme: RelativeScheme) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (time, point, neighbour, component) and distances mm of component `name` = displacement direction, then position direction."""
+    component, direction = "xy".index(name[0]), "xy".index(name[1])
+    xy = observation.xy
+    wanted = scheme.distance
+    point, neighbour = [], []
+    for s in range(len(xy)):
+        away = xy - xy[s]
+        along, across = away[:, direction], np.abs(away[:, 1 - direction])
+        near = (along > 1e-6) & (across < 0.5 * along)
+        if not near.any():
+            continue
+        target = along[near] if wanted is None else np.abs(along[near] - wanted)
+        point.append(s)
+        neighbour.append(int(np.flatnonzero(near)[np.argmin(target + across[near])]))
+    pair = np.array([point, neighbour], dtype=int).reshape(2, -1)
+    both = observation.mask[:, pair[0]] & observation.mask[:, pair[1]]
+    t, k = np.nonzero(both)
+    table = np.stack([t, pair[0, k], pair[1, k], np.full(len(t), component)], axis=1)
+    return table, np.abs(xy[pair[1, k], direction] - xy[pair[0, k], direction])
+
+
+def _sorted_by_time(table: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(table[:, 0], kind="stable")
+    return table[order], length[order]

@@ -1,0 +1,1 @@
+"""One module per subcommand: Records and config in, Record out."""

@@ -1,0 +1,29 @@
+"""`identify-thermal`: thermal parameters and boundary coefficients from the temperatures (thesis 5.1.1, step 3)."""
+
+from __future__ import annotations
+
+from thermofit.core.staging import Outcome
+from thermofit.core.study import Study
+from thermofit.identify.inputs import Measured
+from thermofit.identify.solve import Solved
+from thermofit.identify.stage import StageKind, identify
+
+
+def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
+    """Which heat capacity is it, and what the boundary temperatures were."""
+    p = solved.parameters
+    bulk = p["E"] / (3.0 * (1.0 - 2.0 * p["nu"]))
+    pressure = p["c0"] + 9.0 * bulk * p["alpha_exp"] ** 2 * p["theta_ref"]
+    return (
+        f"c0 is the heat capacity at constant elastic deformation; at constant pressure it is {pressure:.3f} mJ/(mm^3 K)",
+        f"air {p['theta_air']:.2f} K and jaws {p['theta_clamp']:.2f} K are taken as given; thermocouples carry about 0.1 K",
+    )
+
+
+KIND = StageKind("identify-thermal", "thermal", ("identify-elastic", "identify-plastic"), _remarks)
+NAME = KIND.name
+
+
+def run(study: Study, *, force: bool = False) -> Outcome:
+    """Record of the thermal stage; needs those of `identify-elastic` and `identify-plastic`."""
+    return identify(study, KIND, force=force)

@@ -1,0 +1,143 @@
+"""`simulate`: a virtual experiment, from a study's truth to a raw folder as a laboratory would leave it."""
+
+from __future__ import annotations
+
+
+import numpy as np
+
+from thermofit.core.artefact import Dataset, ParameterResult
+from thermofit.core.digest import path_digest
+from thermofit.core.errors import StudyError
+from thermofit.core.experiment import CELSIUS, Specimen
+from thermofit.core.jit import set_threads
+from thermofit.core.parameters import NAMES, Parameters, param
+from thermofit.core.progress import progress
+from thermofit.core.staging import Made, Outcome, job, produce
+from thermofit.core.study import Study
+from thermofit.core.study_section import MeshSize, mesh_size
+from thermofit.core.study_virtual import Simulate
+from thermofit.fem.body import Body, tension_body
+from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.newton import NewtonSettings
+from thermofit.measure.machine import LoadHistory, MachineSettings, bar_of, describe_programme, load_history, programme_of, uniaxial_law
+from thermofit.measure.virtual import RawSummary, write_raw
+from thermofit.measure.virtual_setup import DicSettings, ForceSettings, IrSettings, VirtualFields, VirtualInstruments, instrument_times
+
+NAME = "simulate"
+
+
+def run(study: Study, *, force: bool = False) -> Outcome:
+    """Write `<run_dir>/raw` and the record of its truth; fresh where settings and raw folder are unchanged.
+
+    StudyError where the study describes no virtual experiment or the material cannot carry its programme; NumericsError where
+    the forward model fails.
+    """
+    settings = _settings(study)
+    task = job(study.run_dir, NAME, study.config_of("name", "model", "simulate", "numerics"), {})
+    raw = study.run_dir / "raw"
+    outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
+    if outcome.fresh and outcome.record.summary.get("raw_digest") != path_digest(raw):
+        outcome = produce(task, lambda: _make(study, settings), force=True)
+    return outcome
+
+
+def _settings(study: Study) -> Simulate:
+    if study.simulate is None:
+        raise StudyError(f"{study.source.name}: key 'simulate' is missing: add it to make a virtual experiment, see `thermofit new`")
+    return study.simulate
+
+
+def instruments_of(settings: Simulate) -> VirtualInstruments:
+    """Instruments of the virtual laboratory as the study describes them."""
+    return VirtualInstruments(
+        machine=MachineSettings(**settings.machine.model_dump()),
+        dic=DicSettings(**settings.dic.model_dump()),
+        ir=IrSettings(**settings.ir.model_dump()),
+        force=ForceSettings(**settings.force.model_dump()),
+        thermocouple_error=settings.thermocouple_error,
+    )
+
+
+def _make(study: Study, settings: Simulate) -> Made:
+    set_threads(study.numerics.threads)
+    truth = study.truth_parameters()
+    specimen = Specimen(**settings.specimen.model_dump())
+    instruments = instruments_of(settings)
+    steps = programme_of([item.model_dump() for item in settings.programme])
+    load = load_history(steps, bar_of(specimen, uniaxial_law(truth, study.model)), instruments.machine, instruments.force.rate)
+    dic_time, ir_time = instrument_times(load, instruments, settings.seed)
+    times = _times(load, dic_time, ir_time, study.numerics.max_time_step)
+    body, history = _solve(study, truth, (specimen, mesh_size(settings.mesh)), load, times)
+    face = body.mesh.node_sets["face"]
+    fields = VirtualFields(
+        specimen=specimen,
+        load=load,
+        top=np.interp(load.time, history.time, history.u_top),
+        face=body.mesh.nodes[face, :2],
+        dic_time=dic_time,
+        dic_u=history.u[np.searchsorted(times, dic_time - 1e-9)][:, face],
+        ir_time=ir_time,
+        ir_u=history.u[np.searchsorted(times, ir_time - 1e-9)][:, face],
+        ir_theta=history.theta[np.searchsorted(times, ir_time - 1e-9)][:, face],
+        theta_air=truth["theta_air"],
+        theta_clamp=truth["theta_clamp"],
+        programme=describe_programme(steps),
+    )
+    raw = study.run_dir / "raw"
+    summary = write_raw(raw, fields, instruments, settings.seed)
+    return _made(study, truth, history, summary, path_digest(raw))
+
+
+def _times(load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_step: float) -> np.ndarray:
+    """Times of stages, frames and kinks, and as many between them that no step is longer than max_step s."""
+    kinks = load.kinks[(load.kinks > load.time[0]) & (load.kinks < load.time[-1])]
+    fixed = np.unique(np.round(np.concatenate([load.time[[0, -1]], kinks, dic_time, ir_time]), 9))
+    parts = [np.linspace(a, b, int(np.ceil((b - a) / max_step)) + 1)[:-1] for a, b in zip(fixed[:-1], fixed[1:], strict=True)]
+    return np.append(np.concatenate(parts), fixed[-1])
+
+
+def _solve(
+    study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray
+) -> tuple[Body, History]:
+    specimen, size = what
+    body = tension_body(dogbone_mesh(specimen, size.n_x, size.n_y, size.n_z))
+    numerics = study.numerics
+    settings = MarchSettings(
+        newton=NewtonSettings(tolerance=numerics.newton_tolerance),
+        coupling_tolerance=numerics.coupling_tolerance,
+        heat_scheme=numerics.heat_integration,
+        model=study.model,
+        closed_form=numerics.plastic_integration == "closed-form",
+    )
+    with progress("simulate", len(times) - 1) as advance:
+        return body, march(body, truth, Loading(load.time, load.force), times, settings, lambda _: advance())
+
+
+def _made(study: Study, truth: Parameters, history: History, raw: RawSummary, digest: str) -> Made:
+    parameters = {
+        name: ParameterResult(truth[name], None, param(name).unit, False, False, truth[name], *study.bounds(name)) for name in NAMES
+    }
+    work, outflow = history.total("work"), sum(sum(b.outflow.values()) for b in history.balance)
+    summary = {
+        "verdict": f"virtual experiment written to {study.run_dir / 'raw'}: " + ", ".join(f"{n} {name}" for name, n in raw.counts.items()),
+        "counts": raw.counts,
+        "truth": raw.truth,
+        "raw_digest": digest,
+        "solver": history.counts,
+        "energy_mJ": {
+            "work": work,
+            "dissipated": history.total("dissipated"),
+            "thermoelastic": history.total("thermoelastic"),
+            "outflow": outflow,
+            "stored": history.total("stored"),
+            "heat_defect": sum(b.heat_defect for b in history.balance),
+        },
+        "largest_temperature_degC": float(history.theta.max()) - CELSIUS,
+    }
+    datasets = {
+        "time": Dataset(history.time, "s", ("time",)),
+        "force": Dataset(history.force, "N", ("time",)),
+        "u_top": Dataset(history.u_top, "mm", ("time",)),
+    }
+    return Made(datasets, summary, parameters, study.simulate.seed if study.simulate else None)

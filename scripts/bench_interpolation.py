@@ -57,7 +57,8 @@ def main() -> None:
     for name, work in rows:
         print(f"{name:48s} {seconds(work):7.3f} s")
     counts = nodal.counts
-    print(f"{len(targets)} nodes; {counts.points_lost.sum()} points lost, {counts.retriangulated} node-stages retriangulated, {counts.masked} masked")
+    lost = int(counts.points_lost.sum())
+    print(f"{len(targets)} nodes; {lost} points lost, {counts.retriangulated} node-stages retriangulated, {counts.masked} masked")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ from thermofit.measure.interpolation import (
     time_weights,
 )
 
-RNG = np.random.default_rng(7)
 GRADIENT = np.array([[-0.06, 0.01, 0.0], [0.02, 0.14, 0.03]])
 SHIFT = np.array([0.3, -0.8, 0.1])
 TIMES = np.array([0.0, 2.0, 3.5, 7.0, 8.0])
@@ -39,9 +38,10 @@ def motion(xy: np.ndarray, t: np.ndarray) -> np.ndarray:
 def dic_field(lost: float = 0.0, regular: bool = False) -> DicField:
     x, y = np.meshgrid(np.arange(-5.0, 5.5), np.arange(-7.0, 7.5))
     points = np.stack([x.ravel(), y.ravel()], axis=1)
-    points = points if regular else points + RNG.uniform(-0.2, 0.2, points.shape)
+    rng = np.random.default_rng(7)
+    points = points if regular else points + rng.uniform(-0.2, 0.2, points.shape)
     u = motion(points, TIMES)
-    u[RNG.random(u.shape[:2]) < lost] = np.nan
+    u[rng.random(u.shape[:2]) < lost] = np.nan
     return DicField(TIMES, np.arange(len(points)), np.column_stack([points, np.full(len(points), 0.6)]), u)
 
 
@@ -80,7 +80,7 @@ def test_counts_of_lost_points_and_nodes_outside() -> None:
 
 def test_only_targets_that_lost_a_point_get_another_triangle() -> None:
     whole, part = dic_field(regular=True), dic_field(regular=True)
-    whole.displacement[1] += RNG.normal(size=whole.displacement[1].shape)
+    whole.displacement[1] += np.random.default_rng(1).normal(size=whole.displacement[1].shape)
     part.displacement[1] = whole.displacement[1]
     lost = int(np.argmin(np.linalg.norm(part.reference[:, :2], axis=1)))
     part.displacement[1, lost] = np.nan
@@ -95,7 +95,7 @@ def test_sigma_factor_is_that_of_the_scatter() -> None:
     """400 stages of unit noise: the scatter of nodal values, in space and between stages, is sigma_factor."""
     dic = dic_field()
     time = np.arange(400.0)
-    dic = dataclasses.replace(dic, time=time, displacement=RNG.normal(size=(400, len(dic.reference), 3)))
+    dic = dataclasses.replace(dic, time=time, displacement=np.random.default_rng(2).normal(size=(400, len(dic.reference), 3)))
     nodal = interpolate_displacements(dic, TARGETS)
     assert nodal.sigma_factor.min() >= 1.0 / np.sqrt(3.0) - 1e-12 and nodal.sigma_factor.max() <= 1.0
     np.testing.assert_allclose(np.std(nodal.value / nodal.sigma_factor[:, :, None]), 1.0, rtol=0.02)
@@ -130,6 +130,10 @@ def test_displacements_in_time_need_both_neighbours_but_none_at_a_stage() -> Non
     assert nodal.mask[:, 0].tolist() == [False, True, True, True, False, False, False, True, True, False]
     np.testing.assert_allclose(nodal.value[nodal.mask], motion(centre, times)[nodal.mask], atol=1e-12)
     assert nodal.counts.times_outside == 2 and nodal.counts.masked == 5
+    dic.displacement[3, near] = np.nan
+    last = displacements_at(interpolate_displacements(dic, centre), np.array([7.9, 8.0]))
+    assert last.mask[:, 0].tolist() == [False, True]
+    np.testing.assert_allclose(last.value[1], motion(centre, np.array([8.0]))[0], atol=1e-12)
 
 
 def test_no_target_in_the_field() -> None:
@@ -157,7 +161,7 @@ def test_linear_temperature_in_the_moving_frame(times: np.ndarray) -> None:
 
 
 def test_temperature_at_pixel_centres_lines_and_the_last_row() -> None:
-    frame = RNG.normal(size=(6, 5))
+    frame = np.random.default_rng(3).normal(size=(6, 5))
     pixel = np.array([[0.0, 0.0], [5.0, 4.0], [2.0, 3.0], [2.5, 3.0], [2.0, 3.5], [5.0, 1.25], [0.5, 0.5]])
     w = cell_weights(pixel, (6, 5))
     assert w.weight.min() >= 0.0
@@ -177,7 +181,7 @@ def test_temperature_at_pixel_centres_lines_and_the_last_row() -> None:
 
 def test_noise_of_temperatures_goes_through_the_weights() -> None:
     time = np.arange(300.0)
-    infrared = InfraredSequence(time, RNG.normal(size=(300, *SHAPE)))
+    infrared = InfraredSequence(time, np.random.default_rng(4).normal(size=(300, *SHAPE)))
     dic = dataclasses.replace(dic_field(), time=np.array([0.0, 300.0]))
     still = dataclasses.replace(dic, displacement=np.zeros((2, len(dic.reference), 3)))
     nodal = interpolate_temperatures(infrared, PLACE, TARGETS, displacements_at(interpolate_displacements(still, TARGETS), time[:-1] + 0.4))
@@ -187,15 +191,14 @@ def test_noise_of_temperatures_goes_through_the_weights() -> None:
 def test_masked_temperatures_are_counted_by_cause() -> None:
     times = np.array([-1.0, 1.0, 3.0, 7.5])
     infrared = camera(TIMES)
-    infrared.frames[3:, 45, 31] = np.nan
+    infrared.frames[2:, 45, 31] = np.nan
     dic = dic_field()
     targets = np.concatenate([[[0.0, 0.0]], TARGETS[TARGETS[:, 0] > 1.0], [[8.0, 0.0]]])
     usable = np.ones(len(targets), dtype=bool)
     usable[[5, 6]] = False
-    shifted = PixelMap(PLACE.matrix, PLACE.offset)
     still = dataclasses.replace(dic, displacement=np.zeros_like(dic.displacement))
     displacement = displacements_at(interpolate_displacements(still, targets), times)
-    nodal = interpolate_temperatures(infrared, shifted, targets, displacement, usable)
+    nodal = interpolate_temperatures(infrared, PLACE, targets, displacement, usable)
     counts = nodal.counts
     assert (counts.nodes_at_edge, counts.times_outside, counts.dead_pixel) == (2, 1, 2)
     assert counts.no_position == 3, "the node outside the field has no position at three times"
@@ -204,12 +207,14 @@ def test_masked_temperatures_are_counted_by_cause() -> None:
     np.testing.assert_array_equal(np.isfinite(nodal.value), nodal.mask)
 
 
-def test_nodes_that_leave_the_image_are_masked() -> None:
-    far = PixelMap(PLACE.matrix, PLACE.offset - np.array([30.0, 0.0]))
+@pytest.mark.parametrize("shift", [(-30.0, 0.0), (37.3, 0.0), (0.0, -20.0), (0.0, 25.4)])
+def test_nodes_that_leave_the_image_are_masked(shift: tuple[float, float]) -> None:
+    far = PixelMap(PLACE.matrix, PLACE.offset + np.array(shift))
     displacement = interpolate_displacements(dic_field(), TARGETS)
     nodal = interpolate_temperatures(camera(TIMES), far, TARGETS, displacement)
     pixel = (TARGETS + displacement.value[:, :, :2]) @ far.matrix.T + far.offset
-    np.testing.assert_array_equal(nodal.mask, pixel[:, :, 0] >= 0.0)
+    np.testing.assert_array_equal(nodal.mask, ((pixel >= 0.0) & (pixel <= np.array(SHAPE) - 1.0)).all(axis=2))
+    assert (pixel[:, :, 0] > SHAPE[0] - 1.0).any() or shift != (37.3, 0.0)
     assert nodal.counts.outside_image == (~nodal.mask).sum() > 0
     with pytest.raises(DataError, match="outside the image"):
         interpolate_temperatures(camera(TIMES), PixelMap(PLACE.matrix, PLACE.offset + 1e3), TARGETS, displacement)

@@ -53,6 +53,16 @@ class Dataset:
 
 
 @dataclass(frozen=True)
+class Layout:
+    """What a dataset is without its values: unit, names of the axes, shape and type."""
+
+    unit: str
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    dtype: str
+
+
+@dataclass(frozen=True)
 class ParameterResult:
     """One parameter of a result in its unit; `sigma` is its standard error, None where it was not determined."""
 
@@ -148,6 +158,17 @@ def open_record(path: Path) -> Record:
     if not path.exists():
         raise StudyError(f"artefact '{path}' is missing: expected the path of a file <run folder>/<stage>.h5")
     return _record(path)
+
+
+def layout(record: Record) -> dict[str, Layout]:
+    """Unit, dims, shape and type of every dataset, without reading the values (fields may be large)."""
+    with _reading(record.path) as file:
+        stored = ((name, file[name]) for name in record.names)
+        return {name: Layout(*_labels(data, record.path), data.shape, _type_name(data)) for name, data in stored}
+
+
+def _type_name(stored: h5py.Dataset) -> str:
+    return "text" if h5py.check_string_dtype(stored.dtype) is not None else str(stored.dtype)
 
 
 def fresh(path: Path, stage: str, config: Mapping[str, Any], inputs: Mapping[str, Path]) -> bool:

@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import os
+import re
+from pathlib import Path
+
+import yaml
+
+from thermofit.core.errors import StudyError
+
 _TEMPLATE = """\
 ## A study of thermofit: which experiment, which parameters are identified, and how.
 ## Units: N, mm, s, K, MPa; film coefficients W/(m^2 K), kappa mW/(mm K), c0 mJ/(mm^3 K). Temperatures here are in K.
@@ -104,6 +113,45 @@ stages:
 """
 
 
-def template() -> str:
-    """Text of the commented study file; it loads as it stands."""
-    return _TEMPLATE
+def template(name: str = "my-study", experiment: str = "my-experiment") -> str:
+    """Text of the commented study file of that name on that raw folder; it loads as it stands."""
+    first, second = f"name: {_quoted(name)}", f"experiment: {_quoted(experiment)}"
+    return (
+        _TEMPLATE.replace("name: my-study                     ", f"{first:<35}", 1)
+        .replace("experiment: my-experiment          ", f"{second:<35}", 1)
+        .replace("runs/my-study  ", f"runs/{name}  ", 1)
+    )
+
+
+def _quoted(text: str) -> str:
+    """The text as YAML takes it: plain where YAML reads that very text, else in quotes (JSON's are YAML's)."""
+    plain = re.fullmatch(r"[A-Za-z_./$][A-Za-z0-9_./${}-]*", text) and yaml.safe_load(text) == text
+    return text if plain else json.dumps(text)
+
+
+def write_template(file: Path, experiment: str | None = None, *, overwrite: bool = False) -> None:
+    """Write the commented study file, named after the file, on a raw folder given relative to the current directory.
+
+    StudyError where the file exists (unless `overwrite`), where it cannot be written, or where the folder holds no experiment.
+    """
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", file.stem) or "my-study"
+    text = template(name, "my-experiment" if experiment is None else _from_file(experiment, file))
+    try:
+        with file.open("w" if overwrite else "x", encoding="utf-8") as out:
+            out.write(text)
+    except FileExistsError:
+        raise StudyError(f"'{file}' exists and is left as it is; give another name, or --force to overwrite it") from None
+    except OSError as error:
+        raise StudyError(
+            f"'{file}' cannot be written: {error.strerror or error}; expected the name of a file in a writable folder"
+        ) from None
+
+
+def _from_file(experiment: str, file: Path) -> str:
+    """The raw folder as the study file names it: relative to the file; with ${VARIABLES} or absolute, as given."""
+    if "${" in experiment:
+        return experiment
+    folder = Path(experiment).expanduser()
+    if not (folder / "experiment.yaml").is_file():
+        raise StudyError(f"'{experiment}' holds no experiment.yaml; expected the raw folder of an experiment, see docs/formats.md")
+    return str(folder) if folder.is_absolute() else Path(os.path.relpath(folder, file.parent)).as_posix()

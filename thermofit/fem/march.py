@@ -124,16 +124,30 @@ def march(
         raise StudyError("march: at least two increasing times are needed; check the evaluation times of the study")
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     run = _Run(body, law, heat_conditions(parameters), loading, settings)
-    start, previous = run.initial(float(times[0])), None
+    start, past = run.initial(float(times[0])), ()
     records, balances = [_record(body, start, settings)], []
     for n, t in enumerate(times[1:], start=1):
-        state, balance = run.advance(start, previous, float(t), 0)
-        previous, start = start, state
+        state, balance = run.advance(start, past, float(t), 0)
+        past, start = (_passed(start), *past[:1]), state
         records.append(_record(body, state, settings))
         balances.append(balance)
         if on_step is not None:
             on_step(n)
     return _history(body, records, tuple(balances), run)
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """What extrapolation needs of a state before the current one: time s, load, u mm, theta K."""
+
+    time: float
+    load: float
+    u: np.ndarray
+    theta: np.ndarray
+
+
+def _passed(state: State) -> _Passed:
+    return _Passed(state.time, state.load, state.u, state.theta)
 
 
 @dataclass(frozen=True)
@@ -187,10 +201,10 @@ class _Run:
         geometry = thermal_geometry(body, found.u)
         return State(t, load, found.u, theta, found.state, found.dilatation, geometry, found.top_force)
 
-    def advance(self, start: State, previous: State | None, t: float, depth: int) -> tuple[State, Balance]:
+    def advance(self, start: State, past: tuple[_Passed, ...], t: float, depth: int) -> tuple[State, Balance]:
         """One step to time t; bisected where it fails."""
         try:
-            return self._step(start, previous, t)
+            return self._step(start, past, t)
         except NumericsError as err:
             self.solver.forget()
             if depth >= self.settings.max_cuts:
@@ -198,23 +212,33 @@ class _Run:
                     f"time step to t = {t:.4g} s failed after {depth} bisections ({err}); check loads and starts, or allow smaller steps"
                 ) from err
         self.cuts += 1
-        middle, first = self.advance(start, None, 0.5 * (start.time + t), depth + 1)
-        end, second = self.advance(middle, None, t, depth + 1)
+        middle, first = self.advance(start, (), 0.5 * (start.time + t), depth + 1)
+        end, second = self.advance(middle, (), t, depth + 1)
         return end, _added(first, second)
 
-    def _guess(self, start: State, previous: State | None, t: float, load: float) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Extrapolated u and theta, and whether the kept tangent is still of use; only where the load goes on in the same sense."""
-        if previous is None:
-            return start.u, start.theta, True
-        ratio = (t - start.time) / (start.time - previous.time)
-        before, now = start.load - previous.load, load - start.load
-        if before * now < 0.0 or abs(now) > 3.0 * abs(before) * ratio or 3.0 * abs(now) < abs(before) * ratio:
-            return start.u, start.theta, True
-        return start.u + ratio * (start.u - previous.u), start.theta + ratio * (start.theta - previous.theta), False
+    def _guess(self, start: State, past: tuple[_Passed, ...], t: float, load: float) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Extrapolated u and theta, and whether a fresh tangent is needed.
 
-    def _step(self, start: State, previous: State | None, t: float) -> tuple[State, Balance]:
+        Quadratic in time through the last three states where the load went on in the same sense over all of them, linear through
+        two, the state itself (and a fresh tangent) after a change of the programme.
+        """
+        points = [_passed(start)]
+        rate = (load - start.load) / (t - start.time)
+        for before in past:
+            last = points[-1]
+            if not _goes_on((last.load - before.load) / (last.time - before.time), rate):
+                break
+            points.append(before)
+        if len(points) == 1:
+            return start.u, start.theta, True
+        weights = _lagrange([p.time for p in points], t)
+        u = sum((w * p.u for w, p in zip(weights, points, strict=True)), np.zeros_like(start.u))
+        theta = sum((w * p.theta for w, p in zip(weights, points, strict=True)), np.zeros_like(start.theta))
+        return u, theta, False
+
+    def _step(self, start: State, past: tuple[_Passed, ...], t: float) -> tuple[State, Balance]:
         settings, load = self.settings, self.load(t)
-        u, theta, fresh = self._guess(start, previous, t, load)
+        u, theta, fresh = self._guess(start, past, t, load)
         if settings.coupling == "one-way":
             found = self._mechanics(u, self.resting_temperature, start, load, (fresh, 1.0))
             return self._heat(start, found, start.theta, t, load)
@@ -263,6 +287,18 @@ class _Run:
             smallest_dissipation=smallest_dissipation(before, after, law),
         )
         return state, balance
+
+
+def _goes_on(before: float, now: float) -> bool:
+    """True where a load rate is that of the same phase of the programme: same sign, less than three times apart (or both zero)."""
+    if before == 0.0 or now == 0.0:
+        return before == now
+    return 1.0 / 3.0 < now / before < 3.0
+
+
+def _lagrange(times: list[float], t: float) -> list[float]:
+    """Weights of the polynomial through `times` at t."""
+    return [float(np.prod([(t - b) / (a - b) for b in times if b != a])) for a in times]
 
 
 def _top(body: Body, u: np.ndarray) -> float:

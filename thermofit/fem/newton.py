@@ -1,7 +1,9 @@
-"""Equilibrium of one load level: Newton with a kept factor, line search, and a clear failure.
+"""Equilibrium of one load level: Newton with a kept factor, Broyden's correction, line search, and a clear failure.
 
 The factor of an earlier iteration or step is used again while the residual falls by a factor of four; otherwise the tangent
-is formed at the current iterate. Nothing here commits state: old state in, new state out.
+is formed at the current iterate. Steps with a kept factor are corrected by what the steps before them have shown of the
+tangent (Broyden's good method: Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995, section 7.3). Nothing
+here commits state: old state in, new state out.
 """
 
 from __future__ import annotations
@@ -11,17 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.fem.body import LOADED, Body
+from thermofit.fem.body import FIXED, LOADED, Body
 from thermofit.fem.element import element_pass
 from thermofit.fem.linear import Factor, scatter
 from thermofit.material.law import Law
 from thermofit.material.point import N_STATE
 
 _KEEP = 0.25
+_MAX_PAIRS, _SAFE = 12, 0.25
+"""Broyden's corrections that are kept with a factor, and the smallest share of a step that one may leave."""
 _KEPT_DECREASE = 0.9
 _UPHILL = 100.0
 """Factor by which the residual may rise in a full step that leads from the elastic tangent to the plastic one."""
-_MAX_UPHILL = 2
+_MAX_UPHILL = 3
 _FLOOR_STRESS = 0.1
 """MPa; stress whose nodal forces bound the residual from below where the body is (nearly) unloaded."""
 
@@ -47,6 +51,27 @@ class Equilibrium:
     residuals: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class _Level:
+    """What is given for one load level: temperature, old state, load; and the buffers of the new state and of J."""
+
+    theta: np.ndarray
+    state_n: np.ndarray
+    load: float
+    state: np.ndarray
+    dilatation: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """u (n_np, 3), its residual (n_eq,) N, the norm of it (infinite where an element failed) and the scale of the forces."""
+
+    u: np.ndarray
+    residual: np.ndarray
+    norm: float
+    scale: float
+
+
 class Equilibrator:
     """Buffers and the last factor for one body and law; `solve` itself is free of side effects on physical state."""
 
@@ -56,6 +81,11 @@ class Equilibrator:
         self._force = np.empty((n_el, 24))
         self._stiffness = np.empty((n_el, 24, 24))
         self._factor: Factor | None = None
+        self._pairs: list[tuple[np.ndarray, np.ndarray]] = []
+        flat = body.element_equation.ravel()
+        self._used = np.flatnonzero(flat >= 0)
+        self._equation = flat[self._used]
+        self._top = np.flatnonzero(np.isin(body.mesh.hexes, body.loaded).ravel())
         size = float(body.data.volume.sum()) ** (2.0 / 3.0) / n_el ** (1.0 / 6.0)
         self._floor = _FLOOR_STRESS * size
         self._uphill_steps = 0
@@ -75,114 +105,118 @@ class Equilibrator:
         NumericsError where it is not found; the caller may cut the step.
         """
         tolerance = loose * self.settings.tolerance
+        level = _Level(theta, state_n, load, np.empty_like(state_n), np.empty(state_n.shape[:2]))
         if fresh:
             self._factor = None
-        u = self._admissible(u_start, load)
-        states = (state_n, np.empty_like(state_n), np.empty(state_n.shape[:2]))
         exact = self._factor is None
-        norm, residual, scale = self._residual(u, theta, states, load, tangent=exact)
-        if not np.isfinite(norm):
+        here = self._evaluate(self._admissible(u_start, load), level, tangent=exact)
+        if not np.isfinite(here.norm):
             raise NumericsError("equilibrium: the start of the Newton iteration is not admissible (inverted element or too large a plastic step)")
-        norms = [norm]
+        norms: list[float] = [here.norm]
+        last: np.ndarray | None = None
         self._uphill_steps = 0
         for iteration in range(self.settings.max_iterations):
-            if norm <= tolerance * scale:
-                return Equilibrium(u, states[1], states[2], self._top_force(), iteration, tuple(norms))
+            if here.norm <= tolerance * here.scale:
+                return Equilibrium(here.u, level.state, level.dilatation, self._top_force(), iteration, tuple(norms))
             if self._factor is None:
-                norm, residual, scale = self._residual(u, theta, states, load, tangent=True)
-                exact = True
-            step = self._expand(self._tangent().solve(-residual))
-            accepted = self._search(u, step, theta, states, load, norm, backtrack=exact)
-            if accepted is None and exact:
-                raise NumericsError(f"equilibrium: the line search failed at relative residual {norm / scale:.1e} in iteration {iteration + 1}")
-            if accepted is None:
+                here = self._evaluate(here.u, level, tangent=True)
+                exact, last = True, None
+            step = self._step(here, last)
+            found = self._search(here, step, level, backtrack=exact)
+            if found is None and exact:
+                raise NumericsError(
+                    f"equilibrium: the line search failed at relative residual {here.norm / here.scale:.1e} in iteration {iteration + 1}"
+                )
+            if found is None:
                 self._factor = None
                 continue
-            u, new_norm, residual, scale = accepted
-            if new_norm > _KEEP * norm:
+            there, length = found
+            if there.norm > _KEEP * here.norm:
                 self._factor = None
-            exact = False
-            norm = new_norm
-            norms.append(norm)
+            last = step if length == 1.0 else None
+            exact, here = False, there
+            norms.append(here.norm)
         raise NumericsError(
-            f"equilibrium: no convergence in {self.settings.max_iterations} iterations, relative residual {norm / scale:.1e}, "
-            f"expected {self.settings.tolerance:.0e}"
+            f"equilibrium: no convergence in {self.settings.max_iterations} iterations, relative residual {here.norm / here.scale:.1e}, "
+            f"expected {tolerance:.0e}"
         )
 
-    def _tangent(self) -> Factor:
+    def _step(self, here: _Iterate, last: np.ndarray | None) -> np.ndarray:
+        """Step (n_eq,) of the kept factor, with Broyden's corrections of all pairs of steps that were taken with it.
+
+        B_k^-1 = product of (1 + s_(j+1) s_j^T / |s_j|^2) B_0^-1; `last` is the step that led here, if it was a full one.
+        """
         if self._factor is None:
             raise NumericsError("equilibrium: no tangent was formed")
-        return self._factor
+        z = self._factor.solve(-here.residual)
+        for before, after in self._pairs:
+            z = z + after * ((before @ z) / (before @ before))
+        if last is None:
+            return z
+        remaining = 1.0 - (last @ z) / (last @ last)
+        if remaining < _SAFE:
+            return z
+        z = z / remaining
+        if len(self._pairs) < _MAX_PAIRS:
+            self._pairs.append((last, z))
+        return z
 
     def _admissible(self, u: np.ndarray, load: float) -> np.ndarray:
-        """u with prescribed values: zero where fixed, the load where the top is displaced, one common value where tied."""
+        """u with prescribed values: zero where fixed, the load where the top is displaced."""
         u = u.copy()
-        u[self.body.equation == -1] = 0.0
+        u[self.body.equation == FIXED] = 0.0
         if self.body.top < 0:
             u[self.body.equation == LOADED] = load
         return u
 
     def _expand(self, x: np.ndarray) -> np.ndarray:
+        """Change of u (n_np, 3) of the unknowns (n_eq,): zero where u is prescribed, one value where it is tied."""
         equation = self.body.equation
         return np.where(equation >= 0, x[np.maximum(equation, 0)], 0.0)
 
-    def _residual(
-        self, u: np.ndarray, theta: np.ndarray, states: tuple[np.ndarray, np.ndarray, np.ndarray], load: float, *, tangent: bool
-    ) -> tuple[float, np.ndarray, float]:
-        """Norm of the residual, the residual (n_eq,) and the force scale; forms and factors the tangent if asked."""
+    def _evaluate(self, u: np.ndarray, level: _Level, *, tangent: bool = False) -> _Iterate:
+        """Residual at u, and the new point states in the buffers of the level; forms and factors the tangent if asked."""
         body = self.body
-        state_n, state, dilatation = states
         self.passes += 1
-        failed = element_pass(body.data, u, theta, state_n, self.law, tangent, self._force, self._stiffness, state, dilatation)
+        failed = element_pass(
+            body.data, u, level.theta, level.state_n, self.law, tangent, self._force, self._stiffness, level.state, level.dilatation
+        )
         if failed:
-            return float("inf"), np.empty(0), 1.0
-        flat = body.element_equation.ravel()
-        used = flat >= 0
-        residual = np.bincount(flat[used], self._force.ravel()[used], minlength=body.n_equations)
+            return _Iterate(u, np.empty(0), float("inf"), 1.0)
+        residual = np.bincount(self._equation, self._force.ravel()[self._used], minlength=body.n_equations)
         if body.top >= 0:
-            residual[body.top] -= load
+            residual[body.top] -= level.load
         if tangent:
             data = np.zeros(body.mechanical.n_slots)
             scatter(self._stiffness, body.mechanical_slot, data)
             self._factor = Factor(body.mechanical, data)
+            self._pairs = []
             self.factorisations += 1
-        scale = max(float(np.linalg.norm(self._force)), self._floor)
-        return float(np.linalg.norm(residual)), residual, scale
+        return _Iterate(u, residual, float(np.linalg.norm(residual)), max(float(np.linalg.norm(self._force)), self._floor))
 
-    def _search(
-        self,
-        u: np.ndarray,
-        step: np.ndarray,
-        theta: np.ndarray,
-        states: tuple[np.ndarray, np.ndarray, np.ndarray],
-        load: float,
-        norm: float,
-        *,
-        backtrack: bool,
-    ) -> tuple[np.ndarray, float, np.ndarray, float] | None:
-        """Backtracking on the residual norm; None where no step length lowers it. With a kept factor only the full step is tried.
+    def _search(self, here: _Iterate, step: np.ndarray, level: _Level, *, backtrack: bool) -> tuple[_Iterate, float] | None:
+        """Backtracking on the residual norm: the accepted iterate and step length, or None where no length lowers the norm.
 
-        Any decrease is enough with a fresh tangent. Where all points stand on the yield surface the tangent is elastic and their
-        answer plastic: no length lowers the residual, but the full step leads to where the tangent is plastic. It is taken.
+        With a kept factor only the full step is tried. Any decrease is enough with a fresh tangent. Where all points stand on the
+        yield surface, the tangent is elastic and their answer plastic: no length lowers the residual, but the full step leads
+        to where the tangent is plastic. It is taken, at most `_MAX_UPHILL` times.
         """
-        length, uphill = 1.0, False
-        enough = 1.0 if backtrack else _KEPT_DECREASE
+        length, direction = 1.0, self._expand(step)
+        enough, uphill = 1.0 if backtrack else _KEPT_DECREASE, False
         for _ in range(self.settings.max_backtracks if backtrack else 1):
-            trial = u + length * step
-            new_norm, residual, scale = self._residual(trial, theta, states, load, tangent=False)
-            if new_norm < enough * norm or new_norm <= self.settings.tolerance * scale:
-                return trial, new_norm, residual, scale
-            uphill |= length == 1.0 and new_norm < _UPHILL * norm
+            there = self._evaluate(here.u + length * direction, level)
+            if there.norm < enough * here.norm or there.norm <= self.settings.tolerance * there.scale:
+                return there, length
+            uphill |= length == 1.0 and there.norm < _UPHILL * here.norm
             length *= 0.5
         if not (backtrack and uphill and self._uphill_steps < _MAX_UPHILL):
             return None
         self._uphill_steps += 1
-        return (u + step, *self._residual(u + step, theta, states, load, tangent=False))
+        return self._evaluate(here.u + direction, level), 1.0
 
     def _top_force(self) -> float:
         """Internal force along y on the loaded end of the model, N."""
-        top = np.isin(self.body.mesh.hexes, self.body.loaded)
-        return float(self._force.reshape(-1, 8, 3)[:, :, 1][top].sum())
+        return float(self._force.reshape(-1, 3)[self._top, 1].sum())
 
 
 def virgin_state(n_elements: int) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.checkpoint import Checkpoint
-from thermofit.core.digest import source_digest
+from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
@@ -24,6 +24,7 @@ from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.model import StageModel
+from thermofit.identify.reciprocal import reciprocal_of
 
 DIFFERENCE_STEP = 2e-5
 """Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""
@@ -65,6 +66,12 @@ def checkpoint_folder(job: Job, label: str) -> str:
     return f".{job.stage}.{label}.evaluations"
 
 
+def _key(job: Job, base: Parameters) -> str:
+    """All that an evaluation depends on besides the free parameters; of the inputs it is their content that counts."""
+    inputs = {name: path_digest(path) for name, path in job.inputs.items()}
+    return json_text({"config": job.config, "inputs": inputs, "base": dict(base.values), "source": source_digest()})
+
+
 def discard_checkpoints(job: Job) -> None:
     """Remove the evaluations of a job whose artefact is safely written."""
     import shutil
@@ -83,15 +90,16 @@ def _minimise(
     model_on, size = on
     label = f"{size.n_x}x{size.n_y}x{size.n_z}"
     model = model_on(size, base)
-    key = json_text({"config": job.config, "inputs": {k: str(v) for k, v in job.inputs.items()}, "base": dict(base.values), "source": source_digest()})
-    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), key)
+    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), _key(job, base))
     bounds = np.array([study.bounds(name) for name in settings.free])
+    change = reciprocal_of(settings.free)
+    lower, upper = change.bounds(bounds[:, 0], bounds[:, 1])
     problem = Problem(
-        residual=lambda x: model.residual(base.with_vector(x)),
-        start=base.vector(),
-        lower=bounds[:, 0],
-        upper=bounds[:, 1],
-        scale=np.array([study.scale(name) for name in settings.free]),
+        residual=lambda y: model.residual(base.with_vector(change.parameters(y))),
+        start=change.variables(base.vector()),
+        lower=lower,
+        upper=upper,
+        scale=change.scales(np.array([study.scale(name) for name in settings.free])),
         names=settings.free,
     )
     options = Settings(x_tolerance=settings.tolerance, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP)
@@ -102,7 +110,7 @@ def _minimise(
             advance(1, "failed" if residual is None else f"chi2/n {f / max(len(residual), 1):.4g}")
 
         fit = minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow))
-    return model, fit
+    return model, change.converted(fit)
 
 
 def _covariance(model: StageModel, fit: FitResult) -> tuple[Covariance | None, str]:

@@ -14,6 +14,7 @@ _FORCE_SHARE = 0.9
 """The elastic window ends at this share of the force at which the strain leaves the straight line."""
 _DEVIATION = 0.02
 """Relative deviation of the strain from the elastic line that counts as plastic, on top of three standard errors."""
+_NONE = "stages.elastic.window: no stage lies in the elastic range of the first loading; give the window as [t0, t1] in s"
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ def elastic_window(data: Measured) -> ElasticWindow:
     first = int(np.searchsorted(observation.time, data.load_start + 1e-9))
     if not np.isfinite(strain).all():
         raise DataError("stages.elastic.window: auto needs three measured points at every stage; give the window as [t0, t1] in s")
+    if first == len(strain):
+        raise DataError(_NONE)
     rest = float(strain[:first].mean()) if first else 0.0
     last, limit = first, None
     for n in range(first, len(strain)):
@@ -71,7 +74,7 @@ def elastic_window(data: Measured) -> ElasticWindow:
         limit = force[last]
     inside = [n for n in range(first, last + 1) if force[n] <= _FORCE_SHARE * limit or n == first]
     if not inside or force[inside[-1]] <= 0.0:
-        raise DataError("stages.elastic.window: no stage lies in the elastic range of the first loading; give the window as [t0, t1] in s")
+        raise DataError(_NONE)
     n = inside[-1]
     remark = (
         f"elastic window found: up to {observation.time[n]:.2f} s and {force[n]:.0f} N ({len(inside)} loaded stages; the strain leaves the "

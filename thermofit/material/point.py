@@ -76,7 +76,7 @@ GAMMA, NORM, SLOPE, TERMS, K_FACTOR, K_SLOPE = 0, 1, 2, 3, 4, 5
 C_TRIAL, FLOW, INCREMENT, EXPONENTIAL = 0, 1, 2, 3
 
 
-@kernel
+@kernel(forceinline=True)
 def point_work() -> PointWork:
     """Fresh scratch arrays for one thread."""
     t = np.zeros((5, 3, 3))
@@ -86,26 +86,26 @@ def point_work() -> PointWork:
     )  # fmt: skip
 
 
-@kernel
+@kernel(forceinline=True)
 def _kept(w: PointWork, which: int) -> Symmetric:
     s = w.symmetric[which]
     return (s[0], s[1], s[2], s[3], s[4], s[5])
 
 
-@kernel
+@kernel(forceinline=True)
 def _keep(w: PointWork, which: int, a: Symmetric) -> None:
     for m in range(6):
         w.symmetric[which, m] = a[m]
 
 
-@kernel
+@kernel(forceinline=True)
 def hill(a: Symmetric, law: Law) -> Symmetric:
     """G : A for the Hill tensor of (4.19), (D.7)."""
     g11, g22, g33 = hill_gradient(a[0], a[1], a[2], law)
     return (g11, g22, g33, law.L * a[3], law.M * a[4], law.N * a[5])
 
 
-@kernel
+@kernel(forceinline=True)
 def flow_direction(c_elastic: Symmetric, law: Law) -> tuple[Symmetric, float]:
     """N = G : C_el / |C_el|_G and |C_el|_G, so that sqrt(M : G : M) = mu |C_el|_G (4.14), (4.19)."""
     g = hill(c_elastic, law)
@@ -113,7 +113,7 @@ def flow_direction(c_elastic: Symmetric, law: Law) -> tuple[Symmetric, float]:
     return scaled(g, 1.0 / norm if norm > 0.0 else 0.0), norm
 
 
-@kernel
+@kernel(forceinline=True)
 def _apply_inverse(v: Symmetric, k: float, law: Law) -> Symmetric:
     """(I + k G)^-1 : v; G is the Hill tensor, k >= 0."""
     a, d, f = 1.0 + k * (law.F + law.G), 1.0 + k * (law.F + law.H), 1.0 + k * (law.G + law.H)
@@ -129,7 +129,7 @@ def _apply_inverse(v: Symmetric, k: float, law: Law) -> Symmetric:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def _return_map(c_trial: Symmetric, alpha_n: float, lambda_n: float, law: Law, w: PointWork) -> int:
     """Solve D = dLambda N(C_el(D)), mu |C_el|_G = sigma_y (4.18) for D and dLambda; the solution is kept in w.
 
@@ -177,7 +177,7 @@ def _return_map(c_trial: Symmetric, alpha_n: float, lambda_n: float, law: Law, w
     return NO_CONVERGENCE
 
 
-@kernel
+@kernel(forceinline=True)
 def local_update(f: np.ndarray, theta: float, state_n: np.ndarray, law: Law, w: PointWork, state: np.ndarray) -> int:
     """Update one point: new state and, in w, all that `piola_stress` and `local_tangent` need.
 
@@ -215,7 +215,7 @@ def local_update(f: np.ndarray, theta: float, state_n: np.ndarray, law: Law, w: 
     return PLASTIC
 
 
-@kernel
+@kernel(forceinline=True)
 def _set_cp_inv(fp_inv: np.ndarray, w: PointWork) -> None:
     """C_p^-1 = F_p^-1 F_p^-T."""
     for i in range(3):
@@ -223,7 +223,7 @@ def _set_cp_inv(fp_inv: np.ndarray, w: PointWork) -> None:
             w.cp_inv[i, j] = fp_inv[i, 0] * fp_inv[j, 0] + fp_inv[i, 1] * fp_inv[j, 1] + fp_inv[i, 2] * fp_inv[j, 2]
 
 
-@kernel
+@kernel(forceinline=True)
 def piola_stress(f: np.ndarray, law: Law, w: PointWork, p: np.ndarray) -> None:
     """P = mu F C_p^-1 + k F^-T in MPa (4.8), after `local_update`."""
     multiply(f, w.cp_inv, p)
@@ -233,18 +233,18 @@ def piola_stress(f: np.ndarray, law: Law, w: PointWork, p: np.ndarray) -> None:
             p[i, j] = law.mu * p[i, j] + k * w.f_inv_t[i, j]
 
 
-@kernel
+@kernel(forceinline=True)
 def _set_column(a: np.ndarray, m: int, s: Symmetric) -> None:
     for n in range(6):
         a[n, m] = s[n]
 
 
-@kernel
+@kernel(forceinline=True)
 def _column(a: np.ndarray, m: int) -> Symmetric:
     return (a[0, m], a[1, m], a[2, m], a[3, m], a[4, m], a[5, m])
 
 
-@kernel
+@kernel(forceinline=True)
 def _sum_product(a: Symmetric, b: Symmetric) -> Symmetric:
     """a . b + b . a of two symmetric tensors."""
     return (
@@ -257,13 +257,13 @@ def _sum_product(a: Symmetric, b: Symmetric) -> Symmetric:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def _projected(a: Symmetric, flow: Symmetric, law: Law) -> Symmetric:
     """(G - N N) : a, so that dN = (G - N N) : dC_el / |C_el|_G."""
     return added(hill(a, law), flow, -double_contraction(flow, a))
 
 
-@kernel
+@kernel(forceinline=True)
 def _plastic_response(law: Law, w: PointWork) -> None:
     """w.zc (6, 6): derivative of Z = exp(-2 D) by the components of C_tr, by the implicit function theorem.
 
@@ -301,7 +301,7 @@ def _plastic_response(law: Law, w: PointWork) -> None:
             w.zc[n, m] = s[0] * dd[0] + s[1] * dd[1] + s[2] * dd[2] + s[3] * dd[3] + s[4] * dd[4] + s[5] * dd[5]
 
 
-@kernel
+@kernel(forceinline=True)
 def _mixed_congruence(dy: Symmetric, c: Symmetric, y: Symmetric) -> Symmetric:
     """dy . c . y + y . c . dy = d(y . c . y)[dy], by polarisation of the quadratic form."""
     plus = congruence(added(y, dy, 0.5), c)
@@ -309,7 +309,7 @@ def _mixed_congruence(dy: Symmetric, c: Symmetric, y: Symmetric) -> Symmetric:
     return added(plus, minus, -1.0)
 
 
-@kernel
+@kernel(forceinline=True)
 def local_tangent(status: int, law: Law, w: PointWork, a: np.ndarray) -> None:
     """A = dP/dF into a (9, 9), rows iJ and columns kL, in MPa, consistent with `local_update`; status is its answer.
 

@@ -21,7 +21,7 @@ MAX_TERMS = 20
 _NEGLIGIBLE = 1e-17
 
 
-@kernel
+@kernel(forceinline=True)
 def determinant(a: np.ndarray) -> float:
     """det(a) of a (3, 3) tensor."""
     return (
@@ -31,7 +31,7 @@ def determinant(a: np.ndarray) -> float:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def inverse_transpose(a: np.ndarray, det: float, out: np.ndarray) -> None:
     """out = a^-T = cof(a) / det(a)."""
     r = 1.0 / det
@@ -46,7 +46,7 @@ def inverse_transpose(a: np.ndarray, det: float, out: np.ndarray) -> None:
     out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * r
 
 
-@kernel
+@kernel(forceinline=True)
 def multiply(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
     """out = a . b."""
     for i in range(3):
@@ -54,7 +54,7 @@ def multiply(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@kernel
+@kernel(forceinline=True)
 def multiply_symmetric(a: np.ndarray, s: Symmetric, out: np.ndarray) -> None:
     """out = a . s for a symmetric s."""
     for i in range(3):
@@ -64,7 +64,7 @@ def multiply_symmetric(a: np.ndarray, s: Symmetric, out: np.ndarray) -> None:
         out[i, 2] = x * s[5] + y * s[4] + z * s[2]
 
 
-@kernel
+@kernel(forceinline=True)
 def gram(a: np.ndarray) -> Symmetric:
     """a^T . a."""
     return (
@@ -77,7 +77,7 @@ def gram(a: np.ndarray) -> Symmetric:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def congruence(y: Symmetric, c: Symmetric) -> Symmetric:
     """y . c . y of two symmetric tensors."""
     t00, t01, t02 = c[0] * y[0] + c[3] * y[3] + c[5] * y[5], c[0] * y[3] + c[3] * y[1] + c[5] * y[4], c[0] * y[5] + c[3] * y[4] + c[5] * y[2]
@@ -93,7 +93,7 @@ def congruence(y: Symmetric, c: Symmetric) -> Symmetric:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def commuting_product(a: Symmetric, b: Symmetric) -> Symmetric:
     """a . b of two symmetric tensors that commute, so that the product is symmetric."""
     return (
@@ -106,13 +106,13 @@ def commuting_product(a: Symmetric, b: Symmetric) -> Symmetric:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def double_contraction(a: Symmetric, b: Symmetric) -> float:
     """a : b of two symmetric tensors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + 2.0 * (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
 
 
-@kernel
+@kernel(forceinline=True)
 def added(a: Symmetric, b: Symmetric, factor: float) -> Symmetric:
     """a + factor b."""
     return (
@@ -125,19 +125,19 @@ def added(a: Symmetric, b: Symmetric, factor: float) -> Symmetric:
     )
 
 
-@kernel
+@kernel(forceinline=True)
 def scaled(a: Symmetric, factor: float) -> Symmetric:
     """factor a."""
     return (factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4], factor * a[5])
 
 
-@kernel
+@kernel(forceinline=True)
 def largest(a: Symmetric) -> float:
     """Largest absolute component."""
     return max(abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5]))
 
 
-@kernel
+@kernel(forceinline=True)
 def exponential(x: Symmetric) -> tuple[Symmetric, int]:
     """exp(x) by its power series, and the number of terms; 0 terms where the series did not converge.
 
@@ -153,7 +153,7 @@ def exponential(x: Symmetric) -> tuple[Symmetric, int]:
     return out, 0
 
 
-@kernel
+@kernel(forceinline=True)
 def exponential_derivative(x: Symmetric, dx: Symmetric, n_terms: int) -> Symmetric:
     """d exp(x)[dx]: the derivative of the power series of `exponential` with the same number of terms.
 
@@ -168,7 +168,7 @@ def exponential_derivative(x: Symmetric, dx: Symmetric, n_terms: int) -> Symmetr
     return out
 
 
-@kernel
+@kernel(forceinline=True)
 def solve_in_place(a: np.ndarray, b: np.ndarray) -> None:
     """b := a^-1 . b for a small dense system without pivoting; a (n, n) close to the identity, b (n, m)."""
     n = a.shape[0]

@@ -167,12 +167,13 @@ def _spatial_residual(xy: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def _fixed_pattern(residual: np.ndarray, sigma: float) -> float:
-    """Standard deviation of the mean over stages of spatial residuals (k, n_s), less what noise sigma leaves in a mean."""
-    known = np.isfinite(residual)
-    often = known.sum(axis=0) > 0.5 * len(residual)
-    mean = np.where(known, residual, 0.0).sum(axis=0)[often] / known.sum(axis=0)[often]
-    scatter, n = robust_sigma(mean)
-    return float(np.sqrt(max(scatter**2 - sigma**2 / len(residual), 0.0))) if n else 0.0
+    """Standard deviation of the median over stages of spatial residuals (k, n_s), less what noise sigma leaves in it.
+
+    A median of k normal values has the variance pi sigma^2 / (2 k); a mean would keep every outlier.
+    """
+    often = np.isfinite(residual).sum(axis=0) > 0.5 * len(residual)
+    scatter, n = robust_sigma(np.nanmedian(residual[:, often], axis=0))
+    return float(np.sqrt(max(scatter**2 - 0.5 * np.pi * sigma**2 / len(residual), 0.0))) if n else 0.0
 
 
 def _plane_residual(xy: np.ndarray) -> csr_array:
@@ -234,7 +235,7 @@ def _falls_below(lag: np.ndarray, correlation: np.ndarray) -> float:
         return float(lag[-1])
     k = int(below[0])
     lag0, c0 = (0.0, 1.0) if k == 0 else (float(lag[k - 1]), float(correlation[k - 1]))
-    return lag0 + (lag[k] - lag0) * (c0 - level) / (c0 - correlation[k])
+    return float(lag0 + (lag[k] - lag0) * (c0 - level) / (c0 - correlation[k]))
 
 
 def displacement_noise(dic: DicField, load_start: float | None = None) -> tuple[FieldNoise, FieldNoise, FieldNoise | None]:

@@ -28,7 +28,7 @@ def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     return tuple(out)
 
 
-KIND = StageKind("identify-elastic", "elastic", (), _remarks)
+KIND = StageKind("identify-elastic", "elastic", _remarks)
 NAME = KIND.name
 
 

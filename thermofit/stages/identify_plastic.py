@@ -29,7 +29,7 @@ def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     )
 
 
-KIND = StageKind("identify-plastic", "plastic", ("identify-elastic",), _remarks)
+KIND = StageKind("identify-plastic", "plastic", _remarks)
 NAME = KIND.name
 
 

@@ -20,7 +20,7 @@ def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     )
 
 
-KIND = StageKind("identify-thermal", "thermal", ("identify-elastic", "identify-plastic"), _remarks)
+KIND = StageKind("identify-thermal", "thermal", _remarks)
 NAME = KIND.name
 
 

@@ -35,6 +35,8 @@ from thermofit.measure.raw import read_experiment
 
 NAME = "interpolate"
 CALIBRATE = "calibrate-ir"
+_LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
+"""Noise of data without noise: sigma must not vanish, because it divides the residual."""
 _SECTIONS = ("specimen", "evaluation", "force", "ir.edge_margin", "noise", "numerics")
 
 
@@ -95,6 +97,7 @@ def _displacement(study: Study, dic: DicField, nodal: NodalDisplacement, points:
     at = nodal if wanted == "stages" else displacements_at(nodal, np.asarray(wanted, dtype=float))
     raw = displacement_noise(dic)
     noise = np.array([raw[0].sigma, raw[1].sigma]) if study.noise.displacement is None else np.full(2, study.noise.displacement)
+    noise = np.maximum(noise, _LEAST_NOISE["mm"])
     summary["displacement"] = {
         "noise_mm": noise.tolist(),
         "noise_method": raw[0].temporal.method,
@@ -127,7 +130,7 @@ def _temperature(
     times = times[(times >= nodal.time[0]) & (times <= nodal.time[-1])] if wanted == "frames" else times
     at = interpolate_temperatures(infrared, pixel_map(camera), points.xy, displacements_at(nodal, times), distance >= study.ir.edge_margin)
     raw = temperature_noise(infrared, _on_specimen(record, specimen, study.ir.edge_margin))
-    noise = raw.sigma if study.noise.temperature is None else study.noise.temperature
+    noise = max(raw.sigma if study.noise.temperature is None else study.noise.temperature, _LEAST_NOISE["K"])
     summary["temperature"] = {
         "noise_K": noise,
         "noise_method": raw.temporal.method,

@@ -1,0 +1,380 @@
+"""The command line: help, exit codes, one sentence per error, JSON alone on stdout."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import thermofit
+from thermofit.cli import app
+from thermofit.cli.catalogue import ORDER
+from thermofit.core.artefact import Dataset, ParameterResult, RecordContent, write_record
+from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
+from thermofit.core.staging import Outcome, artefact_path
+from thermofit.core.study import Study
+
+COMMANDS = ("new", "run", *ORDER, "show")
+STUDY = """
+name: tiny
+mesh: coarse
+parameters:
+  E: {start: 60000, bounds: [30000, 150000]}
+  nu: 0.3
+  M_y0: 140
+  M_yinf: 290
+  H_exp: 15
+  F: 0.5
+  alpha_exp: 23.0e-6
+  theta_air: 297.4
+  theta_clamp: 296.7
+simulate:
+  truth: {E: 70000, nu: 0.33, theta_air: 297.4, theta_clamp: 296.7}
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study file of a virtual experiment; runs go below the same folder."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "study.yaml"
+    path.write_text(STUDY, encoding="utf-8")
+    return path
+
+
+def call(*arguments: Any) -> Any:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def outcome(path: Path, stage: str, summary: dict[str, Any], fresh: bool = False) -> Outcome:
+    """A written record of a stage that identified E."""
+    parameters = {
+        "E": ParameterResult(69111.3, 403.55, "MPa", True, False, 60000.0, 30000.0, 150000.0),
+        "nu": ParameterResult(0.3, None, "1", False, False, 0.3, 0.05, 0.48),
+    }
+    channels = {"du": {"n": 2856, "rms": 0.00154, "unit": "mm", "chi2_reduced": float("nan"), "floor_rms": 0.00154}}
+    made = {
+        "verdict": f"{stage} is done",
+        "channels": channels,
+        "evaluations": {"forward": 8, "failed": 0, "wall_s": 1.5},
+        "remarks": ["something [odd] was seen"],
+        **summary,
+    }
+    datasets = {"u/value": Dataset(np.zeros((4, 7, 2)), "mm", ("time", "point", "component"))}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return Outcome(write_record(path, RecordContent(stage, {"mesh": "coarse"}, {}, datasets, parameters, made)), fresh)
+
+
+StageStub = Callable[..., Outcome]
+
+
+def replace_stages(monkeypatch: pytest.MonkeyPatch, stub: Callable[[str], StageStub]) -> None:
+    monkeypatch.setattr(sys.modules["thermofit.cli.app"], "stage_function", stub)
+
+
+def working(summaries: dict[str, dict[str, Any]] | None = None, calls: list[tuple[str, bool]] | None = None) -> Callable[[str], StageStub]:
+    """Stages that write a small record and note that they were called."""
+
+    def function(name: str) -> StageStub:
+        def run(study: Study, *, force: bool = False) -> Outcome:
+            print("a library talks on stdout")
+            if calls is not None:
+                calls.append((name, force))
+            if name == "simulate":
+                (study.run_dir / "raw" / "ir").mkdir(parents=True, exist_ok=True)
+            return outcome(artefact_path(study.run_dir, name), name, (summaries or {}).get(name, {}))
+
+        return run
+
+    return function
+
+
+def failing(error: BaseException) -> Callable[[str], StageStub]:
+    def run(study: Study, *, force: bool = False) -> Outcome:
+        raise error
+
+    return lambda name: run
+
+
+def test_overview_reads_like_a_manual() -> None:
+    result = call("--help")
+    assert result.exit_code == 0
+    text = result.output
+    assert all(name in text for name in COMMANDS)
+    positions = [text.index(f" {name} ") for name in ORDER]
+    assert positions == sorted(positions), "the chain is listed in its order"
+    for part in ("An example session", "Where results go", "Exit codes", "not to be trusted"):
+        assert part in text
+    assert "validate" not in text and "diagnose" not in text, "what does not exist is not promised"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str) -> None:
+    result = call(command, "--help")
+    assert result.exit_code == 0
+    assert "Example" in result.output and f"thermofit {command} " in result.output
+    assert "--json" in result.output
+    if command not in ("new", "show"):
+        assert all(option in result.output for option in ("--set", "--run-dir", "--force"))
+
+
+def test_version() -> None:
+    assert call("--version").output.strip() == f"thermofit {thermofit.__version__}"
+
+
+def test_help_show_and_new_do_not_load_numba(tmp_path: Path) -> None:
+    """Starting numba costs seconds, and these commands compile nothing."""
+    artefact = tmp_path / "verify.h5"
+    outcome(artefact, "verify", {})
+    code = (
+        "import sys\nfrom typer.testing import CliRunner\nfrom thermofit.cli import app\n"
+        "for arguments in (['--help'], ['run', '--help']):\n"
+        "    assert CliRunner().invoke(app, arguments).exit_code == 0\n"
+        "assert 'numpy' not in sys.modules\n"
+        f"for arguments in (['show', {str(artefact)!r}], ['new', {str(tmp_path / 'n.yaml')!r}]):\n"
+        "    assert CliRunner().invoke(app, arguments).exit_code == 0\n"
+        "assert not {'numba', 'matplotlib'} & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_threads_of_blas_are_set_before_numpy_comes() -> None:
+    code = "import sys, os, thermofit.cli; print('numpy' in sys.modules, os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment(OMP_NUM_THREADS="3"))
+    assert done.stdout.split() == ["False", "1", "3"], "a user's own choice stays"
+
+
+def _environment(**changes: str) -> dict[str, str]:
+    import os
+
+    kept = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    root = str(Path(thermofit.__file__).resolve().parents[1])
+    return {**kept, "PYTHONPATH": root, **changes}
+
+
+def test_module_is_the_command(study: Path) -> None:
+    """The real process: one sentence on stderr, no traceback, the exit code."""
+    study.write_text(STUDY.replace("mesh: coarse", "mehs: coarse"), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "thermofit.cli", "interpolate", str(study)], capture_output=True, text=True, check=False, env=_environment()
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1 and "mehs" in done.stderr and "did you mean 'mesh'" in done.stderr
+
+
+def test_usage_errors_end_with_2(study: Path) -> None:
+    assert call("interpolat", study).exit_code == 2
+    assert call("interpolate", study, "--jsn").exit_code == 2
+    assert call("interpolate").exit_code == 2
+    assert call().exit_code == 2
+
+
+def test_misspelt_override_names_the_near_miss(study: Path) -> None:
+    result = call("identify-elastic", study, "--set", "stages.elastic.fre=[E]")
+    assert result.exit_code == 2
+    assert "did you mean 'free'" in result.stderr and result.stderr.startswith("error: ")
+
+
+def test_missing_artefact_names_the_command_that_makes_it(study: Path) -> None:
+    result = call("identify-elastic", study)
+    assert result.exit_code == 2
+    assert "thermofit interpolate" in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_missing_raw_folder_is_wrong_data(study: Path) -> None:
+    study.write_text(STUDY + "experiment: nowhere\n", encoding="utf-8")
+    result = call("interpolate", study)
+    assert result.exit_code == 3
+    assert "nowhere" in result.stderr
+
+
+def test_run_dir_is_text_whatever_it_looks_like(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_stages(monkeypatch, working())
+    result = call("interpolate", study, "--run-dir", "a: [b, #c", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert (study.parent / "a: [b, #c" / "interpolate.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "exit_code", "words"),
+    [
+        (StudyError("key is\n  wrong"), 2, "key is wrong"),
+        (DataError("no time in dic/stage_0003.csv"), 3, "stage_0003"),
+        (NumericsError("no convergence at 12.5 s"), 4, "12.5 s"),
+        (UntrustworthyError("nothing is identifiable"), 5, "identifiable"),
+        (KeyboardInterrupt(), 130, "the same command resumes"),
+        (OSError(28, "No space left on device", "/data/x.h5"), 2, "'/data/x.h5' cannot be read or written: No space left on device"),
+        (MemoryError(), 4, "memory"),
+        (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError: division by zero"),
+    ],
+)
+def test_every_failure_is_one_sentence(
+    study: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, exit_code: int, words: str
+) -> None:
+    replace_stages(monkeypatch, failing(error))
+    result = call("verify", study)
+    assert (result.exit_code, result.stdout) == (exit_code, "")
+    assert words in result.stderr and result.stderr.startswith("error: ") and result.stderr.count("\n") == 1
+    with_json = call("verify", study, "--json")
+    answer = json.loads(with_json.stdout)
+    assert with_json.exit_code == answer["exit_code"] == exit_code
+    assert words in answer["error"]
+    assert call("run", study).exit_code == exit_code
+
+
+def test_traceback_only_on_request(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_stages(monkeypatch, failing(ZeroDivisionError("x")))
+    assert "Traceback" not in call("verify", study).stderr
+    monkeypatch.setenv("THERMOFIT_TRACEBACK", "1")
+    result = call("verify", study)
+    assert "Traceback" in result.stderr and result.exit_code == 1
+
+
+def test_json_is_alone_on_stdout_and_keeps_the_contract(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_stages(monkeypatch, working())
+    result = call("identify-elastic", study, "--json", "--force")
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(result.stdout)
+    assert answer["stage"] == "identify-elastic" and answer["verdict"] == "identify-elastic is done"
+    assert answer["fresh"] is False and answer["trustworthy"] is True
+    assert {"value", "sigma", "unit", "free", "at_bound"} <= set(answer["parameters"]["E"])
+    assert answer["parameters"]["nu"]["sigma"] is None
+    assert set(answer["channels"]["du"]) == {"n", "rms", "unit", "chi2_reduced", "floor_rms"}
+    assert answer["channels"]["du"]["chi2_reduced"] is None, "nan is null"
+    assert answer["evaluations"] == {"forward": 8, "failed": 0, "wall_s": 1.5}
+    assert "talks" in result.stderr
+
+
+def test_human_output_says_the_same(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_stages(monkeypatch, working())
+    result = call("identify-elastic", study)
+    lines = result.stdout.splitlines()
+    assert lines[-1] == "verdict   identify-elastic is done"
+    for part in ("69111", "404", "30000 .. 150000", "2856", "! something [odd] was seen", "identify-elastic.h5", "8 forward"):
+        assert part in result.stdout
+    assert "nu" not in [line.split()[0] for line in lines if line.split()], "fixed parameters are no result"
+
+
+def test_fresh_is_said(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = outcome(study.parent / "verify.h5", "verify", {}, fresh=True)
+    replace_stages(monkeypatch, lambda name: lambda study, *, force=False: made)
+    assert "fresh" in call("verify", study).stdout.splitlines()[0]
+    assert json.loads(call("verify", study, "--json").stdout)["fresh"] is True
+
+
+def test_doubtful_answer_is_printed_and_ends_with_5(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_stages(monkeypatch, working({"identify-elastic": {"trustworthy": False, "verdict": "E is at its bound"}}))
+    result = call("identify-elastic", study)
+    assert result.exit_code == 5
+    assert "E is at its bound" in result.stdout.splitlines()[-1]
+    with_json = call("identify-elastic", study, "--json")
+    assert (with_json.exit_code, json.loads(with_json.stdout)["trustworthy"]) == (5, False)
+
+
+def test_run_goes_through_the_chain_and_ends_with_the_table(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[str, bool]] = []
+    replace_stages(monkeypatch, working({"report": {"figures": ["figures/one.png"]}}, calls))
+    result = call("run", study)
+    assert result.exit_code == 0, result.stderr
+    assert [name for name, _ in calls] == [name for name in ORDER if name not in ("gridsearch", "sensitivity")]
+    assert not any(force for _, force in calls)
+    row = next(line for line in result.stdout.splitlines() if line.split()[:1] == ["E"])
+    assert row.split() == ["E", "MPa", "70000", "60000", "69111", "404", "-1.27", "%"]
+    assert "figure    figures/one.png" in result.stdout
+    assert result.stdout.splitlines()[-1].startswith("verdict   8 stages done")
+
+
+def test_run_as_json(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    doubt = {"trustworthy": False, "verdict": "not verified"}
+    calls: list[tuple[str, bool]] = []
+    replace_stages(monkeypatch, working({"verify": doubt}, calls))
+    result = call("run", study, "--json", "--force", "--all", "--from", "identify-elastic")
+    answer = json.loads(result.stdout)
+    assert result.exit_code == 5 and answer["trustworthy"] is False and "not verified" in answer["verdict"]
+    assert calls[-1] == ("report", True), "the chain goes on after a doubtful stage"
+    skipped = [step["stage"] for step in answer["steps"] if "skipped" in step]
+    assert skipped == ["gridsearch", "sensitivity"], "the study lists none"
+    assert answer["table"][0]["true"] == 70000.0
+    assert answer["parameters"]["E"]["value"] == pytest.approx(69111.3)
+
+
+def test_run_refuses_an_unknown_stage(study: Path) -> None:
+    result = call("run", study, "--from", "identify-plastik")
+    assert result.exit_code == 2 and "did you mean 'identify-plastic'" in result.stderr
+
+
+def test_show_describes_an_artefact(tmp_path: Path) -> None:
+    path = tmp_path / "verify.h5"
+    phases = [{"label": "rest", "t0": 0.0, "t1": 3.0}, {"label": "elastic", "t0": 3.0, "t1": 8.0}]
+    outcome(path, "verify", {"phases": phases, "energy": {"work": 12.5}})
+    human = call("show", path).stdout
+    for part in (
+        "u/value",
+        "mm",
+        "time, point, component",
+        "4 x 7 x 2",
+        "energy.work",
+        "12.5",
+        "elastic",
+        "fixed",
+        "numpy",
+        "mesh",
+        "coarse",
+    ):
+        assert part in human, part
+    answer = json.loads(call("show", path, "--json").stdout)
+    assert answer["datasets"]["u/value"] == {"unit": "mm", "dims": ["time", "point", "component"], "shape": [4, 7, 2], "dtype": "float64"}
+    assert answer["config"] == {"mesh": "coarse"} and answer["inputs"] == {} and answer["phases"] == phases
+    assert answer["attributes"]["thermofit_version"] == thermofit.__version__
+
+
+def test_show_of_doubtful_result_is_no_failure(tmp_path: Path) -> None:
+    path = tmp_path / "verify.h5"
+    outcome(path, "verify", {"trustworthy": False})
+    assert call("show", path).exit_code == 0
+
+
+def test_show_refuses_what_is_no_artefact(tmp_path: Path) -> None:
+    path = tmp_path / "verify.h5"
+    outcome(path, "verify", {})
+    path.write_bytes(path.read_bytes()[:900])
+    result = call("show", path)
+    assert result.exit_code == 3 and "verify.h5" in result.stderr and result.stderr.count("\n") == 1
+    assert call("show", tmp_path / "missing.h5").exit_code == 2
+    folder = call("show", tmp_path)
+    assert folder.exit_code == 2 and "is a folder" in folder.stderr
+
+
+def test_new_writes_a_study_that_loads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from thermofit.core.study import load_study
+
+    monkeypatch.chdir(tmp_path)
+    raw = tmp_path / "lab" / "test #7"
+    raw.mkdir(parents=True)
+    (raw / "experiment.yaml").write_text("", encoding="utf-8")
+    (tmp_path / "studies").mkdir()
+    result = call("new", "studies/07.yaml", "--experiment", "lab/test #7")
+    assert result.exit_code == 0, result.stderr
+    study = load_study("studies/07.yaml")
+    assert (study.name, study.experiment.resolve()) == ("07", raw)
+    again = call("new", "studies/07.yaml")
+    assert again.exit_code == 2 and "--force" in again.stderr
+    assert load_study("studies/07.yaml").experiment.resolve() == raw, "nothing was overwritten"
+    answer = json.loads(call("new", "studies/07.yaml", "--force", "--json").stdout)
+    assert answer["stage"] == "new" and load_study("studies/07.yaml").experiment.name == "my-experiment"
+
+
+def test_new_refuses_a_folder_without_experiment(tmp_path: Path) -> None:
+    result = call("new", tmp_path / "study.yaml", "--experiment", tmp_path)
+    assert result.exit_code == 2 and "experiment.yaml" in result.stderr
+    assert not (tmp_path / "study.yaml").exists()
+    assert call("new", tmp_path / "missing" / "study.yaml").exit_code == 2

@@ -1,0 +1,37 @@
+"""A measured test that follows the uniaxial closed forms: no finite elements, no noise unless asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermofit.core.experiment import Specimen
+from thermofit.core.parameters import Parameters
+from thermofit.identify.inputs import LoadSteps, Measured, TestPhase
+from thermofit.measure.observation import FieldObservation
+
+SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+TRUTH = Parameters.of(
+    {"E": 68000.0, "nu": 0.34, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "F": 0.35, "theta_air": 297.0, "theta_clamp": 296.5, "theta_ref": 296.5}
+)
+X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 5), np.linspace(-20.0, 20.0, 5))
+XY = np.stack([X.ravel(), Y.ravel()], axis=1)
+
+
+def uniaxial_test(parameters: Parameters = TRUTH, noise: float = 0.0, last: float = 0.14) -> Measured:
+    """Loading from 3 s: ten elastic stages, then Lambda up to `last`; sigma 2 um."""
+    r = float(np.sqrt(parameters["F"] + parameters["H"]))
+    multiplier = np.concatenate([np.zeros(10), np.linspace(0.0, last, 40)[1:]])
+    mandel = (parameters["M_yinf"] - (parameters["M_yinf"] - parameters["M_y0"]) * np.exp(-parameters["H_exp"] * multiplier)) / r
+    mandel[:10] *= np.arange(1, 11) / 10.0
+    stretch_y = np.exp(mandel / parameters["E"] + r * multiplier)
+    stretch_x = np.exp(-parameters["nu"] * mandel / parameters["E"] - parameters["F"] / r * multiplier)
+    force = np.concatenate([[0.0, 0.0], mandel / stretch_y * 30.0])
+    stretch_y, stretch_x = (np.concatenate([[1.0, 1.0], s]) for s in (stretch_y, stretch_x))
+    time = np.concatenate([[0.0, 1.5], 3.0 + np.linspace(0.4, 4.0, 10), 7.0 + np.linspace(0.0, 100.0, 40)[1:]])
+    value = np.stack([(stretch_x[:, None] - 1.0) * XY[:, 0], (stretch_y[:, None] - 1.0) * XY[:, 1]], axis=-1)
+    value = value + noise * np.random.default_rng(1).normal(size=value.shape)
+    observation = FieldObservation("u", time, XY, value, np.full(value.shape, 0.002), np.ones(value.shape[:2], dtype=bool), "mm")
+    steps_time = np.sort(np.append(time, 3.0))
+    steps = LoadSteps(steps_time, np.interp(steps_time, np.append(time[:2], [3.0, *time[2:]]), np.append(force[:2], [0.0, *force[2:]])))
+    phases = (TestPhase(0.0, 3.0, "rest"), TestPhase(3.0, 7.0, "elastic"), TestPhase(7.0, 107.0, "loading"))
+    return Measured(SPECIMEN, 297.0, 296.5, observation, None, {"displacement": steps, "temperature": steps, "all": steps}, 3.0, phases)

@@ -1,0 +1,69 @@
+"""The verdict on several starts, on the tables of the thesis and on made-up ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermofit.identify.uniqueness import constant_ratios, relative_spread, uniqueness
+
+FOUR = ("alpha_exp", "kappa", "c0", "beta")
+TABLE_5_10 = np.array([[28.74, 99.32, 3.68, 1.13], [37.06, 128.15, 4.68, 1.46], [30.57, 105.65, 3.90, 1.21], [18.97, 65.49, 2.46, 0.75]])
+TABLE_5_19 = np.array(
+    [
+        [20.21, 133.45, 2.22, 0.79, 14.72, 236.30],
+        [20.21, 133.41, 2.22, 0.79, 14.73, 236.04],
+        [20.20, 133.32, 2.21, 0.79, 14.75, 234.92],
+        [20.20, 133.37, 2.22, 0.79, 14.73, 236.46],
+    ]
+)
+ALL = np.ones(4, dtype=bool)
+
+
+def test_table_5_19_is_one_optimum() -> None:
+    found = uniqueness((*FOUR, "alpha_air", "alpha_clamp"), TABLE_5_19, np.full(4, 14.97), ALL)
+    assert found.kind == "one optimum" and found.text.startswith("one optimum: 4 of 4 starts converge and agree within 0.65 % (alpha_clamp)")
+    assert found.spread["alpha_clamp"] == pytest.approx(1.54 / 236.30) and found.spread["beta"] == 0.0
+
+
+def test_table_5_10_is_a_valley_with_constant_ratios() -> None:
+    found = uniqueness(FOUR, TABLE_5_10, np.full(4, 8.76), ALL)
+    assert found.kind == "valley"
+    # Whichever parameter is the reference, the other three keep their ratio to it; beta is printed with two digits only.
+    assert len(found.ratios) == 3 and max(found.ratios.values()) < 0.03
+    assert "beta by 63 %" in found.text and "constant within" in found.text
+
+
+def test_valley_without_constant_ratio() -> None:
+    x = np.array([[1.0, 5.0], [2.0, 4.0], [3.0, 3.0]])
+    found = uniqueness(("a", "b"), x, np.full(3, 2.0), ALL[:3])
+    assert found.kind == "valley" and not found.ratios and "no ratio of them is constant" in found.text
+
+
+def test_only_the_moving_parameters_make_ratios() -> None:
+    t = np.array([1.0, 1.5, 2.0])
+    x = np.column_stack([t, 3.0 * t, np.full(3, 7.0)])
+    ratios = constant_ratios(("a", "b", "c"), x, relative_spread(x, x[0]))
+    assert list(ratios) == ["b/a"] and ratios["b/a"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_several_optima_are_counted_and_the_lowest_named_first() -> None:
+    x = np.array([[1.0, 2.0], [4.0, 9.0], [1.001, 2.0], [4.0, 9.01]])
+    found = uniqueness(("a", "b"), x, np.array([5.0, 3.0, 5.0, 3.0]), ALL)
+    assert found.kind == "several optima" and "to 2 optima with f = 3, 5" in found.text
+    # The spread is that of the starts near the best one.
+    assert found.spread == pytest.approx({"a": 0.0, "b": 0.01 / 9.0}) and found.largest > 0.7
+
+
+def test_starts_that_did_not_converge_say_nothing() -> None:
+    x = np.array([[1.0], [50.0], [np.nan], [1.005]])
+    converged = np.array([True, False, False, True])
+    f = np.array([2.0, 2.0, np.nan, 2.0])
+    assert uniqueness(("a",), x, f, converged).kind == "one optimum"
+    found = uniqueness(("a",), x, f, np.array([True, False, False, False]))
+    assert found.kind == "nothing to compare" and found.text.startswith("1 of 4 starts converged")
+
+
+def test_spread_of_a_parameter_on_a_bound_at_zero() -> None:
+    assert relative_spread(np.array([[0.0], [0.0]]), np.array([0.0])) == pytest.approx([0.0])
+    assert relative_spread(np.array([[0.0], [0.1]]), np.array([0.0])) == pytest.approx([1.0])

@@ -1,0 +1,157 @@
+"""The typer application: one command per stage, and run, show, new."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json as json_format
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from thermofit import __version__
+from thermofit.cli.catalogue import ABOUT, LOOK, MANUAL, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
+from thermofit.cli.failure import UNTRUSTWORTHY, reporting
+from thermofit.cli.options import AsJson, Common, on_study
+from thermofit.core.errors import StudyError
+
+if TYPE_CHECKING:
+    from thermofit.core.staging import Outcome
+    from thermofit.core.study import Study
+
+app = typer.Typer(
+    name="thermofit",
+    help=ABOUT,
+    epilog=MANUAL,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"thermofit {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)] = False,
+) -> None:
+    """What comes before a command."""
+
+
+@app.command("new", rich_help_panel=START, epilog="[bold]Example:[/] thermofit new study.yaml --experiment lab/test-07")
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Study file to write.", show_default=False)],
+    experiment: Annotated[
+        str | None, typer.Option(metavar="FOLDER", help="Raw folder of the experiment, with experiment.yaml.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    json: AsJson = False,
+) -> None:
+    """Write a commented study file to start from."""
+    with reporting(json):
+        from thermofit.core.study_template import write_template
+
+        write_template(file, experiment, overwrite=force)
+        line = f"study written: {file}; set starts and bounds, then `thermofit run {file}`"
+        typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
+
+
+def stage_function(name: str) -> Callable[..., Outcome]:
+    """`run` of a stage module, imported when it is needed: numba and scipy cost seconds that help and show must not pay."""
+    module = importlib.import_module(f"thermofit.stages.{name.replace('-', '_')}")
+    run: Callable[..., Outcome] = module.run
+    return run
+
+
+def _quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
+    """With --json nothing but the result reaches stdout, whatever a library prints."""
+    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
+
+
+def _stage_command(entry: Entry) -> Callable[..., None]:
+    def command(common: Common) -> None:
+        import time
+
+        from thermofit.cli import printing
+        from thermofit.core.result import is_trustworthy, result_of
+
+        study = common.load()
+        begin = time.perf_counter()
+        with _quiet(common.json):
+            outcome = stage_function(entry.name)(study, force=common.force)
+        result = result_of(outcome.record)
+        if common.json:
+            printing.as_json({**result, "fresh": outcome.fresh})
+        else:
+            printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+        _leave(is_trustworthy(outcome.record))
+
+    return command
+
+
+def _leave(trustworthy: bool) -> None:
+    """Exit code 5 after the result has been printed."""
+    if not trustworthy:
+        raise typer.Exit(UNTRUSTWORTHY)
+
+
+@app.command("run", help=RUN_HELP, rich_help_panel=START, epilog=RUN_EXAMPLES)
+@on_study
+def run(
+    common: Common,
+    first: Annotated[str | None, typer.Option("--from", metavar="STAGE", help="First stage to run.", show_default=False)] = None,
+    last: Annotated[str | None, typer.Option("--until", metavar="STAGE", help="Last stage to run.", show_default=False)] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also gridsearch and sensitivity, where the study lists them.")] = False,
+) -> None:
+    """All stages: raw files in, parameters and figures out."""
+    from thermofit.cli import printing
+    from thermofit.stages.run import Link, Selection, chain, summary_of
+
+    study = common.load()
+    links = [Link(name, _lazy(name)) for name in ORDER]
+    with _quiet(common.json):
+        steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
+    summary = summary_of(study, steps)
+    if common.json:
+        printing.as_json(summary)
+    else:
+        printing.chain_result(summary)
+    _leave(summary["trustworthy"])
+
+
+def _lazy(name: str) -> Callable[..., Outcome]:
+    def call(study: Study, *, force: bool = False) -> Outcome:
+        return stage_function(name)(study, force=force)
+
+    return call
+
+
+for _entry in STAGES:
+    app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
+
+
+@app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")
+def show(
+    artefact: Annotated[Path, typer.Argument(metavar="ARTEFACT", help="RUN_DIR/<stage>.h5", show_default=False)], json: AsJson = False
+) -> None:
+    """What is in a result: verdict, parameters, datasets."""
+    with reporting(json):
+        from thermofit.cli import printing
+        from thermofit.core.artefact import open_record
+        from thermofit.core.result import description_of
+
+        if artefact.is_dir():
+            raise StudyError(f"'{artefact}' is a folder: expected one artefact in it, such as {artefact / 'identify-elastic.h5'}")
+        record = open_record(artefact)
+        if json:
+            printing.as_json(description_of(record))
+        else:
+            printing.artefact(description_of(record))

@@ -1,0 +1,158 @@
+"""The commands that run one stage, in the order of the chain: what the help says about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+START, CHAIN, TRUST, LOOK = "Start", "The chain, in order", "Can the result be trusted?", "Look"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Help of a stage: its name, its panel in the overview, one line, the details, and an example."""
+
+    name: str
+    panel: str
+    line: str
+    details: str
+    example: str
+
+    @property
+    def help(self) -> str:
+        """Text of `thermofit NAME --help`, rich markup."""
+        return f"{self.line}\n\n{self.details}"
+
+    @property
+    def epilog(self) -> str:
+        """The example."""
+        return f"[bold]Example:[/] thermofit {self.example}"
+
+
+STAGES: tuple[Entry, ...] = (
+    Entry(
+        "simulate",
+        CHAIN,
+        "Make a virtual experiment: truth to noisy raw files.",
+        "Solves the section 'simulate' of the study and writes RUN_DIR/raw in the format of a measured experiment: force, DIC points and "
+        "infrared frames with noise, lost points, rigid-body motion of machine and jaws, a rolled and mirrored camera, clocks of their "
+        "own. Only for studies without a measured 'experiment'.",
+        "simulate study.yaml --set simulate.seed=2",
+    ),
+    Entry(
+        "calibrate-ir",
+        CHAIN,
+        "Pixels of the infrared camera to coordinates in mm.",
+        "Algorithm 1: reads the infrared frames and their hand-picked landmarks, finds scale, centre and axes of the specimen, refines "
+        "them on its visible edges, "
+        "and draws RUN_DIR/calibrate-ir.png: look at it.",
+        "calibrate-ir study.yaml --set ir.refine=false",
+    ),
+    Entry(
+        "interpolate",
+        CHAIN,
+        "Fields at material points of the mesh, with their noise.",
+        "Algorithms 2 and 3: takes the DIC points and the pixels to the nodes of the evaluation window; temperatures at the current "
+        "position of each node. "
+        "Points without data are left out and counted, never extrapolated. The force is smoothed to its noise level, phase by phase.",
+        "interpolate study.yaml --set evaluation.window.abs_y_max=15",
+    ),
+    Entry(
+        "identify-elastic",
+        CHAIN,
+        "E and nu from displacements of the elastic range.",
+        "The elastic range is found from the data, or given as stages.elastic.window. Rigid-body motion is taken out (channel du).",
+        "identify-elastic study.yaml --set 'stages.elastic.window=[0, 7.5]'",
+    ),
+    Entry(
+        "identify-plastic",
+        CHAIN,
+        "Yield limit, hardening, Hill's F from displacements.",
+        "Needs the result of identify-elastic. A killed run resumes: finished evaluations are kept in RUN_DIR.",
+        "identify-plastic study.yaml --set stages.plastic.method=nelder-mead",
+    ),
+    Entry(
+        "identify-thermal",
+        CHAIN,
+        "Thermal parameters from the temperatures.",
+        "Needs the results of identify-elastic and identify-plastic, whose parameters are kept. Any subset of alpha_exp, kappa, c0, beta, "
+        "alpha_air, alpha_clamp is identified.",
+        "identify-thermal study.yaml --set 'stages.thermal.free=[beta, c0]'",
+    ),
+    Entry(
+        "gridsearch",
+        TRUST,
+        "Other starts: is the optimum the only one?",
+        "Starts are listed in the section 'gridsearch' of the study. A start that fails is counted and named.",
+        "gridsearch study.yaml",
+    ),
+    Entry(
+        "sensitivity",
+        TRUST,
+        "Other boundary values: how far do parameters move?",
+        "How far do the identified parameters move if, say, the temperature of the jaws is 0.1 K off? Quantity and values are in the "
+        "section 'sensitivity' of the study.",
+        "sensitivity study.yaml --set 'sensitivity.values=[296.6, 296.8]'",
+    ),
+    Entry(
+        "verify",
+        TRUST,
+        "All parameters in one coupled run against all data.",
+        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance.",
+        "verify study.yaml --json",
+    ),
+    Entry(
+        "report",
+        LOOK,
+        "Figures (PNG) and tables of a finished run.",
+        "Writes RUN_DIR/figures and RUN_DIR/report.md.",
+        "report study.yaml",
+    ),
+)
+
+ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
+"""Order of the chain."""
+
+ABOUT = (
+    "Identify the parameters of thermo-mechanically coupled plasticity from a tension test with full-field measurements.\n\n"
+    "thermofit takes the raw files of a test (force, displacements from digital image correlation, temperatures from an infrared "
+    "camera) and returns elastic, plastic and thermal parameters with their standard errors, and the residuals beside the noise of "
+    "the data. `thermofit COMMAND --help` explains a command."
+)
+
+# Lines of a paragraph are kept as they are, so that a paragraph of prose is one line here.
+MANUAL = "\n".join(
+    (
+        "[bold]An example session[/]",
+        "  thermofit new study.yaml --experiment lab/test-07",
+        "  thermofit run study.yaml --set mesh=coarse",
+        "  thermofit run study.yaml",
+        "  thermofit show runs/study/identify-plastic.h5",
+        "Write a commented study file and set its starts and bounds; run the chain on a coarse mesh, then on the fine one; look into a "
+        "result.",
+        "",
+        "[bold]Where results go[/]",
+        "  RUN_DIR/<stage>.h5     one self-describing HDF5 file per stage",
+        "  RUN_DIR/figures/       pictures, and RUN_DIR/report.md with the tables",
+        "RUN_DIR is the key run_dir of the study (absent: runs/NAME) or --run-dir. A stage whose study, inputs and program are unchanged "
+        "says 'fresh' and does nothing. A killed stage leaves its old result intact, and an identification resumes with the same command.",
+        "",
+        "[bold]Exit codes[/]",
+        "  0   done",
+        "  2   the command or the study file is wrong",
+        "  3   the data are wrong",
+        "  4   the numerics failed",
+        "  5   done, but the answer is not to be trusted: the verdict says why",
+        "Errors are one sentence on stderr. With --json the result, or the error, is JSON on stdout.",
+    )
+)
+
+RUN_HELP = (
+    "All stages: raw files in, parameters and figures out.\n\n"
+    "simulate (virtual experiments only), calibrate-ir (where there are infrared frames), interpolate, identify-elastic, "
+    "identify-plastic, identify-thermal, verify, report. Stages whose inputs are unchanged are fresh and cost nothing. Ends with a "
+    "table of start and identified values, beside the true ones where the experiment is virtual, and with the paths of the figures."
+)
+
+RUN_EXAMPLES = """[bold]Examples:[/]
+thermofit run study.yaml
+thermofit run study.yaml --from identify-plastic --until verify"""

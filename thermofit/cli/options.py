@@ -1,0 +1,80 @@
+"""Options that all commands on a study share, declared once."""
+
+from __future__ import annotations
+
+import inspect
+import json as json_format
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from thermofit.cli.failure import reporting
+
+if TYPE_CHECKING:
+    from thermofit.core.study import Study
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every command on a study is told."""
+
+    study: Path
+    settings: tuple[str, ...]
+    run_dir: Path | None
+    force: bool
+    json: bool
+
+    def load(self) -> Study:
+        """The study file with the settings of the command line."""
+        from thermofit.core.study import load_study
+
+        # A path is text whatever it looks like, and JSON's quotes are YAML's.
+        folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
+        return load_study(self.study, (*self.settings, *folder))
+
+
+def _shared(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY.yaml", help="Study file; `thermofit new` writes a commented one.", show_default=False)
+    ],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Set a key of the study, such as mesh=coarse; may be repeated.", show_default=False
+        ),
+    ] = None,
+    run_dir: Annotated[
+        Path | None,
+        typer.Option(
+            "--run-dir", metavar="DIR", help="Folder of artefacts and figures, instead of the study's run_dir.", show_default=False
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
+    json: AsJson = False,
+) -> None:
+    """Signature of the shared options."""
+
+
+def on_study(command: Callable[..., None]) -> Callable[..., None]:
+    """`command(common, *own options)` as a function that typer understands: STUDY.yaml, its own options, the shared ones.
+
+    Errors of the command become one sentence and an exit code.
+    """
+    shared = list(inspect.signature(_shared, eval_str=True).parameters.values())
+    own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
+
+    def parsed(**values: Any) -> None:
+        given = {parameter.name: values.pop(parameter.name) for parameter in shared}
+        common = Common(**{**given, "settings": tuple(given["settings"] or ())})
+        with reporting(common.json):
+            command(common, **values)
+
+    places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (shared[0], *own, *shared[1:])]
+    parsed.__signature__ = inspect.Signature(places)  # type: ignore[attr-defined]
+    parsed.__doc__ = command.__doc__
+    return parsed

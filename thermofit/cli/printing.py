@@ -1,0 +1,218 @@
+"""What a human reads on stdout. Everything is printed from the JSON of a result, so that both say the same."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from thermofit.cli.numbers import bounds, number, percent, seconds, with_error
+
+_WIDTH = 140
+"""Columns where stdout is no terminal."""
+_NONE = number(None)
+_LONG = 8
+"""A list of more plain values than this is described, not printed."""
+_HEAD = ("stage", "verdict", "trustworthy", "parameters", "channels", "evaluations", "remarks", "artefact", "fresh", "wall_s")
+
+Result = Mapping[str, Any]
+
+
+def as_json(result: Result) -> None:
+    """The result as JSON, alone on stdout."""
+    typer.echo(json.dumps(result, allow_nan=False, indent=2))
+
+
+def _console() -> Console:
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console.width = _WIDTH
+    return console
+
+
+def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: int = 1) -> Table:
+    """A table; the first `text_columns` columns are left-justified, the others hold numbers."""
+    made = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, column in enumerate(columns):
+        made.add_column(column, justify="left" if index < text_columns else "right", no_wrap=index == 0, overflow="fold")
+    for row in rows:
+        made.add_row(*(Text(cell) for cell in row))
+    return made
+
+
+def stage_result(result: Result, fresh: bool, wall: float) -> None:
+    """Tables of one stage, its warnings, the path of its artefact, and last its verdict."""
+    console = _console()
+    console.print(f"{result['stage']}  {'fresh: nothing has changed' if fresh else 'done in ' + seconds(wall)}", style="bold")
+    _parameters(console, result["parameters"], only_free=True)
+    _channels(console, result["channels"])
+    _lists(console, result)
+    _evaluations(console, result["evaluations"])
+    _remarks(console, result.get("remarks") or ())
+    for figure in _figures(result):
+        console.print(f"figure    {figure}", soft_wrap=True)
+    console.print(f"artefact  {result['artefact']}", soft_wrap=True)
+    _verdict(console, result)
+
+
+def step(result: Result) -> None:
+    """One line of the chain, with the warnings of the stage below."""
+    console = _console()
+    if "skipped" in result:
+        console.print(_wrapped(console, f"{result['stage']:<17} {'left out':>11}  ", result["skipped"]), style="dim")
+        return
+    when = "fresh" if result["fresh"] else seconds(result["wall_s"])
+    style = "" if result["trustworthy"] else "red"
+    console.print(_wrapped(console, f"{result['stage']:<17} {when:>11}  ", result["verdict"]), style=style)
+    for remark in result.get("remarks") or ():
+        console.print(_wrapped(console, " " * 31 + "! ", remark), style="yellow")
+
+
+def chain_result(result: Result) -> None:
+    """The final table of the chain, the figures, and the verdict."""
+    console = _console()
+    console.print()
+    rows = result["table"]
+    if rows:
+        known = any(row["true"] is not None for row in rows)
+        columns = ["parameter", "unit", *(["true"] if known else []), "start", "identified", "+-", *(["deviation"] if known else []), ""]
+        console.print(_table("", columns, (_final_row(row, known) for row in rows), 2))
+    _channels(console, result["channels"])
+    for figure in result["figures"]:
+        console.print(f"figure    {figure}", soft_wrap=True)
+    console.print(f"results   {result['run_dir']}", soft_wrap=True)
+    _verdict(console, result)
+
+
+def _final_row(row: Result, known: bool) -> list[str]:
+    value, sigma = with_error(row["value"], row["sigma"])
+    true = [number(row["true"], 6)] if known else []
+    deviation = [percent(row["deviation"])] if known else []
+    return [row["name"], row["unit"], *true, number(row["start"], 6), value, sigma, *deviation, "at bound" if row["at_bound"] else ""]
+
+
+def artefact(description: Result) -> None:
+    """Everything about an artefact but the values of its fields."""
+    console = _console()
+    attributes = description["attributes"]
+    console.print(f"{description['stage']}  made {attributes['created']} by thermofit {attributes['thermofit_version']}", style="bold")
+    _parameters(console, description["parameters"], only_free=False)
+    _channels(console, description["channels"])
+    _lists(console, description)
+    _evaluations(console, description["evaluations"])
+    _pairs(console, "summary", _plain(description))
+    _remarks(console, description.get("remarks") or ())
+    data = description["datasets"]
+    if data:
+        rows = ([n, d["unit"], ", ".join(d["dims"]), " x ".join(map(str, d["shape"])) or "scalar", d["dtype"]] for n, d in data.items())
+        console.print(_table("datasets", ("name", "unit", "axes", "shape", "type"), rows, 5))
+    _pairs(console, "provenance", _provenance(attributes, description["inputs"]))
+    _pairs(console, "config (what is not shown is null)", {k: v for k, v in _flat(description["config"]).items() if v != _NONE})
+    console.print(f"artefact  {description['artefact']}", soft_wrap=True)
+    _verdict(console, description)
+
+
+def _parameters(console: Console, parameters: Mapping[str, Result], only_free: bool) -> None:
+    shown = {name: p for name, p in parameters.items() if p["free"] or not only_free}
+    if not shown:
+        return
+    rows = []
+    for name, p in shown.items():
+        value, sigma = with_error(p["value"], p["sigma"])
+        flag = "at bound" if p["at_bound"] else "" if p["free"] else "fixed"
+        rows.append([name, p["unit"], value, sigma, number(p["start"], 6), bounds(p["lower"], p["upper"]), flag])
+    console.print(_table("", ("parameter", "unit", "value", "+-", "start", "bounds", ""), rows, 2))
+
+
+def _channels(console: Console, channels: Mapping[str, Result]) -> None:
+    if not channels:
+        return
+    keys = ("n", "rms", "floor_rms", "chi2_reduced")
+    rows = ([name, str(c.get("unit", "")), *(number(c.get(key), 4) for key in keys)] for name, c in channels.items())
+    console.print(_table("", ("channel", "unit", "n", "rms error", "noise", "chi2/n"), rows, 2))
+
+
+def _lists(console: Console, result: Result) -> None:
+    """Every list of flat objects in a summary (phases, starts, values) as a table."""
+    for key, value in result.items():
+        if key in _HEAD or not _is_rows(value):
+            continue
+        columns = list(dict.fromkeys(name for row in value for name in row))
+        first = [c for c in columns if any(isinstance(row.get(c), str) for row in value)]
+        columns = [*first, *(c for c in columns if c not in first)]
+        console.print(_table(key, columns, ([number(row.get(c)) for c in columns] for row in value), len(first)))
+
+
+def _is_rows(value: Any) -> bool:
+    flat = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
+    return bool(flat) and not any(isinstance(cell, dict | list) for row in value for cell in row.values())
+
+
+def _evaluations(console: Console, counts: Result) -> None:
+    if not counts:
+        return
+    wall = {key: value for key, value in counts.items() if key != "wall_s"}
+    text = ", ".join(f"{number(value)} {key}" for key, value in wall.items() if value)
+    console.print(f"evaluations: {text or 'none'}" + (f"; {seconds(counts['wall_s'])}" if counts.get("wall_s") is not None else ""))
+
+
+def _remarks(console: Console, remarks: Iterable[str]) -> None:
+    for remark in remarks:
+        console.print(_wrapped(console, "! ", str(remark)), style="yellow")
+
+
+def _figures(result: Result) -> list[str]:
+    figures = result.get("figures") or ()
+    paths = list(figures.values()) if isinstance(figures, Mapping) else list(figures)
+    return [str(path) for path in ([result["picture"]] if result.get("picture") else []) + paths]
+
+
+def _verdict(console: Console, result: Result) -> None:
+    style = "bold green" if result["trustworthy"] else "bold red"
+    console.print(f"verdict   {result['verdict']}", style=style, soft_wrap=True)
+
+
+def _wrapped(console: Console, lead: str, text: str) -> str:
+    """Text behind a lead, its further lines indented to the end of the lead."""
+    return textwrap.fill(
+        text, max(console.width, len(lead) + 30), initial_indent=lead, subsequent_indent=" " * len(lead), break_on_hyphens=False
+    )
+
+
+def _pairs(console: Console, title: str, pairs: Mapping[str, str]) -> None:
+    if pairs:
+        console.print(_table(title, ("key", "value"), pairs.items(), 2))
+
+
+def _plain(description: Result) -> dict[str, str]:
+    """What the summary holds besides the common keys and the tables."""
+    own = ("attributes", "inputs", "config", "datasets")
+    return _flat({k: v for k, v in description.items() if k not in (*_HEAD, *own) and not _is_rows(v)})
+
+
+def _provenance(attributes: Result, inputs: Mapping[str, str]) -> dict[str, str]:
+    paths = attributes.get("input_paths", {})
+    packages = ", ".join(f"{name} {version}" for name, version in attributes["packages"].items())
+    seed = {} if attributes.get("seed") is None else {"seed": str(attributes["seed"])}
+    made_from = {f"input {name}": f"{paths.get(name, '')}  sha256 {digest[:16]}" for name, digest in inputs.items()}
+    return {"source digest": attributes["source_digest"][:16], "packages": packages, **seed, **made_from}
+
+
+def _flat(tree: Any, lead: str = "") -> dict[str, str]:
+    """Nested objects as dotted keys; long lists are described by their length."""
+    if isinstance(tree, Mapping) and tree:
+        flat: dict[str, str] = {}
+        for key, value in tree.items():
+            flat |= _flat(value, f"{lead}.{key}" if lead else str(key))
+        return flat
+    if isinstance(tree, list):
+        short = len(tree) <= _LONG and not any(isinstance(item, dict | list) for item in tree)
+        return {lead: "[" + ", ".join(number(item) for item in tree) + "]" if short else f"{len(tree)} entries"}
+    return {lead: "{}" if isinstance(tree, Mapping) else number(tree)}

@@ -1,0 +1,174 @@
+"""All identified parameters in one coupled run against all data: residuals per channel and phase, coupling error, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.artefact import ParameterResult, Record, open_record
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import NAMES, Parameters, param
+from thermofit.core.progress import progress
+from thermofit.core.staging import artefact_path
+from thermofit.core.study import Study
+from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
+from thermofit.fem.body import Body
+from thermofit.fem.march import History
+from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
+from thermofit.identify.inputs import LoadSteps, Measured, read_field
+from thermofit.identify.model import reference_times
+from thermofit.measure.comparison import plain, rigid_free, temperature_change
+from thermofit.measure.observation import FieldObservation
+
+IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
+"""The identification stages in their order."""
+STANDS_OUT = 1.5
+"""A residual that is this many times its noise floor is more than noise."""
+INFORMATION = ("u", "theta")
+"""Channels that hold what no parameter of the law can explain (rigid-body motion, the camera's offset): shown, not judged."""
+_SAME_TIME = 1e-6
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A coupled run beside the data: observed and predicted fields ("u", "theta") and the residual of every channel."""
+
+    body: Body
+    steps: LoadSteps
+    history: History
+    observed: dict[str, FieldObservation]
+    predicted: dict[str, np.ndarray]
+    residuals: tuple[ResidualField, ...]
+
+    def residual(self, channel: str) -> ResidualField | None:
+        """The residual of a channel, None where the experiment does not have it."""
+        return next((field for field in self.residuals if field.channel == channel), None)
+
+
+def identified_stages(study: Study) -> tuple[str, ...]:
+    """The identification stages whose result is there; the elastic one always, so that its absence names its command."""
+    return tuple(name for name in IDENTIFY if name == IDENTIFY[0] or artefact_path(study.run_dir, name).exists())
+
+
+def fitted_parameters(study: Study, parameters: Parameters, stages: Sequence[str]) -> dict[str, ParameterResult]:
+    """All parameters of the verified model: those that a stage identified as it left them, the others as prescribed."""
+    results = {}
+    for name in NAMES:
+        value = parameters[name]
+        results[name] = ParameterResult(value, None, param(name).unit, False, False, value, *study.bounds(name))
+    for stage in stages:
+        record = open_record(artefact_path(study.run_dir, stage))
+        results |= {name: result for name, result in record.parameters.items() if result.free}
+    return results
+
+
+def verification(study: Study, data: Measured, parameters: Parameters) -> Verification:
+    """One coupled run through all load steps, compared at all observations. NumericsError where the specimen cannot carry the force."""
+    body, steps = specimen_body(data, study.mesh_size), data.steps["all"]
+    with progress("verify", len(steps.time) - 1) as advance:
+        try:
+            history = Run(body, steps, march_settings(study, "full"))(parameters, lambda _: advance())
+        except NumericsError as error:
+            raise NumericsError(f"coupled run with the parameters identified so far: {error}; identify those of the missing stages first") from error
+    observed = {"u": data.displacement}
+    u = sampler(body, data.displacement, steps).displacement(history)
+    predicted = {"u": u}
+    if data.temperature is not None:
+        observed["theta"] = data.temperature
+        predicted["theta"] = sampler(body, data.temperature, steps).temperature(history.theta)
+    errors = {name: predicted[name] - observed[name].value for name in observed}
+    return Verification(body, steps, history, observed, predicted, _residuals(study, data, errors))
+
+
+def _residuals(study: Study, data: Measured, errors: dict[str, np.ndarray]) -> tuple[ResidualField, ...]:
+    u = data.displacement
+    du = residual_field(rigid_free(u), errors["u"], u)
+    fields = [du, du.component(0), du.component(1)]
+    theta = data.temperature
+    if theta is not None:
+        change = temperature_change(theta, reference_times(theta, study, data.load_start))
+        fields.append(residual_field(change, errors["theta"], theta))
+    fields.append(residual_field(plain(u), errors["u"], u))
+    if theta is not None:
+        fields.append(residual_field(plain(theta), errors["theta"], theta))
+    return tuple(fields)
+
+
+def channel_table(residuals: Sequence[ResidualField]) -> dict[str, dict[str, Any]]:
+    """Per channel its statistics; `judged` False where it is shown for information."""
+    table = {}
+    for field in residuals:
+        numbers = statistics(field)
+        if numbers is not None:
+            table[field.channel] = {**asdict(numbers), "judged": field.channel not in INFORMATION}
+    return table
+
+
+def phase_table(residuals: Sequence[ResidualField], spans: Sequence[Span]) -> list[dict[str, Any]]:
+    """One row per judged channel and phase in which it is compared: statistics and `over_floor`, the residual in noise floors."""
+    rows = []
+    for field in residuals:
+        if field.channel in INFORMATION:
+            continue
+        index = span_of(field.time, spans)
+        for number, span in enumerate(spans):
+            found = statistics(field.at(index == number))
+            if found is not None:
+                place = {"channel": field.channel, "phase": span.name, "t0_s": span.t0, "t1_s": span.t1}
+                rows.append({**place, **asdict(found), "over_floor": found.over_floor})
+    return rows
+
+
+def judge(residuals: Sequence[ResidualField], rows: Sequence[dict[str, Any]]) -> tuple[str, bool]:
+    """The verdict in one line, and whether every judged channel stays below STANDS_OUT noise floors."""
+    found = [(f.channel, statistics(f)) for f in residuals if f.channel not in INFORMATION]
+    sizes = [(channel, s) for channel, s in found if s is not None]
+    outside = [(channel, s) for channel, s in sizes if s.over_floor > STANDS_OUT]
+    if not outside:
+        return "verified: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes) + " times the noise", True
+    return "not verified: " + "; ".join(_outlier(channel, s, rows) for channel, s in outside), False
+
+
+def _outlier(channel: str, found: Statistics, rows: Sequence[dict[str, Any]]) -> str:
+    worst = max((row for row in rows if row["channel"] == channel), key=lambda row: float(row["over_floor"]))
+    return (
+        f"{channel} is {found.over_floor:.2g} times its noise (rms {found.rms:.3g} {found.unit}, noise {found.floor_rms:.3g}), "
+        f"most in {worst['phase']} ({worst['over_floor']:.2g} times)"
+    )
+
+
+def phase_remarks(rows: Sequence[dict[str, Any]], judged: Sequence[str]) -> list[str]:
+    """Phases that stand out although their channel as a whole does not (`judged`: channels that are within their noise)."""
+    out = [row for row in rows if row["channel"] in judged and row["over_floor"] > STANDS_OUT]
+    return [f"{row['channel']} in {row['phase']} is {row['over_floor']:.2g} times its noise (rms {row['rms']:.3g} {row['unit']})" for row in out]
+
+
+def coupling_error(verified: Verification, thermal: Record | None) -> dict[str, Any] | None:
+    """Coupled minus one-way temperature at the observations, max and rms in K; None where no one-way prediction was stored.
+
+    The one-way prediction is that of `identify-thermal`, which steps through times of its own: their effect is included.
+    """
+    if thermal is None or not thermal.has("theta/predicted") or "theta" not in verified.predicted:
+        return None
+    settings = thermal.config.get("stages.thermal", {})
+    stored = read_field(thermal, "theta")
+    if settings.get("coupling") != "one-way" or stored.value.shape[1] != verified.predicted["theta"].shape[1]:
+        return None
+    time = verified.observed["theta"].time
+    index = np.minimum(np.searchsorted(time, stored.time - _SAME_TIME), len(time) - 1)
+    same = np.abs(time[index] - stored.time) <= _SAME_TIME
+    difference = verified.predicted["theta"][index[same]] - thermal["theta/predicted"].value[same]
+    used = np.isfinite(difference)
+    if not used.any():
+        return None
+    worst = np.max(np.where(used, np.abs(difference), 0.0), axis=(1, 2))
+    size = difference[used]
+    return {
+        "max_K": float(np.abs(size).max()),
+        "rms_K": float(np.sqrt(np.mean(size**2))),
+        "at_s": float(stored.time[same][int(np.argmax(worst))]),
+        "n": int(used.sum()),
+    }

@@ -35,7 +35,10 @@ def at_rest(body: Body) -> np.ndarray:
 
 
 def fin_profile(y: np.ndarray) -> np.ndarray:
-    """theta_air + (theta_clamp - theta_air) cosh m (y - l/2) / (cosh m l/2 + kappa m / alpha_clamp sinh m l/2), m^2 = alpha P / (kappa A)."""
+    """theta_air + (theta_clamp - theta_air) cosh m (y - l/2) / (cosh m l/2 + kappa m / alpha_clamp sinh m l/2).
+
+    m^2 = alpha P / (kappa A), with the perimeter P and section A.
+    """
     m = np.sqrt(1e-3 * FIN["alpha_air"] * 2.0 * (A + B) / (FIN["kappa"] * A * B))
     end = np.cosh(0.5 * m * LENGTH) + FIN["kappa"] * m / (1e-3 * FIN["alpha_clamp"]) * np.sinh(0.5 * m * LENGTH)
     return FIN["theta_air"] + (FIN["theta_clamp"] - FIN["theta_air"]) * np.cosh(m * (y - 0.5 * LENGTH)) / end

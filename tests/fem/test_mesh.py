@@ -120,7 +120,8 @@ def test_impossible_number_of_planes(n_y: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"), [({"total_length": 125.0}, "total_length"), ({"grip_width": 20.0}, "grip_width"), ({"shoulder_radius": 4.0}, "radius")]
+    ("changes", "words"),
+    [({"total_length": 125.0}, "total_length"), ({"grip_width": 20.0}, "grip_width"), ({"shoulder_radius": 4.0}, "radius")],
 )
 def test_impossible_specimen(changes: dict[str, float], words: str) -> None:
     specimen = Specimen(**{**dataclasses.asdict(SPECIMEN), **changes})
@@ -139,6 +140,6 @@ def test_broken_meshes_are_told() -> None:
     hexes[2] = hexes[2][[4, 5, 6, 7, 0, 1, 2, 3]]
     with pytest.raises(NumericsError, match=r"1 elements.*number 2"):
         check_mesh(replace(mesh, hexes=hexes))
-    with pytest.raises(NumericsError, match="'top'.*99"):
+    with pytest.raises(NumericsError, match=r"'top'.*99"):
         check_mesh(Mesh(mesh.nodes, mesh.hexes, mesh.facets, {**mesh.node_sets, "top": np.array([99])}))
     check_mesh(mesh)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from small_bodies import ADIABATIC, MISES, NOMINAL, bar_mesh, dense_equilibrium
@@ -45,7 +47,7 @@ def test_residual_falls_quadratically_with_a_fresh_tangent(monkeypatch: pytest.M
     third = solver.solve(guess, theta, second.state, 158.0 * AREA, fresh=True)
     assert np.all(third.state[:, :, 10] > second.state[:, :, 10])
     relative = np.array(third.residuals) / (158.0 * AREA)
-    steps = [(a, b) for a, b in zip(relative[:-1], relative[1:], strict=True) if b > 1e-12]
+    steps = [(a, b) for a, b in pairwise(relative) if b > 1e-12]
     assert len(steps) >= 3
     assert all(b < 10.0 * a**2 for a, b in steps), relative
     assert relative[-1] < 1e-11

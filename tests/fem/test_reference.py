@@ -6,6 +6,8 @@ a stretch of 1e-6 and 1 mK.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from small_bodies import NOMINAL, SPECIMEN, reference_table
@@ -59,7 +61,6 @@ def test_coarse_mesh() -> None:
     mesh, history = run((4, 40, 1), MarchSettings())
     error = differences(mesh, history, table)
     strain, rise = table["stretch_y_centre"].max() - 1.0, np.ptp(table["theta_centre_K"])
-    print(error, strain, rise)
     assert error["stretch_y_centre"] < 1e-3 * strain
     assert error["stretch_x_centre"] < 1e-3 * strain and error["stretch_z_centre"] < 1e-3 * strain
     assert error["P22_MPa"] < 1e-3 * table["P22_MPa"].max()
@@ -81,7 +82,6 @@ def test_full_mesh(name: str, settings: MarchSettings, substeps: int, centre: fl
     """The fair tolerances of the reference: stretch 2e-5, centre 5 mK (3 mK with two steps per row), jaw end 8 mK."""
     mesh, history = run((12, 80, 4), settings, substeps=substeps)
     error = differences(mesh, history, reference_table(name))
-    print(name, substeps, error)
     assert max(error[f"stretch_{axis}_centre"] for axis in "xyz") < 2e-5
     assert max(error["theta_centre_K"], error["theta_ym20_K"]) < centre
     assert error["theta_jaw_K"] < 8e-3
@@ -93,8 +93,7 @@ def test_convergence_towards_the_reference() -> None:
     """Stretch and end displacement with order 2 in the mesh."""
     table = reference_table("model2.csv")
     errors = [differences(*run(counts, MarchSettings()), table) for counts in ((3, 20, 1), (6, 40, 2), (12, 80, 4))]
-    print(errors)
-    for coarse, fine in zip(errors[:-1], errors[1:], strict=True):
+    for coarse, fine in pairwise(errors):
         assert fine["U_top_mm"] < 0.35 * coarse["U_top_mm"]
         assert fine["stretch_y_centre"] < 0.4 * coarse["stretch_y_centre"]
         assert fine["theta_centre_K"] < 0.6 * coarse["theta_centre_K"]

@@ -6,7 +6,7 @@ import numpy as np
 
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.identify.inputs import LoadSteps, Measured, TestPhase
+from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.measure.observation import FieldObservation
 
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
@@ -34,4 +34,5 @@ def uniaxial_test(parameters: Parameters = TRUTH, noise: float = 0.0, last: floa
     steps_time = np.sort(np.append(time, 3.0))
     steps = LoadSteps(steps_time, np.interp(steps_time, np.append(time[:2], [3.0, *time[2:]]), np.append(force[:2], [0.0, *force[2:]])))
     phases = (TestPhase(0.0, 3.0, "rest"), TestPhase(3.0, 7.0, "elastic"), TestPhase(7.0, 107.0, "loading"))
-    return Measured(SPECIMEN, 297.0, 296.5, observation, None, {"displacement": steps, "temperature": steps, "all": steps}, 3.0, phases)
+    force_seen = force_observation(time, steps, 4.0)
+    return Measured(SPECIMEN, 297.0, 296.5, observation, None, force_seen, {"displacement": steps, "temperature": steps, "all": steps}, 3.0, phases)

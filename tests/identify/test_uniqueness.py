@@ -22,7 +22,9 @@ ALL = np.ones(4, dtype=bool)
 
 def test_table_5_19_is_one_optimum() -> None:
     found = uniqueness((*FOUR, "alpha_air", "alpha_clamp"), TABLE_5_19, np.full(4, 14.97), ALL)
-    assert found.kind == "one optimum" and found.text.startswith("one optimum: 4 of 4 starts converge and agree within 0.65 % (alpha_clamp)")
+    assert found.kind == "one optimum" and found.text.startswith(
+        "one optimum: 4 of 4 starts converge and agree within 0.65 % (alpha_clamp)"
+    )
     assert found.spread["alpha_clamp"] == pytest.approx(1.54 / 236.30) and found.spread["beta"] == 0.0
 
 

@@ -128,9 +128,7 @@ def test_dissipation_is_plastic_work_less_stored_energy() -> None:
         assert dissipated_energy(0.0, alpha, Lambda, law) == pytest.approx(work - stored, rel=1e-10)
 
 
-@given(
-    st.floats(0.0, 1.0), st.floats(20.0, 400.0), st.floats(1.05, 6.0), st.floats(0.5, 100.0), st.floats(0.0, 1.0), st.floats(0.0, 0.4)
-)
+@given(st.floats(0.0, 1.0), st.floats(20.0, 400.0), st.floats(1.05, 6.0), st.floats(0.5, 100.0), st.floats(0.0, 1.0), st.floats(0.0, 0.4))
 def test_dissipation_is_not_negative_inside_the_bounds_of_beta(
     share: float, M_y0: float, ratio: float, b: float, start: float, d_lambda: float
 ) -> None:

@@ -30,11 +30,16 @@ def test_verdict_on_table_5_21() -> None:
     assert change[0] == pytest.approx(0.0) and change[1, 5] == pytest.approx(182.78 / 236.30 - 1.0)
     largest = dict(zip(names, np.abs(change).max(axis=0).tolist(), strict=True))
     text = sensitivity_verdict("theta_clamp", [296.7, 297.3, 296.3], largest)
-    assert text == "theta_clamp from 296.3 to 297.3 K (nominal 296.7): alpha_clamp reacts most, by up to 23 %; alpha_exp least, by up to 0.74 %"
+    assert (
+        text
+        == "theta_clamp from 296.3 to 297.3 K (nominal 296.7): alpha_clamp reacts most, by up to 23 %; alpha_exp least, by up to 0.74 %"
+    )
 
 
 def test_change_against_a_zero_nominal() -> None:
-    assert relative_change(np.array([[0.0, 0.0], [2.0, 0.0], [-4.0, 0.0]])) == pytest.approx(np.array([[0.0, 0.0], [0.5, 0.0], [-1.0, 0.0]]))
+    assert relative_change(np.array([[0.0, 0.0], [2.0, 0.0], [-4.0, 0.0]])) == pytest.approx(
+        np.array([[0.0, 0.0], [0.5, 0.0], [-1.0, 0.0]])
+    )
 
 
 def test_optimum_moves_with_the_prescribed_conductivity(study_of: StudyOf) -> None:

@@ -10,6 +10,9 @@ from typing import Any
 import yaml
 
 from thermofit.core.staging import Outcome
+from thermofit.core.study import load_study
+
+__all__ = ["CHAIN", "MESH", "TRUTH", "load_study", "stage_run", "tree", "write"]
 
 MESH = {"n_x": 2, "n_y": 12, "n_z": 1}
 TRUTH = {

@@ -71,7 +71,7 @@ class StageSettings(Section):
     method: Method = "least-squares"
     coupling: Literal["full", "one-way"] = "full"
     max_evaluations: Count = 2000
-    tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-6
+    tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-5
     """Relative change of the parameters at which the search ends."""
     du: RelativeDisplacement = RelativeDisplacement()
 

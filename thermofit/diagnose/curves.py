@@ -34,7 +34,7 @@ def stress_stretch(verified: Verification, data: Measured) -> dict[str, Dataset]
         "curves/stress_stretch/stretch_sigma": Dataset(error, "1", dims),
         "curves/stress_stretch/stretch_model": Dataset(1.0 + model, "1", dims),
         "curves/stress_stretch/step_time": Dataset(steps.time, "s", at_steps),
-        "curves/stress_stretch/step_stress": Dataset(steps.force / area, "MPa", at_steps),
+        "curves/stress_stretch/step_stress": Dataset(verified.history.force / area, "MPa", at_steps),
         "curves/stress_stretch/step_stretch": Dataset(1.0 + everywhere, "1", at_steps),
     }
 

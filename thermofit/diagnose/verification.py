@@ -17,7 +17,7 @@ from thermofit.core.study import Study
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.fem.body import Body
 from thermofit.fem.march import History
-from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
+from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, read_field
 from thermofit.identify.model import reference_times
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
@@ -34,7 +34,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class Verification:
-    """A coupled run beside the data: observed and predicted fields ("u", "theta") and the residual of every channel."""
+    """A coupled run beside the data: observed and predicted fields ("u", "theta", "force") and the residual of every channel."""
 
     body: Body
     steps: LoadSteps
@@ -67,33 +67,44 @@ def fitted_parameters(study: Study, parameters: Parameters, stages: Sequence[str
 
 def verification(study: Study, data: Measured, parameters: Parameters) -> Verification:
     """One coupled run through all load steps, compared at all observations. NumericsError where the specimen cannot carry the force."""
-    body, steps = specimen_body(data, study.mesh_size), data.steps["all"]
+    steps = data.steps["all"]
+    run = run_of(study, data, study.mesh_size, steps, march_settings(study, "full"))
     with progress("verify", len(steps.time) - 1) as advance:
         try:
-            history = Run(body, steps, march_settings(study, "full"))(parameters, lambda _: advance())
+            history = run(parameters, lambda _: advance())
         except NumericsError as error:
-            raise NumericsError(f"coupled run with the parameters identified so far: {error}; identify those of the missing stages first") from error
-    observed = {"u": data.displacement}
-    u = sampler(body, data.displacement, steps).displacement(history)
-    predicted = {"u": u}
+            text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
+            raise NumericsError(text) from error
+    observed, predicted = _fields(study, data, run.body, history)
+    return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
+
+
+def _fields(
+    study: Study, data: Measured, body: Body, history: History
+) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
+    """Observed and predicted fields; the force is one of them where the crosshead drives."""
+    steps = data.steps["all"]
+    at_stages = sampler(body, data.displacement, steps)
+    observed, predicted = {"u": data.displacement}, {"u": at_stages.displacement(history)}
     if data.temperature is not None:
         observed["theta"] = data.temperature
         predicted["theta"] = sampler(body, data.temperature, steps).temperature(history.theta)
+    if study.force.drives != "force":
+        observed["force"], predicted["force"] = data.force, at_stages.force(history)
+    return observed, predicted
+
+
+def _residuals(
+    study: Study, data: Measured, observed: dict[str, FieldObservation], predicted: dict[str, np.ndarray]
+) -> tuple[ResidualField, ...]:
     errors = {name: predicted[name] - observed[name].value for name in observed}
-    return Verification(body, steps, history, observed, predicted, _residuals(study, data, errors))
-
-
-def _residuals(study: Study, data: Measured, errors: dict[str, np.ndarray]) -> tuple[ResidualField, ...]:
-    u = data.displacement
+    u, theta = observed["u"], observed.get("theta")
     du = residual_field(rigid_free(u), errors["u"], u)
     fields = [du, du.component(0), du.component(1)]
-    theta = data.temperature
     if theta is not None:
         change = temperature_change(theta, reference_times(theta, study, data.load_start))
         fields.append(residual_field(change, errors["theta"], theta))
-    fields.append(residual_field(plain(u), errors["u"], u))
-    if theta is not None:
-        fields.append(residual_field(plain(theta), errors["theta"], theta))
+    fields += [residual_field(plain(observed[name]), errors[name], observed[name]) for name in ("force", "u", "theta") if name in observed]
     return tuple(fields)
 
 
@@ -108,7 +119,7 @@ def channel_table(residuals: Sequence[ResidualField]) -> dict[str, dict[str, Any
 
 
 def phase_table(residuals: Sequence[ResidualField], spans: Sequence[Span]) -> list[dict[str, Any]]:
-    """One row per judged channel and phase in which it is compared: statistics and `over_floor`, the residual in noise floors."""
+    """One row per judged channel and phase in which it is compared: its statistics without the mean."""
     rows = []
     for field in residuals:
         if field.channel in INFORMATION:
@@ -117,33 +128,49 @@ def phase_table(residuals: Sequence[ResidualField], spans: Sequence[Span]) -> li
         for number, span in enumerate(spans):
             found = statistics(field.at(index == number))
             if found is not None:
-                place = {"channel": field.channel, "phase": span.name, "t0_s": span.t0, "t1_s": span.t1}
-                rows.append({**place, **asdict(found), "over_floor": found.over_floor})
+                place = {"channel": field.channel, "phase": span.name, "t0_s": round(span.t0, 3), "t1_s": round(span.t1, 3)}
+                rows.append({**place, **{key: value for key, value in asdict(found).items() if key != "mean"}})
     return rows
 
 
-def judge(residuals: Sequence[ResidualField], rows: Sequence[dict[str, Any]]) -> tuple[str, bool]:
-    """The verdict in one line, and whether every judged channel stays below STANDS_OUT noise floors."""
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict in one line, and the judged channels that stay below STANDS_OUT noise floors and those that do not."""
+
+    line: str
+    within: tuple[str, ...]
+    outside: tuple[str, ...]
+
+
+def judge(residuals: Sequence[ResidualField], rows: Sequence[dict[str, Any]]) -> Judgement:
+    """Which channels are explained by their noise; `rows` (of `phase_table`) name the phase where one is not."""
     found = [(f.channel, statistics(f)) for f in residuals if f.channel not in INFORMATION]
     sizes = [(channel, s) for channel, s in found if s is not None]
-    outside = [(channel, s) for channel, s in sizes if s.over_floor > STANDS_OUT]
+    within = tuple(channel for channel, s in sizes if s.over_floor <= STANDS_OUT)
+    outside = tuple(channel for channel, _ in sizes if channel not in within)
     if not outside:
-        return "verified: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes) + " times the noise", True
-    return "not verified: " + "; ".join(_outlier(channel, s, rows) for channel, s in outside), False
+        line = "verified: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes) + " times the noise"
+    else:
+        line = "not verified: " + "; ".join(_outlier(channel, s, rows) for channel, s in sizes if channel in outside)
+    return Judgement(line, within, outside)
 
 
 def _outlier(channel: str, found: Statistics, rows: Sequence[dict[str, Any]]) -> str:
-    worst = max((row for row in rows if row["channel"] == channel), key=lambda row: float(row["over_floor"]))
+    worst = max((row for row in rows if row["channel"] == channel), key=_over_floor)
     return (
         f"{channel} is {found.over_floor:.2g} times its noise (rms {found.rms:.3g} {found.unit}, noise {found.floor_rms:.3g}), "
-        f"most in {worst['phase']} ({worst['over_floor']:.2g} times)"
+        f"most in {worst['phase']} ({_over_floor(worst):.2g} times)"
     )
 
 
-def phase_remarks(rows: Sequence[dict[str, Any]], judged: Sequence[str]) -> list[str]:
-    """Phases that stand out although their channel as a whole does not (`judged`: channels that are within their noise)."""
-    out = [row for row in rows if row["channel"] in judged and row["over_floor"] > STANDS_OUT]
-    return [f"{row['channel']} in {row['phase']} is {row['over_floor']:.2g} times its noise (rms {row['rms']:.3g} {row['unit']})" for row in out]
+def _over_floor(row: dict[str, Any]) -> float:
+    return float(np.sqrt(row["chi2_reduced"]))
+
+
+def phase_remarks(rows: Sequence[dict[str, Any]], within: Sequence[str]) -> list[str]:
+    """Phases that stand out although their channel as a whole is `within` its noise."""
+    out = [row for row in rows if row["channel"] in within and _over_floor(row) > STANDS_OUT]
+    return [f"{r['channel']} in {r['phase']} is {_over_floor(r):.2g} times its noise (rms {r['rms']:.3g} {r['unit']})" for r in out]
 
 
 def coupling_error(verified: Verification, thermal: Record | None) -> dict[str, Any] | None:

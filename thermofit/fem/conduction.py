@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.fem.body import Body, ThermalGeometry
 from thermofit.fem.linear import Factor, multiply_symmetric
+from thermofit.material.law import Law
 
 GAMMA = 1.0 - np.sqrt(0.5)
 """Coefficient of Alexander's two-stage, stiffly accurate, L-stable SDIRK scheme of order 2 (SIAM J. Numer. Anal. 14, 1977)."""
@@ -30,6 +31,15 @@ def heat_conditions(parameters: Parameters) -> HeatConditions:
     """HeatConditions of named parameters: the film sets are "air" and "clamp" (5.2.2)."""
     v = parameters.values
     return HeatConditions(v["kappa"], v["c0"], {"air": (v["alpha_air"], v["theta_air"]), "clamp": (v["alpha_clamp"], v["theta_clamp"])})
+
+
+def at_constant_stress(conditions: HeatConditions, law: Law) -> HeatConditions:
+    """Conditions for mechanics that was solved at one temperature and lacks the thermal expansion.
+
+    The heat that free expansion takes, 3 alpha K theta d(ln J) with d(ln J) = 3 alpha dtheta, enters the heat capacity instead:
+    c0 + 9 K alpha^2 theta_0, that of constant stress; without it temperatures rise 3.5 % too much in aluminium.
+    """
+    return replace(conditions, c0=conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
 
 @dataclass(frozen=True)

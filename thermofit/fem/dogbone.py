@@ -25,8 +25,8 @@ def shoulder_length(specimen: Specimen) -> float:
     radius = specimen.shoulder_radius
     if not 0.0 <= rise <= radius:
         raise StudyError(
-            f"specimen: grip_width {specimen.grip_width} mm and gauge_width {specimen.gauge_width} mm do not fit a shoulder of radius {radius} mm; "
-            "half their difference must lie between 0 and the radius"
+            f"specimen: grip_width {specimen.grip_width} mm and gauge_width {specimen.gauge_width} mm do not fit a shoulder of radius "
+            f"{radius} mm; half their difference must lie between 0 and the radius"
         )
     return float(np.sqrt(radius**2 - (radius - rise) ** 2))
 
@@ -40,8 +40,8 @@ def plane_positions(specimen: Specimen, n_y: int) -> np.ndarray:
     end = 0.5 * specimen.total_length
     if end <= gauge_end + shoulder:
         raise StudyError(
-            f"specimen: total_length {specimen.total_length} mm leaves no straight grip behind gauge and shoulders of {gauge_end + shoulder:.2f} mm; "
-            "check total_length, parallel_length and shoulder_radius"
+            f"specimen: total_length {specimen.total_length} mm leaves no straight grip behind gauge and shoulders of "
+            f"{gauge_end + shoulder:.2f} mm; check total_length, parallel_length and shoulder_radius"
         )
     n_gauge = max(1, round(_GAUGE_SHARE * half))
     n_grip = max(1, round(_GRIP_SHARE * half))
@@ -65,11 +65,11 @@ def dogbone_mesh(specimen: Specimen, n_x: int, n_y: int, n_z: int) -> Mesh:
     y = plane_positions(specimen, n_y)
     x_share, z_share = np.linspace(0.0, 1.0, n_x + 1), np.linspace(0.0, 1.0, n_z + 1)
     width, half_thickness = half_width(specimen, y), 0.5 * specimen.thickness
-    nodes = np.empty((n_y + 1, n_x + 1, n_z + 1, 3))
-    nodes[..., 0] = (width[:, None] * x_share)[:, :, None]
-    nodes[..., 1] = y[:, None, None]
-    nodes[..., 2] = half_thickness * z_share
-    nodes = nodes.reshape(-1, 3)
+    block = np.empty((n_y + 1, n_x + 1, n_z + 1, 3))
+    block[..., 0] = (width[:, None] * x_share)[:, :, None]
+    block[..., 1] = y[:, None, None]
+    block[..., 2] = half_thickness * z_share
+    nodes = block.reshape(-1, 3)
     hexes = structured_hexes(n_x, n_y, n_z)
     number = np.arange(len(nodes)).reshape(n_y + 1, n_x + 1, n_z + 1)
     facets = boundary_facets(hexes)

@@ -1,7 +1,7 @@
 """The hex8 element: shape functions, F-bar kinematics, internal forces and their symmetric tangent.
 
-F-bar in its variational (mean dilatation) form, so that the tangent is symmetric: F_bar = (J_bar/J)^(1/3) F with J_bar the
-element mean of J. Its virtual work is
+F-bar in its variational (mean dilatation) form, whose tangent is as symmetric as that of the point: F_bar = (J_bar/J)^(1/3) F
+with J_bar the element mean of J. Its virtual work is
 
     int P(F_bar) : delta F_bar dV = int [dev tau : grad w + p g_bar . w] dV,   g_bar_a = int J g_a dV / (V J_bar),
 
@@ -320,8 +320,6 @@ def element_pass(
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             if tangent:
                 stiffness[e, :, :] = 0.0
-            if not _one_element(
-                data, e, u, theta, state_n[e], law, tangent, w, point, force[e], stiffness[e], state[e], dilatation[e]
-            ):
+            if not _one_element(data, e, u, theta, state_n[e], law, tangent, w, point, force[e], stiffness[e], state[e], dilatation[e]):
                 failed[chunk] += 1
     return failed.sum()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
@@ -93,7 +93,7 @@ class Factor:
 
     def __init__(self, pattern: BandPattern, data: np.ndarray) -> None:
         self._pattern, self._data = pattern, data
-        self._lu = None
+        self._lu: SuperLU | None = None
         self.positive = False
         if pattern.bandwidth < _BAND_SHARE * pattern.n + 50:
             band = np.zeros((pattern.n, pattern.bandwidth + 1))
@@ -113,7 +113,10 @@ class Factor:
                 return x
             if refinement < 2:
                 x = x + self._raw_solve(residual)
-        raise NumericsError(f"linear solve: relative residual {size:.1e} after refinement, expected below {_RESIDUAL_LIMIT:.0e}; check the boundary conditions")
+        raise NumericsError(
+            f"linear solve: relative residual {size:.1e} after refinement, expected below {_RESIDUAL_LIMIT:.0e}; "
+            "check the boundary conditions"
+        )
 
     def _apply(self, x: np.ndarray) -> np.ndarray:
         p = self._pattern
@@ -130,7 +133,7 @@ class Factor:
         return x
 
 
-def _sparse_lu(pattern: BandPattern, data: np.ndarray):  # noqa: ANN202 - scipy's SuperLU type is private
+def _sparse_lu(pattern: BandPattern, data: np.ndarray) -> SuperLU:
     off = pattern.row != pattern.column
     rows = np.concatenate([pattern.row, pattern.column[off]])
     columns = np.concatenate([pattern.column, pattern.row[off]])

@@ -1,7 +1,8 @@
 """March in time: mechanics and heat, step by step; the only place where state is committed.
 
 `coupling` "full" iterates both fields of a step until the temperature stands still (staggered); "one-way" solves the mechanics
-at the initial temperature and the heat equation on the deformation and dissipation that follow from it.
+at the initial temperature and the heat equation, with the heat capacity of constant stress, on the deformation and dissipation
+that follow from it.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ import numpy as np
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import Body, ThermalGeometry, thermal_geometry
-from thermofit.fem.conduction import HeatConditions, heat_conditions, heat_step, steady_temperature, stored_heat
+from thermofit.fem.conduction import HeatConditions, at_constant_stress, heat_conditions, heat_step, steady_temperature, stored_heat
 from thermofit.fem.heat import PointHistory, heat_of_increment, smallest_dissipation
+from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.newton import Equilibrator, Equilibrium, NewtonSettings, virgin_state
 from thermofit.material.law import Law, law_of
 from thermofit.material.point import ALPHA, LAMBDA
-
 
 _FIRST_SWEEP = 1e3
 """Looser equilibrium of the first sweep of a coupled step, whose temperature is an extrapolation."""
@@ -43,11 +44,16 @@ class MarchSettings:
 
 @dataclass(frozen=True)
 class Loading:
-    """What drives the loaded end: total force in N, or its displacement in mm, piecewise linear over time s."""
+    """What drives the loaded end: total force in N, or its displacement in mm, piecewise linear over time s.
+
+    A displacement counts from the stress-free reference state, or `from_rest` from the resting specimen, which its temperature has
+    already lengthened.
+    """
 
     time: np.ndarray
     value: np.ndarray
     control: str = "force"
+    from_rest: bool = False
 
     def at(self, t: float) -> float:
         """Value at time t."""
@@ -122,9 +128,17 @@ def march(
     """
     if len(times) < 2 or np.any(np.diff(times) <= 0.0):
         raise StudyError("march: at least two increasing times are needed; check the evaluation times of the study")
+    if (loading.control == "force") != (body.top >= 0):
+        raise StudyError(
+            f"march: the loading prescribes a {loading.control}, but the body was made for the other control; use one control for both"
+        )
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
-    run = _Run(body, law, heat_conditions(parameters), loading, settings)
-    start, past = run.initial(float(times[0])), ()
+    conditions = heat_conditions(parameters)
+    if settings.coupling == "one-way":
+        conditions = at_constant_stress(conditions, law)
+    run = _Run(body, law, conditions, loading, settings)
+    start = run.initial(float(times[0]))
+    past: tuple[_Passed, ...] = ()
     records, balances = [_record(body, start, settings)], []
     for n, t in enumerate(times[1:], start=1):
         state, balance = run.advance(start, past, float(t), 0)
@@ -185,10 +199,11 @@ class _Run:
         self.iterations = 0
         self.cuts = 0
         self.resting_temperature = np.empty(0)
+        self.rest_displacement = 0.0
 
     def load(self, t: float) -> float:
         """Load of the model at time t: its share of the force, or the displacement."""
-        return self.loading.at(t) / self.factor
+        return self.loading.at(t) / self.factor + self.rest_displacement
 
     def initial(self, t: float) -> State:
         """Equilibrium at the steady temperature of the resting specimen (5.2.2)."""
@@ -196,6 +211,8 @@ class _Run:
         u = np.zeros((body.mesh.n_nodes, 3))
         theta = steady_temperature(body, thermal_geometry(body, u), self.conditions)
         self.resting_temperature = theta
+        if self.loading.control == "displacement" and self.loading.from_rest:
+            self.rest_displacement = self.law.alpha_exp * _mean(body, theta - self.law.theta_ref) * float(np.ptp(body.mesh.nodes[:, 1]))
         load = self.load(t)
         found = self.solver.solve(u, theta, virgin_state(body.mesh.n_elements), load)
         geometry = thermal_geometry(body, found.u)
@@ -299,6 +316,12 @@ def _goes_on(before: float, now: float) -> bool:
 def _lagrange(times: list[float], t: float) -> list[float]:
     """Weights of the polynomial through `times` at t."""
     return [float(np.prod([(t - b) / (a - b) for b in times if b != a])) for a in times]
+
+
+def _mean(body: Body, theta: np.ndarray) -> float:
+    """Volume mean of a nodal field (n_np,)."""
+    p = body.thermal
+    return float(multiply_symmetric(p.row, p.column, body.capacity, theta).sum() / body.data.volume.sum())
 
 
 def _top(body: Body, u: np.ndarray) -> float:

@@ -1,9 +1,7 @@
-"""Equilibrium of one load level: Newton with a kept factor, Broyden's correction, line search, and a clear failure.
+"""Equilibrium of one load level: Newton with a kept factor, line search, and a clear failure.
 
 The factor of an earlier iteration or step is used again while the residual falls by a factor of four; otherwise the tangent
-is formed at the current iterate. Steps with a kept factor are corrected by what the steps before them have shown of the
-tangent (Broyden's good method: Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995, section 7.3). Nothing
-here commits state: old state in, new state out.
+is formed at the current iterate. Nothing here commits state: old state in, new state out.
 """
 
 from __future__ import annotations
@@ -20,8 +18,6 @@ from thermofit.material.law import Law
 from thermofit.material.point import N_STATE
 
 _KEEP = 0.25
-_MAX_PAIRS, _SAFE = 12, 0.25
-"""Broyden's corrections that are kept with a factor, and the smallest share of a step that one may leave."""
 _KEPT_DECREASE = 0.9
 _UPHILL = 100.0
 """Factor by which the residual may rise in a full step that leads from the elastic tangent to the plastic one."""
@@ -81,7 +77,6 @@ class Equilibrator:
         self._force = np.empty((n_el, 24))
         self._stiffness = np.empty((n_el, 24, 24))
         self._factor: Factor | None = None
-        self._pairs: list[tuple[np.ndarray, np.ndarray]] = []
         flat = body.element_equation.ravel()
         self._used = np.flatnonzero(flat >= 0)
         self._equation = flat[self._used]
@@ -111,29 +106,27 @@ class Equilibrator:
         exact = self._factor is None
         here = self._evaluate(self._admissible(u_start, load), level, tangent=exact)
         if not np.isfinite(here.norm):
-            raise NumericsError("equilibrium: the start of the Newton iteration is not admissible (inverted element or too large a plastic step)")
+            raise NumericsError(
+                "equilibrium: the start of the Newton iteration is not admissible (inverted element or too large a plastic step)"
+            )
         norms: list[float] = [here.norm]
-        last: np.ndarray | None = None
         self._uphill_steps = 0
         for iteration in range(self.settings.max_iterations):
             if here.norm <= tolerance * here.scale:
                 return Equilibrium(here.u, level.state, level.dilatation, self._top_force(), iteration, tuple(norms))
             if self._factor is None:
                 here = self._evaluate(here.u, level, tangent=True)
-                exact, last = True, None
-            step = self._step(here, last)
-            found = self._search(here, step, level, backtrack=exact)
-            if found is None and exact:
+                exact = True
+            there = self._search(here, self._step(here), level, backtrack=exact)
+            if there is None and exact:
                 raise NumericsError(
                     f"equilibrium: the line search failed at relative residual {here.norm / here.scale:.1e} in iteration {iteration + 1}"
                 )
-            if found is None:
+            if there is None:
                 self._factor = None
                 continue
-            there, length = found
             if there.norm > _KEEP * here.norm:
                 self._factor = None
-            last = step if length == 1.0 else None
             exact, here = False, there
             norms.append(here.norm)
         raise NumericsError(
@@ -141,25 +134,13 @@ class Equilibrator:
             f"expected {tolerance:.0e}"
         )
 
-    def _step(self, here: _Iterate, last: np.ndarray | None) -> np.ndarray:
-        """Step (n_eq,) of the kept factor, with Broyden's corrections of all pairs of steps that were taken with it.
-
-        B_k^-1 = product of (1 + s_(j+1) s_j^T / |s_j|^2) B_0^-1; `last` is the step that led here, if it was a full one.
-        """
+    def _step(self, here: _Iterate) -> np.ndarray:
+        """Change of u (n_np, 3) by the kept factor: zero where u is prescribed, one value where it is tied."""
         if self._factor is None:
             raise NumericsError("equilibrium: no tangent was formed")
-        z = self._factor.solve(-here.residual)
-        for before, after in self._pairs:
-            z = z + after * ((before @ z) / (before @ before))
-        if last is None:
-            return z
-        remaining = 1.0 - (last @ z) / (last @ last)
-        if remaining < _SAFE:
-            return z
-        z = z / remaining
-        if len(self._pairs) < _MAX_PAIRS:
-            self._pairs.append((last, z))
-        return z
+        equation = self.body.equation
+        x = self._factor.solve(-here.residual)
+        return np.where(equation >= 0, x[np.maximum(equation, 0)], 0.0)
 
     def _admissible(self, u: np.ndarray, load: float) -> np.ndarray:
         """u with prescribed values: zero where fixed, the load where the top is displaced."""
@@ -168,11 +149,6 @@ class Equilibrator:
         if self.body.top < 0:
             u[self.body.equation == LOADED] = load
         return u
-
-    def _expand(self, x: np.ndarray) -> np.ndarray:
-        """Change of u (n_np, 3) of the unknowns (n_eq,): zero where u is prescribed, one value where it is tied."""
-        equation = self.body.equation
-        return np.where(equation >= 0, x[np.maximum(equation, 0)], 0.0)
 
     def _evaluate(self, u: np.ndarray, level: _Level, *, tangent: bool = False) -> _Iterate:
         """Residual at u, and the new point states in the buffers of the level; forms and factors the tangent if asked."""
@@ -190,29 +166,28 @@ class Equilibrator:
             data = np.zeros(body.mechanical.n_slots)
             scatter(self._stiffness, body.mechanical_slot, data)
             self._factor = Factor(body.mechanical, data)
-            self._pairs = []
             self.factorisations += 1
         return _Iterate(u, residual, float(np.linalg.norm(residual)), max(float(np.linalg.norm(self._force)), self._floor))
 
-    def _search(self, here: _Iterate, step: np.ndarray, level: _Level, *, backtrack: bool) -> tuple[_Iterate, float] | None:
-        """Backtracking on the residual norm: the accepted iterate and step length, or None where no length lowers the norm.
+    def _search(self, here: _Iterate, step: np.ndarray, level: _Level, *, backtrack: bool) -> _Iterate | None:
+        """Backtracking on the residual norm: the accepted iterate, or None where no step length lowers the norm.
 
         With a kept factor only the full step is tried. Any decrease is enough with a fresh tangent. Where all points stand on the
         yield surface, the tangent is elastic and their answer plastic: no length lowers the residual, but the full step leads
         to where the tangent is plastic. It is taken, at most `_MAX_UPHILL` times.
         """
-        length, direction = 1.0, self._expand(step)
-        enough, uphill = 1.0 if backtrack else _KEPT_DECREASE, False
+        length, uphill = 1.0, False
+        enough = 1.0 if backtrack else _KEPT_DECREASE
         for _ in range(self.settings.max_backtracks if backtrack else 1):
-            there = self._evaluate(here.u + length * direction, level)
+            there = self._evaluate(here.u + length * step, level)
             if there.norm < enough * here.norm or there.norm <= self.settings.tolerance * there.scale:
-                return there, length
+                return there
             uphill |= length == 1.0 and there.norm < _UPHILL * here.norm
             length *= 0.5
         if not (backtrack and uphill and self._uphill_steps < _MAX_UPHILL):
             return None
         self._uphill_steps += 1
-        return self._evaluate(here.u + direction, level), 1.0
+        return self._evaluate(here.u + step, level)
 
     def _top_force(self) -> float:
         """Internal force along y on the loaded end of the model, N."""

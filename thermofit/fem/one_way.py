@@ -7,13 +7,14 @@ sources follow from the stored point histories through the same functions as in 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import Body, ThermalGeometry, thermal_geometry
-from thermofit.fem.conduction import heat_conditions, heat_step, steady_temperature
+from thermofit.fem.conduction import at_constant_stress, heat_conditions, heat_step, steady_temperature
 from thermofit.fem.heat import PointHistory, heat_of_increment
 from thermofit.fem.march import History, MarchSettings
 from thermofit.material.law import law_of
@@ -32,11 +33,11 @@ class HeatProblem:
 
 
 def heat_problem(body: Body, history: History, settings: MarchSettings) -> HeatProblem:
-    """HeatProblem of a march that kept its points; StudyError where it did not."""
+    """HeatProblem of a march that kept its points, with its settings; StudyError where it did not."""
     if len(history.points) != len(history.time):
         raise StudyError("one-way heat run: the mechanical history holds no point histories; run the march with keep_points")
     at_times = [thermal_geometry(body, u) for u in history.u]
-    means = tuple(before.mean_with(after) for before, after in zip(at_times[:-1], at_times[1:], strict=True))
+    means = tuple(before.mean_with(after) for before, after in pairwise(at_times))
     rest = thermal_geometry(body, np.zeros_like(history.u[0]))
     return HeatProblem(body, history.time, history.points, rest, means, settings)
 
@@ -49,6 +50,8 @@ def heat_run(problem: HeatProblem, parameters: Parameters) -> np.ndarray:
     body, settings = problem.body, problem.settings
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     conditions = heat_conditions(parameters)
+    if settings.coupling == "one-way":
+        conditions = at_constant_stress(conditions, law)
     theta = np.empty((len(problem.time), body.mesh.n_nodes))
     theta[0] = steady_temperature(body, problem.rest, conditions)
     before = theta[0]

@@ -32,6 +32,8 @@ class Problem:
     scale: np.ndarray
     names: tuple[str, ...]
     jacobian: JacobianFunction | None = None
+    first_jacobian: np.ndarray | None = None
+    """dr/dx (n, n_p) near the start, for example of a coarser model: least-squares begins with it and computes its own at the end."""
 
     def __post_init__(self) -> None:
         if not self.names:

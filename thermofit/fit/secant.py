@@ -24,6 +24,10 @@ FIRST_RADIUS = 0.3
 BELIEVED = 0.5
 """Achieved over predicted drop below which an updated Jacobian is recomputed."""
 
+UNRESOLVED = 25.0
+"""Predicted drop, in units of the tolerance, that finite differences may promise wrongly at the optimum: a trial step that then
+raises f ends the search. With f_tolerance = 0.01 this is half a standard error."""
+
 
 @dataclass(frozen=True)
 class State:
@@ -57,6 +61,8 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
             flat = full.drop <= f * relative_drop(settings, state.residual.size, state.z.size)
             if (small or flat) and state.fresh:
                 return Ending(True, "the parameters no longer change" if small else "the objective no longer changes")
+            if state.fresh and state.rejected and not state.failed and full.drop <= UNRESOLVED * f * relative_drop(settings, *state.jacobian.shape):
+                return Ending(True, "the objective no longer changes by more than the differences resolve")
             exhausted = state.radius < 0.01 * settings.x_tolerance
             if exhausted and state.fresh:
                 return _stuck(state)
@@ -71,6 +77,9 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
 def _first(evaluations: Evaluations, settings: Settings) -> State:
     problem = evaluations.problem
     residual = evaluations.residual(problem.start)
+    given = problem.first_jacobian
+    if given is not None and problem.jacobian is None and given.shape == (residual.size, len(problem.names)):
+        return State(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
     jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
     return State(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
 

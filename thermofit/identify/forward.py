@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import DataError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
@@ -20,9 +20,25 @@ from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.measure.observation import FaceOperator, FieldObservation, face_operator
 
 
-def specimen_body(data: Measured, size: MeshSize) -> Body:
-    """Quarter model of the measured specimen."""
-    return tension_body(dogbone_mesh(data.specimen, size.n_x, size.n_y, size.n_z))
+def specimen_body(data: Measured, size: MeshSize, control: str = "force") -> Body:
+    """Quarter model of the measured specimen, its upper end under force or displacement control."""
+    return tension_body(dogbone_mesh(data.specimen, size.n_x, size.n_y, size.n_z), control=control)
+
+
+def loading_of(study: Study, steps: LoadSteps) -> Loading:
+    """What drives the model: the smoothed force, or the crosshead less compliance times force. DataError without a crosshead record."""
+    if study.force.drives == "force":
+        return Loading(steps.time, steps.force)
+    if steps.crosshead is None:
+        raise DataError("force.drives is 'crosshead', but force.csv holds no column crosshead_mm; let the force drive or add the column")
+    moved = steps.crosshead - steps.crosshead[0] - study.force.compliance * (steps.force - steps.force[0])
+    return Loading(steps.time, moved, "displacement", from_rest=True)
+
+
+def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> Run:
+    """The run of a study's specimen through load steps."""
+    loading = loading_of(study, steps)
+    return Run(specimen_body(data, size, loading.control), loading, settings)
 
 
 def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_points: bool = False) -> MarchSettings:
@@ -45,12 +61,12 @@ class Run:
     """A mechanical (coupled) run of the specimen through given load steps."""
 
     body: Body
-    steps: LoadSteps
+    loading: Loading
     settings: MarchSettings
 
     def __call__(self, parameters: Parameters, on_step: Callable[[int], None] | None = None) -> History:
         """History at the load steps. NumericsError where a step fails."""
-        return march(self.body, parameters, Loading(self.steps.time, self.steps.force), self.steps.time, self.settings, on_step)
+        return march(self.body, parameters, self.loading, self.loading.time, self.settings, on_step)
 
 
 @dataclass(frozen=True)
@@ -65,6 +81,10 @@ class Sampler:
         """u - u(start) (n_t, n_s, 2) mm: the cameras measure against the resting specimen."""
         u = self.operator.displacement(history.u[np.append(self.index, self.reference)])
         return np.asarray(u[:-1] - u[-1])
+
+    def force(self, history: History) -> np.ndarray:
+        """Force on the upper end (n_t, 1, 1) N."""
+        return np.asarray(history.force[self.index][:, None, None])
 
     def temperature(self, theta: np.ndarray) -> np.ndarray:
         """theta (n_t, n_s, 1) K from nodal temperatures (n_steps, n_np)."""

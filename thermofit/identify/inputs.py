@@ -22,16 +22,17 @@ INTERPOLATE = "interpolate"
 
 @dataclass(frozen=True)
 class LoadSteps:
-    """Times s (n,) that the solver steps through and the smoothed force N (n,) there."""
+    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where recorded, the crosshead mm (n,) there."""
 
     time: np.ndarray
     force: np.ndarray
+    crosshead: np.ndarray | None = None
 
     def until(self, t_end: float) -> LoadSteps:
         """The steps up to t_end, which becomes the last one."""
-        keep = self.time < t_end - 1e-9
-        end = float(np.interp(t_end, self.time, self.force))
-        return LoadSteps(np.append(self.time[keep], t_end), np.append(self.force[keep], end))
+        time = np.append(self.time[self.time < t_end - 1e-9], t_end)
+        crosshead = None if self.crosshead is None else np.interp(time, self.time, self.crosshead)
+        return LoadSteps(time, np.interp(time, self.time, self.force), crosshead)
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Measured:
     theta_clamp: float
     displacement: FieldObservation
     temperature: FieldObservation | None
+    force: FieldObservation
     steps: dict[str, LoadSteps]
     load_start: float
     phases: tuple[TestPhase, ...]
@@ -92,19 +94,30 @@ def measured(study: Study) -> Measured:
 def measured_of(record: Record) -> Measured:
     """Measured from an open record of `interpolate`."""
     summary = record.summary
-    steps = {
-        name: LoadSteps(record[f"steps/{name}/time"].value, record[f"steps/{name}/force"].value) for name in ("displacement", "temperature", "all")
-    }
+    steps = {name: _read_steps(record, f"steps/{name}") for name in ("displacement", "temperature", "all")}
+    displacement = read_field(record, "u")
     return Measured(
         specimen=Specimen(**summary["specimen"]),
         theta_air=float(summary["temperatures"]["theta_air"]),
         theta_clamp=float(summary["temperatures"]["theta_clamp"]),
-        displacement=read_field(record, "u"),
+        displacement=displacement,
         temperature=read_field(record, "theta") if record.has("theta/value") else None,
+        force=force_observation(displacement.time, steps["displacement"], float(summary["force"]["noise_N"])),
         steps=steps,
         load_start=float(summary["load_start_s"]),
         phases=tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in summary["phases"]),
     )
+
+
+def _read_steps(record: Record, name: str) -> LoadSteps:
+    crosshead = record[f"{name}/crosshead"].value if record.has(f"{name}/crosshead") else None
+    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, crosshead)
+
+
+def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> FieldObservation:
+    """The force at the observation times of the displacements as a field of one point; sigma is the noise of the load cell."""
+    value = np.interp(time, steps.time, steps.force)[:, None, None]
+    return FieldObservation("force", time, np.zeros((1, 2)), value, np.full(value.shape, noise), np.ones(value.shape[:2], dtype=bool), "N")
 
 
 def temperature_of(data: Measured) -> FieldObservation:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.errors import DataError
+from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.fem.one_way import heat_problem
-from thermofit.identify.forward import Run, Sampler, march_settings, predicted_temperature, sampler, specimen_body
+from thermofit.identify.forward import Run, Sampler, march_settings, predicted_temperature, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
 from thermofit.measure.observation import FieldObservation
@@ -55,6 +55,8 @@ class StageModel:
 
 def field_of(channel: str) -> str:
     """The observed field behind a channel."""
+    if channel == "force":
+        return "force"
     return "u" if channel in MECHANICAL_CHANNELS else "theta"
 
 
@@ -74,7 +76,7 @@ def comparison(channel: str, observation: FieldObservation, settings: StageSetti
     if channel == "du":
         du = settings.du
         return relative_displacements(observation, RelativeScheme(du.scheme, du.components, du.distance), weight)
-    if channel == "theta":
+    if channel in ("theta", "force"):
         return plain(observation, weight)
     return temperature_change(observation, reference_times(observation, study, load_start), weight)
 
@@ -88,7 +90,7 @@ def _weight(settings: ChannelSettings) -> Weight:
 
 def steps_for(data: Measured, fields: set[str]) -> LoadSteps:
     """The load steps that hit every observation time of the given fields."""
-    if fields == {"u"}:
+    if "theta" not in fields:
         return data.steps["displacement"]
     return data.steps["temperature" if fields == {"theta"} else "all"]
 
@@ -106,21 +108,26 @@ def stage_model(
     for channel in settings.channels:
         if field_of(channel) == "u":
             observations["u"] = data.displacement.between(t0, t1)
+        elif field_of(channel) == "force":
+            observations["force"] = data.force.between(t0, t1)
         else:
             observations["theta"] = temperature_of(data).between(min(t0, data.load_start), t1)
-    if "force" in settings.channels:
-        raise DataError("channel force: the force is prescribed as a load here, so that its residual vanishes; compare u, du, theta or dtheta")
+    if "force" in settings.channels and study.force.drives == "force":
+        raise StudyError(
+            f"{study.source.name}: channel force needs force.drives: crosshead; here the force is prescribed as a load and its residual vanishes"
+        )
     end = max(float(o.time[-1]) for o in observations.values())
     steps = steps_for(data, set(observations)).until(end)
-    body = specimen_body(data, size)
-    samplers = {name: sampler(body, o, steps) for name, o in observations.items()}
+    elastic_only = set(settings.free) <= {"E", "nu"}
+    run = run_of(study, data, size, steps, march_settings(study, settings.coupling, plastic=not elastic_only))
+    samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
     comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
     one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= set(THERMAL)
     if one_way:
-        errors = _heat_errors(study, Run(body, steps, march_settings(study, "full", keep_points=True)), samplers, observations, base)
+        kept = replace(run, settings=march_settings(study, "full", keep_points=True))
+        errors = _heat_errors(kept, samplers, observations, base)
     else:
-        elastic_only = set(settings.free) <= {"E", "nu"}
-        errors = _coupled_errors(Run(body, steps, march_settings(study, settings.coupling, plastic=not elastic_only)), samplers, observations)
+        errors = _coupled_errors(run, samplers, observations)
     return StageModel(errors, comparisons, observations, remark)
 
 
@@ -132,13 +139,15 @@ def _coupled_errors(run: Run, samplers: dict[str, Sampler], observations: dict[s
             out["u"] = samplers["u"].displacement(history) - observations["u"].value
         if "theta" in observations:
             out["theta"] = samplers["theta"].temperature(history.theta) - observations["theta"].value
+        if "force" in observations:
+            out["force"] = samplers["force"].force(history) - observations["force"].value
         return out
 
     return errors
 
 
 def _heat_errors(
-    study: Study, run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation], base: Parameters
+    run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation], base: Parameters
 ) -> Callable[[Parameters], Errors]:
     problem = heat_problem(run.body, run(base), run.settings)
 

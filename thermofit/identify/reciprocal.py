@@ -40,13 +40,16 @@ class Reciprocal:
         """Scale of y: a usual coefficient is a usual resistance."""
         return np.where(self.is_reciprocal, 1.0 / scale, scale)
 
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """dy/dx (n_p,)."""
+        return np.where(self.is_reciprocal, -1.0 / np.where(self.is_reciprocal, x, 1.0) ** 2, 1.0)
+
     def converted(self, fit: FitResult) -> FitResult:
         """The fit in terms of x: values, log and dr/dx = dr/dy dy/dx; its own covariance is dropped, because it is of y."""
         if not self.is_reciprocal.any():
             return fit
         x = self.parameters(fit.x)
-        slope = np.where(self.is_reciprocal, -1.0 / x**2, 1.0)
-        jacobian = None if fit.jacobian is None else fit.jacobian * slope
+        jacobian = None if fit.jacobian is None else fit.jacobian * self.slope(x)
         log = tuple(replace(entry, x=self.parameters(entry.x)) for entry in fit.log)
         return replace(fit, x=x, jacobian=jacobian, covariance=None, sigma=None, log=log)
 

@@ -26,8 +26,10 @@ from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.model import StageModel
 from thermofit.identify.reciprocal import reciprocal_of
 
-DIFFERENCE_STEP = 2e-5
+DIFFERENCE_STEP = 5e-6
 """Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""
+F_TOLERANCE = 0.01
+"""Remaining drop of the objective in units of its variance at which a fit has converged: a tenth of a standard error."""
 
 ModelOn = Callable[[MeshSize, Parameters], StageModel]
 
@@ -56,7 +58,7 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
     if _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
         _, coarse = _minimise(study, settings, base, (model_on, coarse_size), job)
         base = base.with_vector(coarse.x)
-    model, fit = _minimise(study, settings, base, (model_on, size), job)
+    model, fit = _minimise(study, settings, base, (model_on, size), job, None if coarse is None else coarse.jacobian)
     spread, remark = _covariance(model, fit)
     return Solved(base.with_vector(fit.x), model, fit, spread, coarse, (remark,) if remark else ())
 
@@ -85,7 +87,7 @@ def _elements(size: MeshSize) -> int:
 
 
 def _minimise(
-    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job
+    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, jacobian: np.ndarray | None = None
 ) -> tuple[StageModel, FitResult]:
     model_on, size = on
     label = f"{size.n_x}x{size.n_y}x{size.n_z}"
@@ -101,8 +103,11 @@ def _minimise(
         upper=upper,
         scale=change.scales(np.array([study.scale(name) for name in settings.free])),
         names=settings.free,
+        first_jacobian=None if jacobian is None else jacobian / change.slope(base.vector()),
     )
-    options = Settings(x_tolerance=settings.tolerance, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP)
+    options = Settings(
+        x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
+    )
     with progress(f"{job.stage} {label}", None) as advance:
 
         def follow(evaluation: object, residual: np.ndarray | None) -> None:

@@ -47,7 +47,7 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
     NumericsError where the curve gives no usable start either.
     """
     plastic = [name for name in (*HARDENING, "F") if name in parameters.free]
-    if not plastic or carries(study, data, parameters):
+    if not plastic or study.force.drives != "force" or carries(study, data, parameters):
         return parameters, ""
     found = _read_off(study, data, parameters)
     while not carries(study, data, found) and "M_yinf" in plastic and found["M_yinf"] < study.bounds("M_yinf")[1]:

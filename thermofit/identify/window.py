@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.errors import DataError
+from thermofit.core.errors import DataError, StudyError
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.measure.observation import FieldObservation
 
@@ -90,5 +90,6 @@ def window_times(window: str | tuple[float, float], data: Measured, steps: LoadS
         return found.t0, found.t1, found.remark
     if window == "all":
         return float(steps.time[0]), float(steps.time[-1]), ""
-    t0, t1 = window  # type: ignore[misc]
-    return float(t0), float(t1), ""
+    if isinstance(window, str):
+        raise StudyError(f"window '{window}' is not known; expected auto, all or [t0, t1] in s")
+    return float(window[0]), float(window[1]), ""

@@ -7,7 +7,8 @@ With F_p(n+1) = exp(D) F_p(n), D = dLambda N, N = G : C_el / |C_el|_G (4.14), an
 
     C_el = exp(-D) C_tr exp(-D),    C_p^-1 = F_p(n)^-1 exp(-2 D) F_p(n)^-T,    P = mu F C_p^-1 + k F^-T.
 
-The map preserves det F_p = 1 because tr N = 0 (errata 3), and makes the tangent of the associated flow symmetric.
+The map preserves det F_p = 1 because tr N = 0 (errata 3), and makes the tangent symmetric where N and C_el are coaxial (von
+Mises; Hill along its axes). Elsewhere it is so to 4e-4 dLambda: enough for a Newton matrix, not for an exact derivative.
 """
 
 from __future__ import annotations
@@ -24,7 +25,6 @@ from thermofit.material.tensor import (
     ROW,
     Symmetric,
     added,
-    commuting_product,
     congruence,
     determinant,
     double_contraction,

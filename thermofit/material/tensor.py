@@ -80,9 +80,15 @@ def gram(a: np.ndarray) -> Symmetric:
 @kernel(forceinline=True)
 def congruence(y: Symmetric, c: Symmetric) -> Symmetric:
     """y . c . y of two symmetric tensors."""
-    t00, t01, t02 = c[0] * y[0] + c[3] * y[3] + c[5] * y[5], c[0] * y[3] + c[3] * y[1] + c[5] * y[4], c[0] * y[5] + c[3] * y[4] + c[5] * y[2]
-    t10, t11, t12 = c[3] * y[0] + c[1] * y[3] + c[4] * y[5], c[3] * y[3] + c[1] * y[1] + c[4] * y[4], c[3] * y[5] + c[1] * y[4] + c[4] * y[2]
-    t20, t21, t22 = c[5] * y[0] + c[4] * y[3] + c[2] * y[5], c[5] * y[3] + c[4] * y[1] + c[2] * y[4], c[5] * y[5] + c[4] * y[4] + c[2] * y[2]
+    t00 = c[0] * y[0] + c[3] * y[3] + c[5] * y[5]
+    t01 = c[0] * y[3] + c[3] * y[1] + c[5] * y[4]
+    t02 = c[0] * y[5] + c[3] * y[4] + c[5] * y[2]
+    t10 = c[3] * y[0] + c[1] * y[3] + c[4] * y[5]
+    t11 = c[3] * y[3] + c[1] * y[1] + c[4] * y[4]
+    t12 = c[3] * y[5] + c[1] * y[4] + c[4] * y[2]
+    t20 = c[5] * y[0] + c[4] * y[3] + c[2] * y[5]
+    t21 = c[5] * y[3] + c[4] * y[1] + c[2] * y[4]
+    t22 = c[5] * y[5] + c[4] * y[4] + c[2] * y[2]
     return (
         y[0] * t00 + y[3] * t10 + y[5] * t20,
         y[3] * t01 + y[1] * t11 + y[4] * t21,

@@ -6,7 +6,7 @@ import numpy as np
 
 from thermofit.core.staging import Outcome
 from thermofit.core.study import Study
-from thermofit.identify.forward import Run, march_settings, specimen_body
+from thermofit.identify.forward import march_settings, run_of
 from thermofit.identify.inputs import Measured
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
@@ -16,12 +16,12 @@ from thermofit.identify.window import window_times
 def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     """With the identified yield limit: was any point plastic within the elastic window?"""
     _, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
-    body = specimen_body(data, study.mesh_size)
-    history = Run(body, data.steps["displacement"].until(t1), march_settings(study, "one-way"))(solved.parameters)
+    run = run_of(study, data, study.mesh_size, data.steps["displacement"].until(t1), march_settings(study, "one-way"))
+    history = run(solved.parameters)
     plastic = int(history.plastic_points[-1])
     if not plastic:
         return ()
-    total = 8 * body.mesh.n_elements
+    total = 8 * run.body.mesh.n_elements
     first = float(history.time[int(np.argmax(history.plastic_points > 0))])
     return (
         f"elastic window up to {t1:.2f} s holds {plastic} plastic of {total} points, the first at {first:.2f} s (largest multiplier "

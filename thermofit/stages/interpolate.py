@@ -173,6 +173,9 @@ def _force_datasets(
         steps = _refined(_merged(steps, times), numerics.steps_per_interval)
         datasets[f"steps/{name}/time"] = Dataset(steps, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(smooth.evaluate(steps), "N", ("step",))
+        if experiment.force.crosshead is not None:
+            crosshead = np.interp(steps, experiment.force.time, experiment.force.crosshead)
+            datasets[f"steps/{name}/crosshead"] = Dataset(crosshead, "mm", ("step",))
     return datasets
 
 

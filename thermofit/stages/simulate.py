@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 
+from itertools import pairwise
+
 import numpy as np
 
 from thermofit.core.artefact import Dataset, ParameterResult
@@ -93,7 +95,7 @@ def _times(load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_ste
     """Times of stages, frames and kinks, and as many between them that no step is longer than max_step s."""
     kinks = load.kinks[(load.kinks > load.time[0]) & (load.kinks < load.time[-1])]
     fixed = np.unique(np.round(np.concatenate([load.time[[0, -1]], kinks, dic_time, ir_time]), 9))
-    parts = [np.linspace(a, b, int(np.ceil((b - a) / max_step)) + 1)[:-1] for a, b in zip(fixed[:-1], fixed[1:], strict=True)]
+    parts = [np.linspace(a, b, int(np.ceil((b - a) / max_step)) + 1)[:-1] for a, b in pairwise(fixed)]
     return np.append(np.concatenate(parts), fixed[-1])
 
 

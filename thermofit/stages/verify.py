@@ -30,7 +30,7 @@ from thermofit.diagnose.verification import (
 from thermofit.identify.inputs import INTERPOLATE, Measured, field_datasets, measured, start_parameters, with_identified
 
 NAME = "verify"
-_SECTIONS = ("model", "mesh", "parameters", "evaluation", "numerics")
+_SECTIONS = ("model", "mesh", "parameters", "evaluation", "force", "numerics")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -62,19 +62,19 @@ def _make(study: Study, data: Measured, parameters: Parameters, stages: tuple[st
 def _summary(verified: Verification, spans: tuple[Span, ...], stages: tuple[str, ...], thermal: Record | None) -> dict[str, Any]:
     channels = channel_table(verified.residuals)
     rows = phase_table(verified.residuals, spans)
-    line, trustworthy = judge(verified.residuals, rows)
-    quiet = [name for name, c in channels.items() if c["judged"] and f"{name} is " not in line]
+    found = judge(verified.residuals, rows)
     energy, coupling = energy_totals(verified.history), coupling_error(verified, thermal)
     remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
-    remarks += phase_remarks(rows, quiet)
-    remarks.append(f"{' and '.join(c for c in INFORMATION if c in channels)} as measured, for information: rigid-body motion, camera offset")
+    remarks += phase_remarks(rows, found.within)
+    shown = " and ".join(name for name in INFORMATION if name in channels)
+    remarks.append(f"{shown} as measured, for information: rigid-body motion, camera offset")
     if coupling is not None:
         remarks.append(f"one-way coupling: {1e3 * coupling['max_K']:.2g} mK at most, {1e3 * coupling['rms_K']:.2g} mK rms")
     if energy["smallest_dissipation"] < 0.0:
         remarks.append(f"dissipation falls to {energy['smallest_dissipation']:.2g} mJ/mm^3: against the second law, check beta")
     return {
-        "verdict": line,
-        "trustworthy": trustworthy,
+        "verdict": found.line,
+        "trustworthy": not found.outside,
         "channels": channels,
         "phases": rows,
         "coupling_error": coupling,

@@ -1,0 +1,84 @@
+"""`report`: figures and a written report of a verified run, from its records; nothing is computed anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from thermofit.core.artefact import Record, read_record
+from thermofit.core.atomic import replacing
+from thermofit.core.errors import StudyError
+from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.core.study import Study
+from thermofit.diagnose.figures import STYLE, save_figures
+from thermofit.diagnose.figures_curves import force_figure, over_time_figure, stress_stretch_figure, temperature_figure
+from thermofit.diagnose.figures_maps import residual_maps, rms_maps
+from thermofit.diagnose.figures_search import correlation_figure, objective_figure
+from thermofit.diagnose.structure import named_phases
+from thermofit.diagnose.tables import report_text
+from thermofit.diagnose.verification import IDENTIFY, identified_stages
+from thermofit.identify.inputs import INTERPOLATE, measured_of
+from thermofit.identify.window import window_times
+
+NAME = "report"
+VERIFY = "verify"
+FIGURES = "figures"
+TEXT = "report.md"
+
+
+def run(study: Study, *, force: bool = False) -> Outcome:
+    """Write `<run_dir>/figures/*.png` and `<run_dir>/report.md`; the record lists them.
+
+    Fresh only while these files are there. StudyError where `interpolate`, `identify-elastic` or `verify` has not run (names the
+    command) or where the folder cannot be written.
+    """
+    stages = (INTERPOLATE, *identified_stages(study), VERIFY)
+    paths = {stage: artefact_path(study.run_dir, stage) for stage in stages}
+    records = {stage: read_record(path, stage, f"thermofit {stage} {study.source.name}") for stage, path in paths.items()}
+    sections = ("name", "model", "mesh", "stages", "simulate")
+    task = job(study.run_dir, NAME, study.config_of(*sections), paths)
+    outcome = produce(task, lambda: _make(study, records), force=force)
+    if outcome.fresh and not all(Path(path).exists() for path in (*outcome.record.summary[FIGURES], outcome.record.summary["report"])):
+        outcome = produce(task, lambda: _make(study, records), force=True)
+    return outcome
+
+
+def _make(study: Study, records: dict[str, Record]) -> Made:
+    text = study.run_dir / TEXT
+    try:
+        with matplotlib.rc_context(STYLE):
+            figures = save_figures(study.run_dir / FIGURES, _figures(study, records))
+        with replacing(text, durable=False) as temporary:
+            temporary.write_text(report_text(study, records, figures), encoding="utf-8")
+    except OSError as error:
+        raise StudyError(f"report: '{study.run_dir}' cannot be written ({error}): expected a writable folder with free space") from error
+    summary = {
+        "verdict": f"{len(figures)} figures and {TEXT} written to {study.run_dir}",
+        FIGURES: [str(path) for path in figures],
+        "report": str(text),
+        "verified": records[VERIFY].summary["verdict"],
+    }
+    return Made({}, summary)
+
+
+def _figures(study: Study, records: dict[str, Record]) -> dict[str, Figure]:
+    """Every figure that the records allow, by the name of its file; what the experiment does not have is left out."""
+    verify, interpolate = records[VERIFY], records[INTERPOLATE]
+    data = measured_of(interpolate)
+    spans = named_phases(data.phases)
+    identified = [records[name] for name in IDENTIFY if name in records]
+    t0, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
+    made = {
+        "stress-stretch": stress_stretch_figure(verify, (t0, t1)),
+        "temperature": temperature_figure(verify, spans) if verify.has("curves/temperature/time") else None,
+        "force": force_figure(interpolate, spans),
+        "residual-over-time": over_time_figure(verify, spans),
+        "residual-maps-u": residual_maps(verify, "du"),
+        "residual-maps-theta": residual_maps(verify, "dtheta"),
+        "residual-rms-maps": rms_maps(verify),
+        "objective": objective_figure(identified),
+        "correlation": correlation_figure(identified),
+    }
+    return {name: figure for name, figure in made.items() if figure is not None}

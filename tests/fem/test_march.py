@@ -170,17 +170,17 @@ def final(mesh: tuple[int, int, int]) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize(("settings", "order"), [({}, 2.0), ({"closed_form": False, "heat_scheme": "backward-euler"}, 1.0)])
 def test_convergence_in_the_step(settings: dict[str, Any], order: float) -> None:
-    """Centre temperature in plastic flow: order 2 of closed form and sdirk2, order 1 of backward Euler in both."""
+    """Centre temperature in plastic flow: order 2 of closed form and sdirk2 (steps of 4 s to 0.5 s), order 1 of backward Euler."""
     body = tension_body(dogbone_mesh(SPECIMEN, 2, 12, 1))
     ramp = Loading(np.array([0.0, 32.0]), np.array([3600.0, 5800.0]))
     centre = body.mesh.nearest_node((0.0, 0.0, 0.6))
     values = []
-    for steps in (16, 32, 64, 128):
+    for steps in (8, 16, 32, 64):
         history = march(body, NOMINAL, ramp, np.linspace(0.0, 32.0, steps + 1), MarchSettings(coupling_tolerance=1e-7, **settings))
         values.append(history.theta[-1, centre])
     changes = np.abs(np.diff(values))
     orders = np.log2(changes[:-1] / changes[1:])
-    assert np.all(np.abs(orders - order) < 0.4), (values, orders)
+    assert abs(orders[-1] - order) < 0.3 and np.all(orders > order - 0.6), (values, orders)
 
 
 @pytest.mark.slow

@@ -67,6 +67,21 @@ def test_coarse_mesh() -> None:
     assert error["theta_centre_K"] < 5e-3 * rise and error["theta_ym20_K"] < 5e-3 * rise
 
 
+def test_backward_euler_errs_as_that_of_the_reference() -> None:
+    """Errata 2: one step per row makes the final stretch 0.0055 and the temperature rise 4.5 % too large.
+
+    Of the reference, whose F_p update is additive and gains volume (errata 3), a tenth more than here, where it is exponential.
+    """
+    exact, euler = reference_table("model2.csv"), reference_table("model2_backward_euler.csv")
+    mesh, history = run((4, 40, 1), MarchSettings(closed_form=False))
+    to_euler, to_exact = differences(mesh, history, euler), differences(mesh, history, exact)
+    for name in ("stretch_y_centre", "stretch_x_centre", "stretch_z_centre", "theta_centre_K"):
+        error = float(np.abs(euler[name] - exact[name]).max())
+        assert to_exact[name] == pytest.approx(error, rel=0.2), name
+        assert to_euler[name] < 0.21 * error, name
+    assert to_exact["stretch_y_centre"] > 0.005
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "settings", "substeps", "centre"),
@@ -74,9 +89,8 @@ def test_coarse_mesh() -> None:
         ("model2.csv", MarchSettings(), 1, 5e-3),
         ("model2.csv", MarchSettings(), 2, 3e-3),
         ("model1.csv", MarchSettings(model=1), 2, 3e-3),
-        ("model2_backward_euler.csv", MarchSettings(closed_form=False), 1, 5e-3),
     ],
-    ids=["model2", "model2-two-steps", "model1", "model2-backward-euler"],
+    ids=["model2", "model2-two-steps", "model1"],
 )
 def test_full_mesh(name: str, settings: MarchSettings, substeps: int, centre: float) -> None:
     """The fair tolerances of the reference: stretch 2e-5, centre 5 mK (3 mK with two steps per row), jaw end 8 mK."""

@@ -11,7 +11,17 @@ from thermofit.measure.observation import FieldObservation
 
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
 TRUTH = Parameters.of(
-    {"E": 68000.0, "nu": 0.34, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "F": 0.35, "theta_air": 297.0, "theta_clamp": 296.5, "theta_ref": 296.5}
+    {
+        "E": 68000.0,
+        "nu": 0.34,
+        "M_y0": 130.0,
+        "M_yinf": 290.0,
+        "H_exp": 11.0,
+        "F": 0.35,
+        "theta_air": 297.0,
+        "theta_clamp": 296.5,
+        "theta_ref": 296.5,
+    }
 )
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 5), np.linspace(-20.0, 20.0, 5))
 XY = np.stack([X.ravel(), Y.ravel()], axis=1)
@@ -35,4 +45,6 @@ def uniaxial_test(parameters: Parameters = TRUTH, noise: float = 0.0, last: floa
     steps = LoadSteps(steps_time, np.interp(steps_time, np.append(time[:2], [3.0, *time[2:]]), np.append(force[:2], [0.0, *force[2:]])))
     phases = (TestPhase(0.0, 3.0, "rest"), TestPhase(3.0, 7.0, "elastic"), TestPhase(7.0, 107.0, "loading"))
     force_seen = force_observation(time, steps, 4.0)
-    return Measured(SPECIMEN, 297.0, 296.5, observation, None, force_seen, {"displacement": steps, "temperature": steps, "all": steps}, 3.0, phases)
+    return Measured(
+        SPECIMEN, 297.0, 296.5, observation, None, force_seen, {"displacement": steps, "temperature": steps, "all": steps}, 3.0, phases
+    )

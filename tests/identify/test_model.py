@@ -14,7 +14,7 @@ from thermofit.core.study_section import MeshSize
 from thermofit.fem.march import Loading
 from thermofit.identify.forward import Run, Sampler, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.identify.model import stage_model
+from thermofit.identify.model import StageModel, stage_model
 from thermofit.measure.observation import FieldObservation
 
 SIZE = MeshSize(n_x=2, n_y=8, n_z=1)
@@ -55,7 +55,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Measured:
     return Measured(SPECIMEN, 297.4, 296.7, u, t, force_observation(TIME, steps, 4.0), every, 2.0, phases)
 
 
-def model_of(case: Study, data: Measured, key: str):  # noqa: ANN201 - StageModel, as its maker says
+def model_of(case: Study, data: Measured, key: str) -> tuple[StageModel, Parameters]:
     settings = case.stage(key)
     base = Parameters.of(TRUTH).with_free(settings.free)
     return stage_model(case, data, settings, base, SIZE, (0.0, 40.0, "")), base

@@ -29,7 +29,7 @@ def test_isothermal_start_finds_the_contact_coefficient() -> None:
     assert fit.x == pytest.approx([130.0, 236.0], rel=0.01)
     assert fit.jacobian is not None
     step = 1e-3
-    difference = (residual(fit.x + [0.0, step]) - residual(fit.x - [0.0, step])) / (2.0 * step)
+    difference = (residual(fit.x + np.array([0.0, step])) - residual(fit.x - np.array([0.0, step]))) / (2.0 * step)
     assert fit.jacobian[:, 1] == pytest.approx(difference, rel=1e-3)
     assert np.isfinite(covariance(fit.jacobian, fit.residual, NAMES).sigma).all()
 

@@ -15,7 +15,12 @@ PLASTIC = ("M_y0", "M_yinf", "H_exp", "F")
 
 def study(**bounds: tuple[float, float]) -> Any:
     """What the start needs of a study."""
-    return SimpleNamespace(model=2, force=SimpleNamespace(drives="force"), bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)), scale=lambda n: param(n).scale)
+    return SimpleNamespace(
+        model=2,
+        force=SimpleNamespace(drives="force"),
+        bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)),
+        scale=lambda n: param(n).scale,
+    )
 
 
 def test_a_good_start_is_kept() -> None:

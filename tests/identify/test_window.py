@@ -22,7 +22,10 @@ def test_axial_strain_and_its_error() -> None:
     data = uniaxial_test()
     strain, error = axial_strain(data.displacement)
     assert strain[:2] == pytest.approx(0.0, abs=1e-15)
-    draws = [axial_strain(dataclasses.replace(uniaxial_test(noise=0.0).displacement, value=_noisy(data.displacement.value, k)))[0] for k in range(300)]
+    draws = [
+        axial_strain(dataclasses.replace(uniaxial_test(noise=0.0).displacement, value=_noisy(data.displacement.value, k)))[0]
+        for k in range(300)
+    ]
     assert np.std(draws, axis=0).mean() == pytest.approx(error.mean(), rel=0.1)
 
 

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import DataError
-from thermofit.measure.comparison import RelativeScheme, neighbour_differences, plain, relative_displacements, rigid_free, temperature_change
+from thermofit.measure.comparison import (
+    RelativeScheme,
+    neighbour_differences,
+    plain,
+    relative_displacements,
+    rigid_free,
+    temperature_change,
+)
 from thermofit.measure.observation import FieldObservation
 
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 6), np.linspace(-20.0, 20.0, 9))

@@ -20,8 +20,16 @@ STIFFNESS = 950.0 / 0.14  # N/mm of specimen and machine in series
 SIGMA_F, SIGMA_X = 4.0, 5e-4  # N, mm
 # rate in mm/s, and what ends the leg: crosshead x in mm, force F in N, or duration t in s
 PROGRAMME = (
-    (0.0, "t", 3.03), (0.14, "x", 6.0), (-0.14, "F", 1500.0), (0.14, "x", 9.5), (0.035, "x", 11.5), (0.14, "x", 14.5),
-    (-0.14, "F", 1500.0), (0.14, "x", 19.5), (-0.14, "F", 0.0), (0.0, "t", 120.0),
+    (0.0, "t", 3.03),
+    (0.14, "x", 6.0),
+    (-0.14, "F", 1500.0),
+    (0.14, "x", 9.5),
+    (0.035, "x", 11.5),
+    (0.14, "x", 14.5),
+    (-0.14, "F", 1500.0),
+    (0.14, "x", 19.5),
+    (-0.14, "F", 0.0),
+    (0.0, "t", 120.0),
 )
 
 
@@ -309,15 +317,21 @@ def test_bad_records_are_refused(change, message: str) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(
-    n=st.integers(10, 80), seed=st.integers(0, 2**31), scale=st.sampled_from([0.0, 1e-6, 1.0, 1e5]),
-    shape=st.sampled_from(["zero", "line", "walk", "saw", "spikes"]), crosshead=st.booleans(),
+    n=st.integers(10, 80),
+    seed=st.integers(0, 2**31),
+    scale=st.sampled_from([0.0, 1e-6, 1.0, 1e5]),
+    shape=st.sampled_from(["zero", "line", "walk", "saw", "spikes"]),
+    crosshead=st.booleans(),
 )
 def test_any_finite_record_gives_a_finite_force(n: int, seed: int, scale: float, shape: str, crosshead: bool) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 1.0, n))
     force = {
-        "zero": np.zeros(n), "line": 3.0 * time, "walk": np.cumsum(rng.standard_normal(n)),
-        "saw": np.abs(time % 8.0 - 4.0), "spikes": np.where(rng.uniform(size=n) < 0.1, 50.0, 0.0),
+        "zero": np.zeros(n),
+        "line": 3.0 * time,
+        "walk": np.cumsum(rng.standard_normal(n)),
+        "saw": np.abs(time % 8.0 - 4.0),
+        "spikes": np.where(rng.uniform(size=n) < 0.1, 50.0, 0.0),
     }[shape] + scale * rng.standard_normal(n)
     smooth = smooth_force(ForceRecord(time, force, np.abs(time % 10.0 - 5.0) if crosshead else None))
     dense = np.linspace(time[0], time[-1], 300)

@@ -30,7 +30,9 @@ def test_operator_reproduces_a_linear_field_and_mirrors_u_x() -> None:
 
 
 def test_window_without_observation_is_refused() -> None:
-    observation = FieldObservation("u", np.array([0.0, 1.0]), np.zeros((1, 2)), np.zeros((2, 1, 2)), np.ones((2, 1, 2)), np.ones((2, 1), bool), "mm")
+    observation = FieldObservation(
+        "u", np.array([0.0, 1.0]), np.zeros((1, 2)), np.zeros((2, 1, 2)), np.ones((2, 1, 2)), np.ones((2, 1), bool), "mm"
+    )
     assert len(observation.between(0.5, 2.0).time) == 1
     with pytest.raises(DataError, match="between 2 s and 3 s"):
         observation.between(2.0, 3.0)

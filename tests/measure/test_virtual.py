@@ -11,11 +11,11 @@ from scipy.ndimage import map_coordinates
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import CELSIUS, Specimen
 from thermofit.measure import virtual, virtual_ir
+from thermofit.measure.face import displacement_at, face_grid, invert_motion, locate
 from thermofit.measure.machine import LoadHistory, MachineSettings
 from thermofit.measure.raw import read_experiment
 from thermofit.measure.virtual import write_raw
 from thermofit.measure.virtual_dic import measure_dic
-from thermofit.measure.face import displacement_at, face_grid, invert_motion, locate
 from thermofit.measure.virtual_ir import background_field, camera_pose, pick_landmarks, to_pixel, to_space
 from thermofit.measure.virtual_setup import (
     STREAMS,

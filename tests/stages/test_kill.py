@@ -22,6 +22,7 @@ from thermofit.measure.raw import read_experiment
 StudyOf = Callable[..., Study]
 LATER = tuple(name for name in ("verify", "report") if importlib.util.find_spec(f"thermofit.stages.{name}"))
 STAGES = (*tiny.CHAIN, *LATER)
+QUICK = ("calibrate-ir", "interpolate", "identify-elastic")
 HERE = Path(__file__).parent
 
 
@@ -32,15 +33,15 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture
 def worker(study_of: StudyOf) -> Iterator[Callable[..., None]]:
-    """Kills a stage after a random time; the process that does it has all modules loaded."""
+    """Kills a stage after a random time or as soon as it writes; the process that does it has all modules loaded."""
     study = study_of()
     command = [sys.executable, str(HERE / "kill_worker.py"), str(study.source), "0.6", str(int(time.time()))]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()) as process:
         assert process.stdin is not None and process.stdout is not None
         source, answer = process.stdin, process.stdout
 
-        def kill(stage: str) -> None:
-            source.write(f"{stage}\n")
+        def kill(stage: str, moment: str = "random") -> None:
+            source.write(f"{stage} {moment}\n")
             source.flush()
             assert answer.readline().strip() == "done", f"{stage}: the process that kills ended with {process.poll()}"
 
@@ -67,6 +68,10 @@ def test_every_stage_killed_leaves_its_artefact(study_of: StudyOf, worker: Calla
         worker(stage)
         for other in STAGES:
             intact(study, other)
+    for stage in QUICK:
+        for _ in range(3):
+            worker(stage, "writing")
+            intact(study, stage)
 
 
 @pytest.mark.slow
@@ -74,10 +79,11 @@ def test_every_stage_killed_many_times(study_of: StudyOf, worker: Callable[..., 
     study = study_of()
     for stage in LATER:
         tiny.stage_run(stage)(study)
-    for _ in range(15):
+    for _ in range(10):
         for stage in STAGES:
-            worker(stage)
-            intact(study, stage)
+            for moment in ("random", "writing"):
+                worker(stage, moment)
+                intact(study, stage)
     for stage in STAGES:
         tiny.stage_run(stage)(study)
         left = [path.name for path in study.run_dir.iterdir() if path.name.startswith(".")]

@@ -45,7 +45,7 @@ def test_relative_displacements_see_through_the_machine(loose_machine: Path) -> 
     du, u = elastic(loose_machine, "du"), elastic(loose_machine, "u")
     truth = tiny.TRUTH["E"]
     assert du.parameters["E"].value == pytest.approx(truth, rel=0.01)
-    assert u.parameters["E"].value < 0.95 * truth
+    assert 0.7 * truth < u.parameters["E"].value < 0.95 * truth and not u.parameters["E"].at_bound
     # Rigid-body motion is no elastic field: what u leaves over is far above the noise, what du leaves over is the noise.
     assert du.summary["channels"]["du"]["chi2_reduced"] == pytest.approx(1.0, abs=0.1)
     assert u.summary["channels"]["u"]["chi2_reduced"] > 5.0

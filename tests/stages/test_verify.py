@@ -65,6 +65,12 @@ def test_phases_hold_every_value_once(true_record: Record) -> None:
         assert not c["judged"] or sum(r["n"] for r in rows if r["channel"] == name) == c["n"]
 
 
+def test_the_run_is_coupled(true_record: Record, history: History) -> None:
+    """With the true parameters it is the run that made the data; a one-way run differs by 5 mK."""
+    exact = made.seen(history)[1]
+    np.testing.assert_allclose(true_record["theta/predicted"].value, exact, atol=3e-4)
+
+
 def test_energy_and_curves(true_record: Record, history: History) -> None:
     energy = true_record.summary["energy_mJ"]
     assert energy["dissipated"] == pytest.approx(history.total("dissipated"), rel=1e-4) and energy["dissipated"] > 100.0
@@ -81,7 +87,8 @@ def test_energy_and_curves(true_record: Record, history: History) -> None:
 
 
 def test_temperature_curves_are_those_of_dtheta(true_record: Record) -> None:
-    get = {name: true_record[f"curves/temperature/{name}"].value for name in ("xy", "measured", "model", "reference", "reference_model", "step_model")}
+    names = ("xy", "measured", "model", "reference", "reference_model", "step_model")
+    get = {name: true_record[f"curves/temperature/{name}"].value for name in names}
     np.testing.assert_allclose(get["xy"], [[0.0, -20.0], [0.0, 0.0], [0.0, 20.0]], atol=1e-9)
     np.testing.assert_allclose(get["reference"] - get["reference_model"], made.OFFSET, atol=0.05)
     point = true_record["curves/temperature/point"].value
@@ -107,9 +114,7 @@ def test_fitted_parameters_are_those_of_the_stages(true_record: Record) -> None:
     assert not true_record.parameters["H_lin"].free
 
 
-@pytest.mark.parametrize(
-    ("changes", "guilty", "innocent"), [({"beta": 0.4}, "dtheta", "du"), ({"H_exp": 11.6}, "du", "dtheta is")]
-)
+@pytest.mark.parametrize(("changes", "guilty", "innocent"), [({"beta": 0.4}, "dtheta", "du"), ({"H_exp": 11.6}, "du", "dtheta is")])
 def test_wrong_parameter_is_seen_in_its_channel(
     tmp_path: Path, history: History, changes: dict[str, float], guilty: str, innocent: str
 ) -> None:
@@ -147,6 +152,20 @@ def test_without_infrared_and_with_missing_stages(tmp_path: Path, history: Histo
     assert record.parameters["kappa"].value == pytest.approx(1.05 * 133.0) and not record.parameters["kappa"].free
 
 
+def test_force_is_a_channel_where_the_crosshead_drives(tmp_path: Path, history: History) -> None:
+    """The crosshead of the same test: its force comes back, and a softer material shows in the force, not in the mean strain alone."""
+    study = made.study_in(tmp_path, force={"drives": "crosshead"})
+    for stiffness, within in ((1.0, True), (0.9, False)):
+        stages = (made.identified(name, made.TRUTH.replace(M_yinf=stiffness * 293.0)) for name in ALL)
+        made.write_all(study, made.interpolated(history), *stages)
+        summary = verify.run(study).record.summary
+        force = summary["channels"]["force"]
+        assert force["judged"] and force["n"] == len(made.TIME) and force["unit"] == "N"
+        assert (force["chi2_reduced"] < 1.0) is within
+        assert summary["trustworthy"] is within and ("force is" in summary["verdict"]) is not within
+    assert verify.run(study).fresh and not verify.run(made.study_in(tmp_path)).fresh
+
+
 def test_fresh_until_an_identification_changes(tmp_path: Path, history: History) -> None:
     study = made.study_in(tmp_path)
     verified(tmp_path, history, stages=ALL[:2], infrared=False)
@@ -157,10 +176,10 @@ def test_fresh_until_an_identification_changes(tmp_path: Path, history: History)
 
 def test_missing_artefacts_name_their_command(tmp_path: Path, history: History) -> None:
     study = made.study_in(tmp_path)
-    with pytest.raises(StudyError, match="thermofit interpolate study.yaml"):
+    with pytest.raises(StudyError, match=r"`thermofit interpolate study\.yaml`"):
         verify.run(study)
     made.write_all(study, made.interpolated(history))
-    with pytest.raises(StudyError, match="thermofit identify-elastic study.yaml"):
+    with pytest.raises(StudyError, match=r"`thermofit identify-elastic study\.yaml`"):
         verify.run(study)
 
 

@@ -36,7 +36,10 @@ OFFSET = 0.5
 """Of the camera, K."""
 TIME = np.array([0.0, 1.5, 3.0, 4.0, 5.0, 6.0, 7.0, 9.0, 13.0, 18.0, 24.0, 30.0, 31.0, 32.0, 33.5, 36.0, 42.0, 50.0, 60.0])
 FORCE = np.interp(TIME, [0.0, 3.0, 7.0, 30.0, 33.5, 60.0], [0.0, 0.0, 3800.0, 4700.0, 0.0, 0.0])
-PHASES = (("rest", 0.0, 3.0), ("elastic", 3.0, 7.0), ("loading", 7.0, 20.0), ("loading", 20.0, 30.0), ("unloading", 30.0, 33.5), ("cooling", 33.5, 60.0))
+PHASES = (
+    ("rest", 0.0, 3.0), ("elastic", 3.0, 7.0), ("loading", 7.0, 20.0), ("loading", 20.0, 30.0), ("unloading", 30.0, 33.5),
+    ("cooling", 33.5, 60.0),
+)  # fmt: skip
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 5), np.linspace(-20.0, 20.0, 7))
 XY = np.stack([X.ravel(), Y.ravel()], axis=1)
 
@@ -47,11 +50,17 @@ def coupled_run(parameters: Parameters = TRUTH) -> History:
     return march(body, parameters, Loading(TIME, FORCE), TIME, MarchSettings())
 
 
+def seen(history: History) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements mm (n_t, n_s, 2) and temperatures K (n_t, n_s, 1) of a run at the observed points, without noise."""
+    mesh = dogbone_mesh(SPECIMEN, *MESH)
+    operator = face_operator(mesh.nodes, mesh.node_sets["face"], XY)
+    return operator.displacement(history.u), operator.temperature(history.theta)
+
+
 def observations(history: History, seed: int = 4) -> tuple[FieldObservation, FieldObservation]:
     """Displacements with a rigid motion, temperatures with an offset, both with white noise of known sigma; one point once lost."""
-    mesh = dogbone_mesh(SPECIMEN, *MESH)
-    operator, rng = face_operator(mesh.nodes, mesh.node_sets["face"], XY), np.random.default_rng(seed)
-    u, theta = operator.displacement(history.u), operator.temperature(history.theta)
+    rng = np.random.default_rng(seed)
+    u, theta = seen(history)
     u = u - u[0]
     moved = 1e-4 * TIME[:, None] * (u[:, :, ::-1] + XY[None, :, ::-1]).transpose(2, 0, 1) * np.array([-1.0, 1.0])[:, None, None]
     u = u + moved.transpose(1, 2, 0) + 0.01 * TIME[:, None, None] + SIGMA_U * rng.normal(size=u.shape)
@@ -74,6 +83,7 @@ def interpolated(history: History, *, infrared: bool = True) -> RecordContent:
     for name in ("displacement", "temperature", "all"):
         datasets[f"steps/{name}/time"] = Dataset(TIME, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(FORCE, "N", ("step",))
+        datasets[f"steps/{name}/crosshead"] = Dataset(history.u_top, "mm", ("step",))
     fine = np.linspace(0.0, TIME[-1], 300)
     smooth = np.interp(fine, TIME, FORCE)
     noisy = smooth + 4.0 * np.random.default_rng(2).normal(size=fine.shape)
@@ -97,10 +107,10 @@ def interpolated(history: History, *, infrared: bool = True) -> RecordContent:
 def identified(stage: str, parameters: Parameters, **changes: Dataset) -> RecordContent:
     """What an identification stage leaves that found the given parameters."""
     free = FREE[stage]
-    results = {
-        name: ParameterResult(parameters[name], 0.01 * abs(parameters[name]), param(name).unit, name in free, False, 1.1 * parameters[name], 0.0, 1e9)
-        for name in NAMES
-    }
+    results = {}
+    for name in NAMES:
+        value = parameters[name]
+        results[name] = ParameterResult(value, 0.01 * abs(value), param(name).unit, name in free, False, 1.1 * value, 0.0, 1e9)
     n = len(free)
     f = np.array([900.0, 400.0, np.nan, 120.0, 110.0])
     names = ("evaluation",)

@@ -17,6 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
+# Idle threads of OpenMP spin by default, which takes the processor away from whatever else runs; set before numba loads OpenMP.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 import numba
 
 from thermofit.core.digest import kernel_digest

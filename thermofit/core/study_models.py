@@ -83,7 +83,7 @@ class Force(Section):
     noise: Positive | None = None
     """Standard deviation of the load cell in N; null: estimated from the data."""
     drives: Literal["force", "crosshead"] = "force"
-    """What the model is loaded with: the measured force, or the crosshead less `compliance` times the force (then compare channel force)."""
+    """What loads the model: the measured force, or the crosshead less `compliance` times the force (then compare channel force)."""
     compliance: NonNegative = 0.0
     """Compliance of the machine in mm/N, where the crosshead drives."""
 

@@ -71,7 +71,7 @@ stages:
     method: least-squares
     coupling: full
     max_evaluations: 2000
-    tolerance: 1.0e-6
+    tolerance: 1.0e-5
     du: {scheme: rigid-body}                   # or neighbour, gradient
   plastic:
     free: [M_y0, M_yinf, H_exp, F]

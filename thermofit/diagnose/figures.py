@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 
 from thermofit.core.atomic import replacing
@@ -47,11 +48,13 @@ PHASES: Mapping[str, str] = {
 }
 """Background of every kind of phase."""
 _DPI = 150
+_PAD = 0.08
+"""Inches around every panel."""
 
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of that size in inches."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD))
     FigureCanvasAgg(figure)
     return figure
 

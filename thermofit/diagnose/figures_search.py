@@ -60,7 +60,7 @@ def correlation_figure(records: Sequence[Record]) -> Figure | None:
     if not shown:
         return None
     sizes = [len(record["evaluations/names"].value) for record in shown]
-    figure = new_figure(0.62 * sum(sizes) + 1.3 * len(shown) + 1.0, 0.62 * max(sizes) + 1.5)
+    figure = new_figure(0.62 * sum(sizes) + 1.3 * len(shown) + 1.0, 0.62 * max(sizes) + 1.9)
     axes = figure.subplots(1, len(shown), squeeze=False, width_ratios=sizes)[0]
     for ax, record in zip(axes, shown, strict=True):
         names, matrix = record["evaluations/names"].value, record["correlation"].value
@@ -75,4 +75,5 @@ def correlation_figure(records: Sequence[Record]) -> Figure | None:
                 text = f"{r:.2f}" if np.isfinite(r) else "-"
                 ax.text(column, row, text, ha="center", va="center", fontsize=7.5, color="white" if abs(r) > 0.65 else "black")
     figure.colorbar(image, ax=list(axes), label="correlation", shrink=0.9, panchor=False)
+    figure.draw_without_rendering()  # squares change their place in the first layout, and their labels need a second one
     return figure

@@ -145,4 +145,3 @@ def _remarks(records: Mapping[str, Record]) -> list[str]:
         doubts = [str(record.summary["verdict"])] if record.summary.get("trustworthy") is False else []
         lines += [f"- {stage}: {text}" for text in (*doubts, *record.summary.get("remarks", ()))]
     return ["\n".join(lines) if lines else "None."]
-

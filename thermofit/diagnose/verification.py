@@ -79,9 +79,7 @@ def verification(study: Study, data: Measured, parameters: Parameters) -> Verifi
     return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
 
 
-def _fields(
-    study: Study, data: Measured, body: Body, history: History
-) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
+def _fields(study: Study, data: Measured, body: Body, history: History) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
     """Observed and predicted fields; the force is one of them where the crosshead drives."""
     steps = data.steps["all"]
     at_stages = sampler(body, data.displacement, steps)

@@ -61,7 +61,12 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
             flat = full.drop <= f * relative_drop(settings, state.residual.size, state.z.size)
             if (small or flat) and state.fresh:
                 return Ending(True, "the parameters no longer change" if small else "the objective no longer changes")
-            if state.fresh and state.rejected and not state.failed and full.drop <= UNRESOLVED * f * relative_drop(settings, *state.jacobian.shape):
+            if (
+                state.fresh
+                and state.rejected
+                and not state.failed
+                and full.drop <= UNRESOLVED * f * relative_drop(settings, *state.jacobian.shape)
+            ):
                 return Ending(True, "the objective no longer changes by more than the differences resolve")
             exhausted = state.radius < 0.01 * settings.x_tolerance
             if exhausted and state.fresh:

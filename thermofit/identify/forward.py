@@ -97,7 +97,9 @@ def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Samp
     index = np.minimum(index, len(steps.time) - 1)
     worst = float(np.max(np.abs(steps.time[index] - observation.time), initial=0.0))
     if worst > 1e-6:
-        raise StudyError(f"steps: an observation time of {observation.name} is {worst:.3g} s off the load steps; run `thermofit interpolate` again")
+        raise StudyError(
+            f"steps: an observation time of {observation.name} is {worst:.3g} s off the load steps; run `thermofit interpolate` again"
+        )
     return Sampler(face_operator(body.mesh.nodes, body.mesh.node_sets["face"], observation.xy), index, 0)
 
 

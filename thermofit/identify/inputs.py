@@ -123,7 +123,9 @@ def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> Field
 def temperature_of(data: Measured) -> FieldObservation:
     """The temperature field; DataError where the experiment has none."""
     if data.temperature is None:
-        raise DataError("experiment: no infrared frames were interpolated; add the ir section to experiment.yaml and run calibrate-ir and interpolate")
+        raise DataError(
+            "experiment: no infrared frames were interpolated; add the ir section to experiment.yaml and run calibrate-ir and interpolate"
+        )
     return data.temperature
 
 

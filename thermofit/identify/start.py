@@ -55,7 +55,7 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
         found = found.replace(M_yinf=min(_RAISE * found["M_yinf"], study.bounds("M_yinf")[1]))
     if not carries(study, data, found):
         raise NumericsError(
-            f"start of {', '.join(plastic)}: the specimen cannot carry the measured {np.max(data.steps['displacement'].force):.0f} N with it, nor with "
+            f"start of {', '.join(plastic)}: it cannot carry the measured {np.max(data.steps['displacement'].force):.0f} N, nor can "
             "what the mean stress-stretch curve suggests; raise parameters.M_yinf or widen its bounds"
         )
     values = ", ".join(f"{name} = {found[name]:.4g}" for name in plastic)
@@ -70,7 +70,9 @@ def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameter
     plastic = [np.log(stretch[1]) - mandel / parameters["E"], np.log(stretch[0]) + parameters["nu"] * mandel / parameters["E"]]
     use = (force >= np.maximum.accumulate(force) * 0.999) & (plastic[0] > 2e-3) & np.isfinite(plastic[0] + plastic[1])
     if use.sum() < _LEAST_STAGES:
-        raise NumericsError(f"start: only {int(use.sum())} stages lie on the plastic loading curve, {_LEAST_STAGES} are needed; give a start that carries the force")
+        raise NumericsError(
+            f"start: only {int(use.sum())} stages lie on the plastic loading curve, {_LEAST_STAGES} are needed; raise parameters.M_yinf"
+        )
     along, across, mandel = plastic[0][use], plastic[1][use], mandel[use]
     if "F" in parameters.free:
         share = float(np.clip(-(across @ along) / (along @ along), 0.05, 0.95))  # F/(F + H)
@@ -89,5 +91,7 @@ def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameter
         return model / r - mandel
 
     start = np.array([np.clip(parameters[name], *study.bounds(name)) for name in names]) / scale
-    fit = least_squares(error, np.clip(start, bounds[:, 0] / scale * (1 + 1e-9), bounds[:, 1] / scale * (1 - 1e-9)), bounds=(bounds / scale[:, None]).T)
+    fit = least_squares(
+        error, np.clip(start, bounds[:, 0] / scale * (1 + 1e-9), bounds[:, 1] / scale * (1 - 1e-9)), bounds=(bounds / scale[:, None]).T
+    )
     return parameters.replace(**dict(zip(names, (fit.x * scale).tolist(), strict=True)))

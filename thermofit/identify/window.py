@@ -65,7 +65,9 @@ def elastic_window(data: Measured) -> ElasticWindow:
         loaded = np.arange(first, n)
         if len(loaded):
             slope = float(force[loaded] @ (strain[loaded] - rest)) / float(force[loaded] @ force[loaded])
-            tolerance = _DEVIATION * slope * force[n] + 3.0 * float(np.hypot(error[n], error[loaded].mean() * force[n] / force[loaded].max()))
+            tolerance = _DEVIATION * slope * force[n] + 3.0 * float(
+                np.hypot(error[n], error[loaded].mean() * force[n] / force[loaded].max())
+            )
             if strain[n] - rest - slope * force[n] > tolerance:
                 limit = force[n]
                 break

@@ -96,7 +96,9 @@ def rigid_free(observation: FieldObservation, choice: Weight = "sigma") -> Compa
     for n in range(len(observation.time)):
         part = slice(bounds[n], bounds[n + 1])
         if bounds[n + 1] - bounds[n] < 6:
-            raise DataError(f"{observation.name}: fewer than 3 points are measured at {observation.time[n]:g} s; leave this stage out of the window")
+            raise DataError(
+                f"{observation.name}: fewer than 3 points are measured at {observation.time[n]:g} s; leave this stage out of the window"
+            )
         current = observation.xy[rows[part, 1]] + observation.value[n, rows[part, 1]]
         x_row = rows[part, 2] == 0
         generators = np.stack([x_row * 1.0, ~x_row * 1.0, np.where(x_row, -current[:, 1], current[:, 0])], axis=1)
@@ -119,7 +121,9 @@ def neighbour_differences(observation: FieldObservation, scheme: RelativeScheme,
     """
     blocks = [_pairs(observation, name, scheme) for name in scheme.components]
     if not sum(len(block) for block, _ in blocks):
-        raise DataError(f"du: no two of the {len(observation.xy)} points are neighbours within the window; widen it or use scheme rigid-body")
+        raise DataError(
+            f"du: no two of the {len(observation.xy)} points are neighbours within the window; widen it or use scheme rigid-body"
+        )
     table = np.concatenate([block for block, _ in blocks])
     length = np.concatenate([distance for _, distance in blocks]) if scheme.scheme == "gradient" else np.ones(len(table))
     table, length = _sorted_by_time(table, length)
@@ -132,16 +136,16 @@ def neighbour_differences(observation: FieldObservation, scheme: RelativeScheme,
     n = len(table)
     spread = csr_array(
         (
-            np.concatenate([observation.sigma.ravel()[flat_here] / (length * sigma), -observation.sigma.ravel()[flat_there] / (length * sigma)]),
+            np.concatenate(
+                [observation.sigma.ravel()[flat_here] / (length * sigma), -observation.sigma.ravel()[flat_there] / (length * sigma)]
+            ),
             (np.tile(np.arange(n), 2), np.concatenate([flat_here, flat_there])),
         ),
         shape=(n, int(np.prod(shape))),
     )
     unit = "1" if scheme.scheme == "gradient" else observation.unit
     rows = np.stack([table[:, 0], table[:, 1], table[:, 3]], axis=1)
-    return Comparison(
-        "du", lambda e: root * (e[here] - e[there]) / length, lambda v: spread @ (spread.T @ v), rows, sigma, w, unit
-    )
+    return Comparison("du", lambda e: root * (e[here] - e[there]) / length, lambda v: spread @ (spread.T @ v), rows, sigma, w, unit)
 
 
 def relative_displacements(observation: FieldObservation, scheme: RelativeScheme, choice: Weight = "sigma") -> Comparison:
@@ -157,7 +161,9 @@ def temperature_change(observation: FieldObservation, reference: np.ndarray, cho
     The noise of the reference is common to all times of a point; `noise` applies that correlation.
     """
     if not reference.any():
-        raise DataError("dtheta: no frame lies before loading, so that there is no reference; give evaluation.reference_time or use channel theta")
+        raise DataError(
+            "dtheta: no frame lies before loading, so that there is no reference; give evaluation.reference_time or use channel theta"
+        )
     based = observation.mask[reference].all(axis=0)
     mask = observation.mask & based & ~reference[:, None]
     if not mask.any():

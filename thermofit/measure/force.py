@@ -78,8 +78,10 @@ def _within(smooth: SmoothForce, t: np.ndarray | float) -> np.ndarray:
     slack = 1e-9 * (last - first)
     bad = ~((times >= first - slack) & (times <= last + slack))
     if bad.any():
-        raise DataError(f"force record: covers {first:g} s to {last:g} s, asked for {int(bad.sum())} times outside such as "
-                        f"{times[bad][0]:g} s; expected times within the record, shorten the window or export more of the force")
+        raise DataError(
+            f"force record: covers {first:g} s to {last:g} s, asked for {int(bad.sum())} times outside such as "
+            f"{times[bad][0]:g} s; expected times within the record, shorten the window or export more of the force"
+        )
     return np.asarray(np.clip(times, first, last))
 
 
@@ -105,9 +107,11 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
         curve = Curve(record.time[[0, -1]], (inner,), (1,), record.force)
         return _summary(record, phases, level, (curve, np.full(record.time.size, level**2)))
     if phases.kinks.size + phases.knees.size > _MOST_BREAKS:
-        raise DataError(f"force record: found {phases.kinks.size} kinks and {phases.knees.size} knees at a noise of {level:.3g} N, "
-                        f"expected at most {_MOST_BREAKS}; the noise is not white: give its level (noise), leave out a rough "
-                        "crosshead, or take smoothing none")
+        raise DataError(
+            f"force record: found {phases.kinks.size} kinks and {phases.knees.size} knees at a noise of {level:.3g} N, "
+            f"expected at most {_MOST_BREAKS}; the noise is not white: give its level (noise), leave out a rough "
+            "crosshead, or take smoothing none"
+        )
     sigma = working_sigma(level, record.force)
     edges = _settle_knees(record, phases, sigma)
     phases = replace(phases, knees=np.setdiff1d(edges[1:-1], phases.kinks))
@@ -130,7 +134,7 @@ def _settle_knees(record: ForceRecord, phases: Phases, sigma: float) -> np.ndarr
     for knee in phases.knees if phases.knees.size <= _MANY else ():
         others = edges[edges != knee]
         i = int(np.searchsorted(record.time, knee))
-        step = float(np.median(np.diff(record.time[max(0, i - 4):i + 5])))
+        step = float(np.median(np.diff(record.time[max(0, i - 4) : i + 5])))
         places = knee + step * np.arange(-_SHIFT, _SHIFT + 0.5, 0.5)
         trials = [np.sort(np.append(others, place)) for place in places if _room(others, float(place), record.time)]
         costs = [_local_cost(record, phases, trial, (float(knee), sigma)) for trial in [others, *trials]]
@@ -175,7 +179,7 @@ def _moved_breaks(curve: Curve, record: ForceRecord, phases: Phases, sigma: floa
         low, high = np.searchsorted(record.time, [edges[j - 1], edges[j + 1]])
         time, force = record.time[low:high], record.force[low:high]
         prior = known.get(float(curve.edges[j]), np.inf)
-        pair = replace(curve, edges=edges[j - 1:j + 2], knots=curve.knots[j - 1:j + 1], degrees=curve.degrees[j - 1:j + 1])
+        pair = replace(curve, edges=edges[j - 1 : j + 2], knots=curve.knots[j - 1 : j + 1], degrees=curve.degrees[j - 1 : j + 1])
         shifts = 0.25 * float(np.median(np.diff(time))) * np.linspace(-1.0, 1.0, 5)
         costs = np.full(5, np.inf)
         for k, shift in enumerate(shifts):
@@ -186,7 +190,7 @@ def _moved_breaks(curve: Curve, record: ForceRecord, phases: Phases, sigma: floa
         if not np.isfinite(costs[k]):
             continue
         shift = float(shifts[k])
-        if 0 < k < 4 and np.all(np.isfinite(costs[k - 1:k + 2])) and costs[k - 1] - 2.0 * costs[k] + costs[k + 1] > 0.0:
+        if 0 < k < 4 and np.all(np.isfinite(costs[k - 1 : k + 2])) and costs[k - 1] - 2.0 * costs[k] + costs[k + 1] > 0.0:
             bend = costs[k - 1] - 2.0 * costs[k] + costs[k + 1]
             between = shift + 0.5 * float(shifts[1] - shifts[0]) * float((costs[k - 1] - costs[k + 1]) / bend)
             shift = between if _clear(_shifted(pair, between), time) else shift
@@ -230,7 +234,7 @@ def _senses(curve: Curve, phases: Phases) -> np.ndarray:
 
 def _fine_times(curve: Curve, piece: int) -> np.ndarray:
     """Times within each knot interval of a piece, dense enough to see its shape, the knots among them."""
-    marks = np.concatenate([curve.edges[piece:piece + 1], curve.knots[piece], curve.edges[piece + 1:piece + 2]])
+    marks = np.concatenate([curve.edges[piece : piece + 1], curve.knots[piece], curve.edges[piece + 1 : piece + 2]])
     share = np.arange(_FINE) / _FINE
     return np.append((marks[:-1, None] + np.diff(marks)[:, None] * share).ravel(), marks[-1])
 
@@ -280,12 +284,18 @@ def _summary(record: ForceRecord, phases: Phases, noise: float, result: tuple[Cu
     power = float(residual @ residual)
     knots = np.sort(np.concatenate([curve.edges, *curve.knots]))
     return SmoothForce(
-        time=record.time, force=force, knots=knots, phases=phases, noise=noise,
+        time=record.time,
+        force=force,
+        knots=knots,
+        phases=phases,
+        noise=noise,
         residual_rms=float(np.sqrt(power / residual.size)),
         residual_autocorrelation=float(residual[1:] @ residual[:-1]) / power if power > 0.0 else 0.0,
         residual_max=float(np.abs(residual).max()) / noise if noise > 0.0 else 0.0,
-        n=residual.size, spurious_reversals=int(_reversals(curve, _senses(curve, phases)).sum()),
-        curve=curve, covariance=covariance,
+        n=residual.size,
+        spurious_reversals=int(_reversals(curve, _senses(curve, phases)).sum()),
+        curve=curve,
+        covariance=covariance,
     )
 
 

@@ -78,13 +78,17 @@ def check_record(record: ForceRecord) -> None:
             raise DataError(f"force record: column {name} has {column.size} samples, expected {time.size} as in time; mend the file")
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
-            raise DataError(f"force record: column {name} has {bad.size} samples that are not finite, first at sample {bad[0] + 1}; "
-                            "expected numbers, remove or repair these rows")
+            raise DataError(
+                f"force record: column {name} has {bad.size} samples that are not finite, first at sample {bad[0] + 1}; "
+                "expected numbers, remove or repair these rows"
+            )
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         i = int(back[0])
-        raise DataError(f"force record: time goes from {time[i]:g} s to {time[i + 1]:g} s at sample {i + 2} ({back.size} such places), "
-                        "expected increasing times; sort or remove these rows")
+        raise DataError(
+            f"force record: time goes from {time[i]:g} s to {time[i + 1]:g} s at sample {i + 2} ({back.size} such places), "
+            "expected increasing times; sort or remove these rows"
+        )
 
 
 def noise_level(time: np.ndarray, value: np.ndarray) -> float:
@@ -150,8 +154,8 @@ def _hinge_z(time: np.ndarray, value: np.ndarray, h: int, sigma: float) -> np.nd
     windows_t = np.lib.stride_tricks.sliding_window_view(time, 2 * h + 1)
     windows_f = np.lib.stride_tricks.sliding_window_view(value, 2 * h + 1)
     for first in range(0, windows_t.shape[0], chunk):
-        t, f = windows_t[first:first + chunk], windows_f[first:first + chunk]
-        s = (t - t[:, h:h + 1]) / (t[:, -1:] - t[:, :1])
+        t, f = windows_t[first : first + chunk], windows_f[first : first + chunk]
+        s = (t - t[:, h : h + 1]) / (t[:, -1:] - t[:, :1])
         columns = [np.ones_like(s), s, s * s, np.abs(s)] if h >= 4 else [np.ones_like(s), s, np.abs(s)]
         basis: list[np.ndarray] = []
         for column in columns:
@@ -159,8 +163,8 @@ def _hinge_z(time: np.ndarray, value: np.ndarray, h: int, sigma: float) -> np.nd
             for q in basis:
                 g = g - q * np.sum(q * g, axis=1, keepdims=True)
             basis.append(g / np.linalg.norm(g, axis=1, keepdims=True))
-        centred = f - f[:, h:h + 1]
-        z[first + h:first + h + t.shape[0]] = np.sum(basis[-1] * centred, axis=1) / sigma
+        centred = f - f[:, h : h + 1]
+        z[first + h : first + h + t.shape[0]] = np.sum(basis[-1] * centred, axis=1) / sigma
     return z
 
 
@@ -189,7 +193,7 @@ def _clear(time: np.ndarray, kinks: np.ndarray, h: int) -> np.ndarray:
     clear = np.ones(time.size, dtype=bool)
     for kink in kinks:
         i = int(np.searchsorted(time, kink))
-        clear[max(0, i - h):i + h] = False
+        clear[max(0, i - h) : i + h] = False
     return clear
 
 
@@ -242,7 +246,7 @@ def _with_slopes(time: np.ndarray, value: np.ndarray, times: np.ndarray, sigma: 
         left, right = _sides(time, kink, times[times != kink], _REACH)
         if left.stop - left.start < 2 or right.stop - right.start < 2:
             i = int(np.clip(np.searchsorted(time, kink), 2, time.size - 2))
-            chord = np.diff(value[i - 2:i + 2]) / np.diff(time[i - 2:i + 2])
+            chord = np.diff(value[i - 2 : i + 2]) / np.diff(time[i - 2 : i + 2])
             rows.append((kink, time[i] - time[i - 1], chord[0], chord[-1]))
             continue
         _, slope0, var0 = _line(time, value, left, kink)

@@ -58,7 +58,7 @@ class Curve:
         owner, starts = self.piece_of(time), self.starts
         for piece in np.unique(owner):
             inside = owner == piece
-            local = self.coefficients[starts[piece]:starts[piece + 1] + 1]
+            local = self.coefficients[starts[piece] : starts[piece + 1] + 1]
             spline = BSpline(self.vector(piece), local, self.degrees[piece])
             result[inside] = spline(time[inside], nu=derivative)
         return result
@@ -97,8 +97,10 @@ def fit_curve(curve: Curve, time: np.ndarray, value: np.ndarray) -> Fit:
     try:
         factor = cho_factor((design.T @ design).toarray(), lower=True)
     except LinAlgError:
-        raise NumericsError("force smoothing: a spline piece holds too few samples to be determined, expected two or more in each; "
-                            "give smoothing: none or a record with a higher rate") from None
+        raise NumericsError(
+            "force smoothing: a spline piece holds too few samples to be determined, expected two or more in each; "
+            "give smoothing: none or a record with a higher rate"
+        ) from None
     coefficients = cho_solve(factor, design.T @ value)
     fitted = replace(curve, coefficients=coefficients)
     return Fit(fitted, design, factor, value - design @ coefficients)
@@ -150,7 +152,7 @@ def _worthwhile(fit: Fit, piece: int, time: np.ndarray, sigma: float) -> np.ndar
     beside = np.maximum(np.concatenate([[0.0], gains[:-1]]), np.concatenate([gains[1:], [0.0]]))
     order = np.flatnonzero((gains > GAIN) & (gains >= beside))
     spare = int(bounds[-1] - bounds[0]) - (marks.size + 2)
-    return np.asarray(best[order[np.argsort(-gains[order])][:max(0, spare)], 1])
+    return np.asarray(best[order[np.argsort(-gains[order])][: max(0, spare)], 1])
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ def _score(block: _Block, old: np.ndarray, knot: float, time: np.ndarray) -> flo
     j = int(np.clip(np.searchsorted(old, knot) - 2, 1, refined.size - 6))
     low, high = np.searchsorted(time, [refined[j], refined[j + 4]])
     high = min(int(high), block.first + block.residual.size)
-    g = BSpline.basis_element(refined[j:j + 5])(time[low:high])
+    g = BSpline.basis_element(refined[j : j + 5])(time[low:high])
     part = slice(low - block.first, high - block.first)
     inner = g @ block.design[part]
     left = float(g @ g - inner @ block.covariance @ inner)
@@ -232,7 +234,7 @@ def _jumps(curve: Curve) -> list[tuple[int, int, np.ndarray]]:
         steps = np.diff(basis(middle, nu=3), axis=0)
         for j, step in enumerate(steps):
             row = np.zeros((1, int(starts[-1]) + 1))
-            row[0, starts[piece]:starts[piece + 1] + 1] = step / np.abs(step).max()
+            row[0, starts[piece] : starts[piece + 1] + 1] = step / np.abs(step).max()
             found.append((piece, j, row))
     return found
 
@@ -243,12 +245,12 @@ def _bends(curve: Curve) -> list[tuple[int, np.ndarray]]:
     for piece, (interior, degree, start) in enumerate(zip(curve.knots, curve.degrees, curve.starts[:-1], strict=True)):
         if degree == 2:
             row = np.zeros((1, int(curve.starts[-1]) + 1))
-            row[0, start:start + 3] = -0.5, 1.0, -0.5
+            row[0, start : start + 3] = -0.5, 1.0, -0.5
             found.append((piece, row))
         elif degree == 3 and not interior.size:
             rows = np.zeros((2, int(curve.starts[-1]) + 1))
-            rows[0, start:start + 4] = -2.0 / 3.0, 1.0, 0.0, -1.0 / 3.0
-            rows[1, start:start + 4] = -1.0 / 3.0, 0.0, 1.0, -2.0 / 3.0
+            rows[0, start : start + 4] = -2.0 / 3.0, 1.0, 0.0, -1.0 / 3.0
+            rows[1, start : start + 4] = -1.0 / 3.0, 0.0, 1.0, -2.0 / 3.0
             found.append((piece, rows))
     return found
 
@@ -262,7 +264,7 @@ def monotone(fit: Fit, senses: np.ndarray, value: np.ndarray) -> Fit:
     n = fit.curve.coefficients.size
     sense = np.zeros(n)
     for piece, s in enumerate(senses):
-        sense[fit.curve.starts[piece] + 1:fit.curve.starts[piece + 1] + 1] = s
+        sense[fit.curve.starts[piece] + 1 : fit.curve.starts[piece + 1] + 1] = s
     signs = np.where(sense < 0.0, -1.0, 1.0)
     total = np.tril(np.ones((n, n))) * signs[None, :]
     root = np.tril(fit.factor[0]).T

@@ -17,8 +17,8 @@ import yaml
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import CELSIUS, Landmarks
-from thermofit.measure.virtual_dic import measure_dic, write_dic
 from thermofit.measure.face import face_grid
+from thermofit.measure.virtual_dic import measure_dic, write_dic
 from thermofit.measure.virtual_ir import camera_pose, measure_infrared, pick_landmarks, scene_of, write_infrared
 from thermofit.measure.virtual_setup import VirtualFields, VirtualInstruments, rigid_motion, stream
 

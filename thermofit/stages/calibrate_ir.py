@@ -43,7 +43,9 @@ def _no_folder(study: Study) -> str:
 def _make(study: Study) -> Made:
     experiment = read_experiment(study.experiment, ("force", "ir"))
     if experiment.ir is None:
-        raise DataError(f"{study.experiment}: experiment.yaml declares no infrared frames; add its ir section, or identify without temperatures")
+        raise DataError(
+            f"{study.experiment}: experiment.yaml declares no infrared frames; add its ir section, or identify without temperatures"
+        )
     landmarks = _landmarks(study, experiment)
     specimen, ir = study.specimen_of(experiment.specimen), experiment.ir
     if not 0 <= landmarks.frame < len(ir.time):
@@ -77,7 +79,9 @@ def _landmarks(study: Study, experiment: Experiment) -> Landmarks:
     override = study.ir.landmarks
     given = experiment.landmarks if override is None else _from_override(override)
     if given is None:
-        raise DataError(f"{study.experiment}: neither experiment.yaml nor the study gives ir.landmarks; pick length, edge_left, edge_right and circle")
+        raise DataError(
+            f"{study.experiment}: neither experiment.yaml nor the study gives ir.landmarks; pick length, edge_left, edge_right and circle"
+        )
     return given if study.ir.landmarks_frame is None else replace(given, frame=study.ir.landmarks_frame)
 
 

@@ -14,7 +14,7 @@ from thermofit.identify.window import window_times
 
 def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     """Does the window stay below the yield limit that the study starts from, and below the knee of the measured force?"""
-    t0, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
+    _, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
     steps = data.steps["displacement"].until(t1)
     stress = float(np.max(np.abs(steps.force))) / (data.specimen.gauge_width * data.specimen.thickness)
     p = solved.parameters
@@ -22,9 +22,9 @@ def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     knee = next((phase.t1 for phase in data.phases if phase.label == "elastic"), t1)
     out = []
     if "M_y0" in study.parameters and stress > limit:
-        out.append(f"elastic window holds {stress:.0f} MPa, above the yield limit {limit:.0f} MPa of the study's start; shorten stages.elastic.window")
+        out.append(f"elastic window holds {stress:.0f} MPa, above the start's yield limit {limit:.0f} MPa; shorten stages.elastic.window")
     if t1 > knee + 1e-9:
-        out.append(f"elastic window ends at {t1:.2f} s, after the force bends at {knee:.2f} s: it holds plastic points; shorten stages.elastic.window")
+        out.append(f"elastic window ends at {t1:.2f} s, after the force bends at {knee:.2f} s; shorten stages.elastic.window")
     return tuple(out)
 
 

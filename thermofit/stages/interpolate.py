@@ -91,7 +91,9 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     return Made(datasets, summary)
 
 
-def _displacement(study: Study, dic: DicField, nodal: NodalDisplacement, points: ObservationPoints, summary: dict[str, Any]) -> FieldObservation:
+def _displacement(
+    study: Study, dic: DicField, nodal: NodalDisplacement, points: ObservationPoints, summary: dict[str, Any]
+) -> FieldObservation:
     """Displacements at the evaluation times with sigma from the raw noise through the interpolation weights."""
     wanted = study.evaluation.displacement_times
     at = nodal if wanted == "stages" else displacements_at(nodal, np.asarray(wanted, dtype=float))

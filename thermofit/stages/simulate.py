@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from itertools import pairwise
 
 import numpy as np
@@ -99,9 +98,7 @@ def _times(load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_ste
     return np.append(np.concatenate(parts), fixed[-1])
 
 
-def _solve(
-    study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray
-) -> tuple[Body, History]:
+def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray) -> tuple[Body, History]:
     specimen, size = what
     body = tension_body(dogbone_mesh(specimen, size.n_x, size.n_y, size.n_z))
     numerics = study.numerics

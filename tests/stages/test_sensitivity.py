@@ -91,7 +91,7 @@ def test_quantity_that_reaches_the_mechanics_is_solved_anew(study_of: StudyOf, m
 
     monkeypatch.setattr(sensitivity, "model_maker", counted)
     sensitivity.run(study_of(sensitivity={"stage": "thermal", "quantity": "E", "values": [60000.0]}))
-    assert len(prepared) == 2 and prepared[1] == 60000.0
+    assert set(prepared[1:]) - {prepared[0]} == {60000.0}
     prepared.clear()
     sensitivity.run(study_of(sensitivity={"stage": "thermal", "quantity": "kappa", "values": [150.0]}))
     assert len(prepared) == 1

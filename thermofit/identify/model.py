@@ -28,12 +28,16 @@ Errors = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class StageModel:
-    """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them."""
+    """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them.
+
+    `one_way`: the mechanics in it was solved once, for the parameters that the model was made with.
+    """
 
     errors: Callable[[Parameters], Errors]
     comparisons: tuple[Comparison, ...]
     observations: dict[str, FieldObservation]
     remark: str
+    one_way: bool = False
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27)."""
@@ -128,7 +132,7 @@ def stage_model(
         errors = _heat_errors(kept, samplers, observations, base)
     else:
         errors = _coupled_errors(run, samplers, observations)
-    return StageModel(errors, comparisons, observations, remark)
+    return StageModel(errors, comparisons, observations, remark, one_way)
 
 
 def _coupled_errors(run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation]) -> Callable[[Parameters], Errors]:

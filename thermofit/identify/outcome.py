@@ -77,7 +77,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
     errors = solved.model.errors(solved.parameters)
     channels = channel_table(solved.model.comparisons, errors)
     line, trustworthy = verdict(solved, channels)
-    counts = merged_counts(solved.coarse, solved.fit)
+    counts = merged_counts(*solved.earlier, solved.fit)
     fit = solved.fit
     datasets = {
         "evaluations/x": Dataset(np.array([e.x for e in fit.log]).reshape(-1, len(fit.names)), "1", ("evaluation", "parameter")),

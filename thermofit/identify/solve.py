@@ -31,36 +31,72 @@ DIFFERENCE_STEP = 5e-6
 F_TOLERANCE = 0.01
 """Remaining drop of the objective in units of its variance at which a fit has converged: a tenth of a standard error."""
 
+TURNS = 4
+"""Most often that a one-way stage solves its mechanics."""
+SETTLED = 0.1
+"""Change of every parameter, in standard errors, below which the mechanics of a one-way stage need not be solved anew."""
+
 ModelOn = Callable[[MeshSize, Parameters], StageModel]
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A stage that is solved: parameters, the model on the final mesh, the fit, and the covariance with correlated noise."""
+    """A stage that is solved: parameters, the model on the final mesh, the fit, and the covariance with correlated noise.
+
+    `earlier`: the fits before the last one, on the coarse mesh or with the mechanics of earlier parameters.
+    """
 
     parameters: Parameters
     model: StageModel
     fit: FitResult
     covariance: Covariance | None
-    coarse: FitResult | None
+    earlier: tuple[FitResult, ...]
     remarks: tuple[str, ...]
 
 
 def solve(study: Study, settings: StageSettings, base: Parameters, model_on: ModelOn, job: Job) -> Solved:
     """Minimise a stage's objective from `base`; on a fine mesh the optimum of the coarse mesh is the start.
 
+    A one-way stage takes its mechanics from a coupled run with the parameters that it starts from; thermal strain in that run takes
+    part in the heat balance (9 K alpha_exp^2 theta beside c0). So the mechanics is solved anew at the optimum until that settles.
+
     A killed run resumes: finished evaluations are read from `<run_dir>/<stage>.evaluations/`, which goes when the artefact is
     written. NumericsError where the forward model fails at the start.
     """
     base = base.with_free(settings.free)
     size, coarse_size = study.mesh_size, PRESETS["coarse"]
-    coarse = None
+    fits: list[FitResult] = []
     if _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
-        _, coarse = _minimise(study, settings, base, (model_on, coarse_size), job)
-        base = base.with_vector(coarse.x)
-    model, fit = _minimise(study, settings, base, (model_on, size), job, None if coarse is None else coarse.jacobian)
+        _, coarse = _settled(study, settings, base, (model_on, coarse_size), job)
+        fits += coarse
+        base = base.with_vector(coarse[-1].x)
+    model, fine = _settled(study, settings, base, (model_on, size), job, fits[-1].jacobian if fits else None)
+    fit, fits = fine[-1], fits + fine
     spread, remark = _covariance(model, fit)
-    return Solved(base.with_vector(fit.x), model, fit, spread, coarse, (remark,) if remark else ())
+    restless = "" if _close(*fine[-2:]) else "the mechanics of the one-way stage has not settled: the optimum still moves with it"
+    return Solved(base.with_vector(fit.x), model, fit, spread, tuple(fits[:-1]), tuple(r for r in (remark, restless) if r))
+
+
+def _settled(
+    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, jacobian: np.ndarray | None = None
+) -> tuple[StageModel, list[FitResult]]:
+    """Model and fits on one mesh; the last fit is the result. Several only where the model is one-way."""
+    fits: list[FitResult] = []
+    for turn in range(TURNS):
+        model, fit = _minimise(study, settings, base, on, job, (jacobian, turn))
+        fits.append(fit)
+        if not model.one_way or not fit.converged or (turn and _close(*fits[-2:])):
+            break
+        base, jacobian = base.with_vector(fit.x), fit.jacobian
+    return model, fits
+
+
+def _close(before: FitResult, after: FitResult | None = None) -> bool:
+    """True where the second fit has not moved against its standard errors; a single fit is close to itself."""
+    if after is None:
+        return True
+    scale = np.abs(after.x) * 1e-3 if after.sigma is None else SETTLED * np.where(np.isfinite(after.sigma), after.sigma, np.inf)
+    return bool(np.all(np.abs(after.x - before.x) <= scale))
 
 
 def checkpoint_folder(job: Job, label: str) -> str:
@@ -87,10 +123,10 @@ def _elements(size: MeshSize) -> int:
 
 
 def _minimise(
-    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, jacobian: np.ndarray | None = None
+    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, start: tuple[np.ndarray | None, int]
 ) -> tuple[StageModel, FitResult]:
-    model_on, size = on
-    label = f"{size.n_x}x{size.n_y}x{size.n_z}"
+    (model_on, size), (jacobian, turn) = on, start
+    label = f"{size.n_x}x{size.n_y}x{size.n_z}" + (f".{turn}" if turn else "")
     model = model_on(size, base)
     store = Checkpoint(job.path.parent / checkpoint_folder(job, label), _key(job, base))
     bounds = np.array([study.bounds(name) for name in settings.free])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,7 @@ class Trial:
 
 
 def shared_models(model_on: ModelOn, base: Parameters) -> ModelOn:
-    """One model per mesh for all trials, prepared at `base` when first asked for: a one-way stage solves its mechanics once.
+    """One model per mesh for all trials, prepared at `base` when first asked for: a one-way stage solves its mechanics once, there.
 
     All trials then minimise the same function, so that their optima can be compared.
     """
@@ -51,7 +51,7 @@ def shared_models(model_on: ModelOn, base: Parameters) -> ModelOn:
     def model(size: MeshSize, _: Parameters) -> StageModel:
         key = (size.n_x, size.n_y, size.n_z)
         if key not in models:
-            models[key] = model_on(size, base)
+            models[key] = replace(model_on(size, base), one_way=False)
         return models[key]
 
     return model
@@ -88,14 +88,14 @@ def trial_summary(trial: Trial, start: Parameters) -> dict[str, Any]:
         "sigma": dict(zip(fit.names, sigma, strict=True)),
         "at_bound": [name for name, at in zip(fit.names, fit.at_bound, strict=True) if at],
         "f": fit.f,
-        "evaluations": merged_counts(solved.coarse, fit),
+        "evaluations": merged_counts(*solved.earlier, fit),
         "message": "; ".join(part for part in (trial.remark, fit.message, *solved.remarks) if part),
     }
 
 
 def total_counts(trials: Sequence[Trial]) -> Mapping[str, float]:
     """Forward runs, failed and replayed ones and wall time of all trials together."""
-    return merged_counts(*(fit for t in trials if t.solved is not None for fit in (t.solved.coarse, t.solved.fit)))
+    return merged_counts(*(fit for t in trials if t.solved is not None for fit in (*t.solved.earlier, t.solved.fit)))
 
 
 def optima(trials: Sequence[Trial], names: Sequence[str]) -> np.ndarray:

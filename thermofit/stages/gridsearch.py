@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.jit import set_threads
+from thermofit.core.parameters import Parameters
 from thermofit.core.progress import progress
-from thermofit.core.staging import Job, Made, Outcome, job, produce
+from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_models import GridSearch
+from thermofit.identify.inputs import with_identified
 from thermofit.identify.outcome import made
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, model_maker, ready
@@ -38,11 +41,20 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     study lists no starts or names a parameter that the stage does not identify; NumericsError where every start fails.
     """
     settings = _settings(study)
-    stage = ready(study, settings.stage)
+    stage, optimum = _with_optimum(study, settings, ready(study, settings.stage))
     task = job(study.run_dir, NAME, {**stage.config, **study.config_of("gridsearch")}, stage.inputs)
-    outcome = produce(task, lambda: _make(study, settings, stage, task), force=force)
+    outcome = produce(task, lambda: _make(study, stage, optimum, task), force=force)
     discard_checkpoints(task)
     return outcome
+
+
+def _with_optimum(study: Study, settings: GridSearch, stage: Ready) -> tuple[Ready, Parameters]:
+    """The parameters for which a one-way model is made: the optimum where the stage has been identified, else the study's start."""
+    command = f"identify-{settings.stage}"
+    if not artefact_path(study.run_dir, command).exists():
+        return stage, stage.base
+    optimum, found = with_identified(study, stage.base, (command,))
+    return replace(stage, inputs={**stage.inputs, **found}), optimum.with_free(stage.settings.free)
 
 
 def _settings(study: Study) -> GridSearch:
@@ -59,9 +71,10 @@ def _settings(study: Study) -> GridSearch:
     return settings
 
 
-def _make(study: Study, settings: GridSearch, stage: Ready, task: Job) -> Made:
+def _make(study: Study, stage: Ready, optimum: Parameters, task: Job) -> Made:
+    settings = _settings(study)
     set_threads(study.numerics.threads)
-    models = shared_models(model_maker(study, stage.settings, stage.data), stage.base)
+    models = shared_models(model_maker(study, stage.settings, stage.data), optimum)
     trials: list[Trial] = []
     with progress(NAME, len(settings.starts)) as advance:
         for number, start in enumerate(settings.starts, start=1):

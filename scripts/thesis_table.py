@@ -44,11 +44,8 @@ THESIS: Mapping[str, Mapping[str, tuple[str, Mapping[str, float]]]] = {
 }
 """Optimal values by stage, with the number of the table."""
 
-GRID = {
-    "exp1": "Table 5.6: all seven starts reach one optimum",
-    "exp2": "Table 5.15: all four starts",
-    "exp3": "Table 5.19: all ten starts",
-}
+GRID = {"exp1": ("5.6", "seven"), "exp2": ("5.15", "four"), "exp3": ("5.19", "ten")}
+"""Table and number of starts, all of which reach one optimum."""
 
 TABLE_5_21 = {
     297.30: {"alpha_exp": 20.07e-6, "kappa": 144.83, "c0": 2.20, "beta": 0.79, "alpha_air": 13.35, "alpha_clamp": 182.78},

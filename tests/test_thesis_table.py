@@ -73,6 +73,14 @@ def test_table_is_printed_from_the_artefacts(script: ModuleType, tmp_path: Path,
     lines = capsys.readouterr().out.splitlines()
     row = next(line for line in lines if " kappa " in line)
     assert "193.688" in row and "+2.00 %" in row and "+2.0" in row and "189.89" in row and "5.15" in row
+    names = list(script.THESIS["exp2"]["identify-thermal"][1])
+    optimum = {"failed": False, "converged": True, "optimum": dict.fromkeys(names, 1.5), "f": 30.0, "evaluations": {"forward": 12}}
+    summary = {"verdict": "valley", "starts": [optimum, {"failed": True}], "channels": {"dtheta": {"n": 60}}}
+    thermal = {name: result(name, 1.0, True) for name in names}
+    write_record(tmp_path / "gridsearch.h5", RecordContent("gridsearch", {}, {}, {}, thermal, summary))
+    assert script.main(["exp2", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "0.50000" in printed and "failed" in printed and "thesis, Table 5.15: all four starts" in printed
     (tmp_path / "identify-thermal.h5").unlink()
     assert script.main(["exp2", str(tmp_path)]) == 2
     assert "run `make exp2` first" in capsys.readouterr().err

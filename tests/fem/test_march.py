@@ -10,7 +10,8 @@ import pytest
 from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
 
 from thermofit.core.errors import StudyError
-from thermofit.fem.body import Body, tension_body
+from thermofit.fem.body import Body, ThermalGeometry, tension_body, thermal_geometry
+from thermofit.fem.conduction import HeatStep, heat_step
 from thermofit.fem.dogbone import dogbone_mesh
 from thermofit.fem.march import History, Loading, MarchSettings, march
 from thermofit.fem.one_way import heat_problem, heat_run
@@ -137,6 +138,23 @@ def test_thermal_expansion_of_a_free_bar() -> None:
     thermal = 3.0 * 1e-4 * bulk * (340.0 - 296.7) * (1.0 - np.log(j)) / j
     assert (bulk - 2.0 / 3.0 * law_mu) * np.log(j) + law_mu * (stretch**2 - 1.0) == pytest.approx(thermal, rel=1e-5)
     assert stretch > 1.004
+
+
+def test_heat_of_a_step_passes_the_mean_of_the_geometries_at_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the films of a growing specimen lag or lead by half a step."""
+    used: list[float] = []
+
+    def recorded(body: Body, geometry: ThermalGeometry, *rest: Any) -> HeatStep:
+        used.append(float(geometry.film_area["air"].sum()))
+        return heat_step(body, geometry, *rest)
+
+    monkeypatch.setattr("thermofit.fem.march.heat_step", recorded)
+    body = tension_body(bar_mesh((1, 2, 1), (1.0, 4.0, 1.0), air=("x1",), clamp=("y0",)), control="displacement")
+    pull = Loading(np.array([0.0, 1.0]), np.array([0.0, 0.4]), "displacement")
+    history = march(body, NOMINAL, pull, np.linspace(0.0, 1.0, 6), MarchSettings(coupling="one-way"))
+    area = np.array([thermal_geometry(body, u).film_area["air"].sum() for u in history.u])
+    assert area[-1] > 1.03 * area[0]
+    assert used == pytest.approx(0.5 * (area[1:] + area[:-1]), rel=1e-12)
 
 
 def test_callback_counts_the_steps() -> None:

@@ -53,14 +53,14 @@ def test_optimum_moves_with_the_prescribed_conductivity(study_of: StudyOf) -> No
 
 
 def test_same_answer_as_identifying_with_that_value(study_of: StudyOf) -> None:
-    """An independent way: the stage itself, with the other value in the study."""
+    """An independent way: the stage itself, with the other value in the study and the mechanics that belongs to it."""
     from thermofit.stages import identify_thermal
 
     study = study_of()
     low = sensitivity.run(study).record.summary["values"][0]["optimum"]
     direct = identify_thermal.run(study_of("parameters.kappa=100.0")).record
     for name, value in low.items():
-        assert value == pytest.approx(direct.parameters[name].value, rel=5e-3)
+        assert value == pytest.approx(direct.parameters[name].value, rel=1e-2)
 
 
 def test_reference_temperature_follows_the_jaws() -> None:

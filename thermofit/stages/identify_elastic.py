@@ -24,7 +24,8 @@ def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     if "M_y0" in study.parameters and stress > limit:
         out.append(f"elastic window holds {stress:.0f} MPa, above the start's yield limit {limit:.0f} MPa; shorten stages.elastic.window")
     if t1 > knee + 1e-9:
-        out.append(f"elastic window ends at {t1:.2f} s, after the force bends at {knee:.2f} s; shorten stages.elastic.window")
+        bend = f"elastic window ends at {t1:.2f} s, after the force bends at {knee:.2f} s"
+        out.append(f"{bend}: it holds plastic points; shorten stages.elastic.window")
     return tuple(out)
 
 

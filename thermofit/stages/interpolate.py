@@ -202,24 +202,34 @@ _UNLOADED = 0.02
 """Share of the largest force below which a hold after loading counts as cooling."""
 
 
+_BEND = 0.5
+"""Share of its rate before that the force keeps after the onset of yield, at most."""
+
+
+def _onset(smooth: SmoothForce, t0: float, t1: float) -> float:
+    """Time in s of the first knee or kink in (t0, t1) at which the force rate falls by half within half a second; t1 where none does."""
+    bends = np.sort(np.concatenate([smooth.phases.knees, smooth.phases.kinks]))
+    for bend in bends[(bends > t0) & (bends < t1)]:
+        reach = min(0.5, 0.5 * (bend - t0), 0.5 * (t1 - bend))
+        if float(smooth.rate(bend + reach)) < _BEND * float(smooth.rate(bend - reach)):
+            return float(bend)
+    return t1
+
+
 def label_phases(smooth: SmoothForce) -> tuple[TestPhase, ...]:
     """Phases of the test in the words of the thesis: rest, elastic, loading, unloading, hold, cooling."""
+    items = smooth.phases.items
     largest = float(np.max(np.abs(smooth.force)))
-    phases: list[TestPhase] = []
-    loaded = False
-    for item in smooth.phases.items:
-        if item.kind == "loading" and not loaded:
-            loaded = True
-            knees = smooth.phases.knees[(smooth.phases.knees > item.t0) & (smooth.phases.knees < item.t1)]
-            middle = float(knees[0]) if len(knees) else item.t1
-            phases.append(TestPhase(item.t0, middle, "elastic"))
-            if middle < item.t1:
-                phases.append(TestPhase(middle, item.t1, "loading"))
-            continue
-        label = item.kind
-        if item.kind == "hold":
-            low = abs(float(smooth.evaluate(0.5 * (item.t0 + item.t1)))) < _UNLOADED * largest
-            label = "rest" if not loaded else ("cooling" if low else "hold")
+    first = next((n for n, item in enumerate(items) if item.kind == "loading"), len(items))
+    after = next((n for n in range(first, len(items)) if items[n].kind != "loading"), len(items))
+    phases = [TestPhase(item.t0, item.t1, "rest" if item.kind == "hold" else item.kind) for item in items[:first]]
+    if first < len(items):
+        t0, t1 = items[first].t0, items[after - 1].t1
+        onset = _onset(smooth, t0, t1)
+        phases += [TestPhase(t0, onset, "elastic"), *([TestPhase(onset, t1, "loading")] if onset < t1 else [])]
+    for item in items[after:]:
+        unloaded = abs(float(smooth.evaluate(0.5 * (item.t0 + item.t1)))) < _UNLOADED * largest
+        label = item.kind if item.kind != "hold" else ("cooling" if unloaded else "hold")
         phases.append(TestPhase(item.t0, item.t1, label))
     return tuple(phases)
 

@@ -16,6 +16,9 @@ from thermofit.identify.model import Errors, StageModel, field_of
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.measure.comparison import Comparison
 
+MISFIT = 1.5
+"""Error of a channel over its noise above which a fit is remarked on; the same limit as that of `verify`."""
+
 
 def parameter_results(study: Study, start: Parameters, solved: Solved) -> dict[str, ParameterResult]:
     """Every parameter by name; sigma and at_bound where it was free."""
@@ -72,6 +75,15 @@ def verdict(solved: Solved, channels: Mapping[str, Mapping[str, Any]]) -> tuple[
     return f"identified {', '.join(fit.names)}; {errors}", True
 
 
+def misfits(channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """A remark for every channel whose error is far above its noise: the standard errors then say little about the parameters."""
+    return tuple(
+        f"{name} is left at {np.sqrt(c['chi2_reduced']):.3g} times its noise: model or choice of channel does not explain the data"
+        for name, c in channels.items()
+        if c["chi2_reduced"] > MISFIT**2
+    )
+
+
 def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ...] = ()) -> Made:
     """The record of an identification stage."""
     errors = solved.model.errors(solved.parameters)
@@ -96,7 +108,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "method": fit.method,
         "channels": channels,
         "evaluations": counts,
-        "remarks": [r for r in (*remarks, solved.model.remark, *solved.remarks) if r],
+        "remarks": [r for r in (*remarks, solved.model.remark, *solved.remarks, *misfits(channels)) if r],
     }
     return Made(datasets, summary, parameter_results(study, start, solved))
 

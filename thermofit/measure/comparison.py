@@ -82,9 +82,9 @@ def plain(observation: FieldObservation, choice: Weight = "sigma") -> Comparison
 
 
 def rigid_free(observation: FieldObservation, choice: Weight = "sigma") -> Comparison:
-    """Relative displacements in their most efficient form: at every time the best small rigid motion is taken out of the error.
+    """Relative displacements of all points at once: at every time the best small rigid motion is taken out of the error.
 
-    All differences of points at once: what is left is what no translation and no small in-plane rotation of the deformed
+    What is left is what no translation and no small in-plane rotation of the deformed
     specimen can explain. The generators are 1, 1 and the rotation of the current position X + u.
     """
     rows = _rows(observation.mask, 2)

@@ -59,7 +59,8 @@ schema: install
 	$(BIN)/python scripts/write_schema.py
 
 bench: install
-	$(BIN)/python scripts/bench.py
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
+	$(BIN)/python scripts/bench.py --write docs/performance.md
 
 # The table is printed even where a stage was not trustworthy (exit 5); the exit code is that of the run.
 exp1 exp2 exp3: install

@@ -149,6 +149,7 @@ SENTENCES = [
     ("stages.elastic.channels={du: {weight: {x: 0, y: 0}}}", "at least one positive weight"),
     ("stages.elastic.channels={du: {weight: -1}}", "channels.du.weight' is -1; expected more than 0"),
     ("stages.thermal={}", "key 'parameters.alpha_exp' is missing, but stage thermal identifies it"),
+    ("material_axes.angle=45", "key 'material_axes.angle' is 45 degrees; expected a multiple of 90"),
     ("parameters.Ee=3", "did you mean 'E'?"),
     ("parameters.E=abc", "key 'parameters.E' is 'abc'; expected a number or a section"),
     ("parameters.E.strat=3", "key 'parameters.E.strat' is not known; did you mean 'start'?"),

@@ -148,7 +148,7 @@ def test_heat_of_a_step_passes_the_mean_of_the_geometries_at_its_ends(monkeypatc
         used.append(float(geometry.film_area["air"].sum()))
         return heat_step(body, geometry, *rest)
 
-    monkeypatch.setattr("thermofit.fem.march.heat_step", recorded)
+    monkeypatch.setattr("thermofit.fem.coupling.heat_step", recorded)
     body = tension_body(bar_mesh((1, 2, 1), (1.0, 4.0, 1.0), air=("x1",), clamp=("y0",)), control="displacement")
     pull = Loading(np.array([0.0, 1.0]), np.array([0.0, 0.4]), "displacement")
     history = march(body, NOMINAL, pull, np.linspace(0.0, 1.0, 6), MarchSettings(coupling="one-way"))

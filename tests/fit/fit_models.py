@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from thermofit.core.errors import NumericsError
@@ -9,7 +11,7 @@ from thermofit.fit.problem import Problem
 
 
 def problem(residual, start, lower=None, upper=None, scale=None, names=None, jacobian=None) -> Problem:
-    """Problem with defaults."""
+    """Problem with defaults; with `jacobian` its derivatives are exact."""
     start = np.array(start, dtype=float)
     full = np.full(start.size, np.inf)
     return Problem(
@@ -19,8 +21,18 @@ def problem(residual, start, lower=None, upper=None, scale=None, names=None, jac
         full if upper is None else np.array(upper, dtype=float),
         np.ones(start.size) if scale is None else np.array(scale, dtype=float),
         tuple(names or (f"p{i}" for i in range(start.size))),
-        jacobian,
+        None if jacobian is None else lambda x: (residual(x), jacobian(x)),
     )
+
+
+def complex_step(residual, x, step=1e-30):
+    """dr/dx exact to rounding of a residual that takes complex arguments."""
+    return np.column_stack([np.imag(residual(x + 1j * step * e)) / step for e in np.eye(x.size)])
+
+
+def exact(base: Problem) -> Problem:
+    """The same problem with exact derivatives by complex step."""
+    return dataclasses.replace(base, linearise=lambda x: (base.residual(x), complex_step(base.residual, x)))
 
 
 def rosenbrock(x):
@@ -68,14 +80,14 @@ def bar(seed=3, noise=2e-5):
 
     def strain(p):
         young, first, limit, speed, poisson, ratio = p
-        if highest[-1] >= limit or first >= limit:
+        if highest[-1] >= limit.real or first.real >= limit.real:
             raise NumericsError("no convergence: load above the hardening limit")
-        over = np.maximum(highest - first, 0.0) / (limit - first)
+        over = np.where(highest > np.real(first), highest - first, 0.0) / (limit - first)
         plastic = -np.log1p(-over) / speed
         return np.concatenate([stress / young + plastic, -poisson * stress / young - ratio * plastic])
 
-    exact = strain(BAR_TRUE)
-    data = exact + noise * np.random.default_rng(seed).standard_normal(exact.size)
+    clean = strain(BAR_TRUE)
+    data = clean + noise * np.random.default_rng(seed).standard_normal(clean.size)
     return lambda p: (strain(p) - data) / noise
 
 

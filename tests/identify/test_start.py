@@ -17,10 +17,24 @@ def study(**bounds: tuple[float, float]) -> Any:
     """What the start needs of a study."""
     return SimpleNamespace(
         model=2,
+        material_axes=SimpleNamespace(angle=0.0),
         force=SimpleNamespace(drives="force"),
         bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)),
         scale=lambda n: param(n).scale,
     )
+
+
+def test_a_sheet_cut_across_reads_g_for_h() -> None:
+    """Rolling direction across the load: the same curve, with H of the load direction under the name G."""
+    across = study()
+    across.material_axes.angle = 90.0
+    sheet = TRUTH.replace(G=TRUTH["H"], H=2.0 * TRUTH["H"])
+    weak = sheet.replace(M_yinf=200.0, H_exp=5.0, F=0.6).with_free(PLASTIC)
+    assert carries(across, uniaxial_test(), sheet) and not carries(across, uniaxial_test(), weak)
+    found, _ = feasible_start(across, uniaxial_test(), weak)
+    for name in PLASTIC:
+        assert found[name] == pytest.approx(TRUTH[name], rel=0.02), name
+    assert (found["G"], found["H"]) == (sheet["G"], sheet["H"])
 
 
 def test_a_good_start_is_kept() -> None:

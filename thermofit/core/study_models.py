@@ -52,6 +52,21 @@ class SpecimenOverride(Section):
     gripped_length: Positive | None = None
 
 
+class MaterialAxes(Section):
+    """How the sheet lies in the specimen; the Hill parameters (4.19) refer to its rolling direction as axis 2."""
+
+    angle: Number = 0.0
+    """Degrees from the load to the rolling direction about the thickness axis; a multiple of 90: the model is a quarter of the body."""
+
+    @model_validator(mode="after")
+    def _quarter_turns(self) -> MaterialAxes:
+        if self.angle % 90.0 != 0.0:
+            raise content_error(
+                f"is {self.angle:g} degrees; expected a multiple of 90, which alone leaves the quarter model symmetric", key="angle"
+            )
+        return self
+
+
 class EvaluationWindow(Section):
     """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2)."""
 
@@ -206,6 +221,7 @@ class Sections(Section):
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
     mesh: Mesh = "full"
     specimen: SpecimenOverride = SpecimenOverride()
+    material_axes: MaterialAxes = MaterialAxes()
     parameters: ParameterSettings = Field(default={})
     """Start (or fixed) values by name: a number, or {start: ..., bounds: [.., ..], scale: ...}."""
     evaluation: Evaluation = Evaluation()

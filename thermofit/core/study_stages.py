@@ -22,7 +22,7 @@ from thermofit.core.study_section import (
 
 Channel = Literal["u", "du", "theta", "dtheta", "force"]
 StageName = Literal["elastic", "plastic", "thermal"]
-Method = Literal["least-squares", "nelder-mead", "bobyqa", "sbplx", "cobyla"]
+Method = Literal["least-squares", "trust-region", "gauss-newton", "nelder-mead", "bobyqa", "sbplx", "cobyla"]
 
 Free = Annotated[tuple[ParameterName, ...], Field(min_length=1), AfterValidator(no_repeats)]
 Window = Annotated[Annotated[Literal["auto", "all"], Tag("~word")] | Annotated[Interval, Tag("~interval")], word_or("~interval")]
@@ -69,6 +69,7 @@ class StageSettings(Section):
     window: Window
     """`auto`: the elastic range, found from the data; `all`; or [t0, t1] in s."""
     method: Method = "least-squares"
+    """`least-squares`: `trust-region` where derivatives are exact, else `gauss-newton`; the others are NLopt's, without derivatives."""
     coupling: Literal["full", "one-way"] = "full"
     max_evaluations: Count = 2000
     tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-5

@@ -22,6 +22,7 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
 # mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
 # specimen: {thickness: 1.2}         # lengths in mm that replace those of experiment.yaml
+# material_axes: {angle: 0}          # degrees from the load to the rolling direction (axis 2 of Hill's parameters), multiple of 90
 
 ## A number is the start of an identified parameter and the value of a fixed one. What is not given is neutral:
 ## G = H = 0.5 and L = M = N = 1.5 (von Mises with F = 0.5), H_lin = 0. Scale: usual size of a parameter, for the search.
@@ -62,7 +63,7 @@ parameters:
 ## channels: u, du (relative displacements), theta, dtheta (change of temperature), force.
 ## weight: sigma (1/sigma^2), value (2.25), max (2.26), a number, or {x: 5, y: 1} for u and du.
 ## window: auto (elastic range, from the data), all, or [t0, t1] in s. coupling: full or one-way.
-## method: least-squares, nelder-mead (the thesis), bobyqa, sbplx, cobyla.
+## method: least-squares (chooses trust-region or gauss-newton), nelder-mead (the thesis), bobyqa, sbplx, cobyla.
 stages:
   elastic:
     free: [E, nu]

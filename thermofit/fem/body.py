@@ -11,7 +11,7 @@ from thermofit.core.errors import StudyError
 from thermofit.fem.element import ElementData, element_data
 from thermofit.fem.heat import FacetData, capacity_matrices, conduction_matrices, facet_data, film_matrices
 from thermofit.fem.linear import BandPattern, band_pattern, scatter, slots
-from thermofit.fem.mesh import Mesh
+from thermofit.fem.mesh import Mesh, boundary_facets
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,17 @@ def tension_body(mesh: Mesh, *, control: str = "force", f_bar: bool = True, symm
     )
 
 
+def check_axes(body: Body, angle: float) -> None:
+    """StudyError where material axes turned by `angle` degrees about z break a symmetry plane x = 0 of the body."""
+    on_plane = np.zeros(body.mesh.n_nodes, dtype=bool)
+    on_plane[body.mesh.node_sets["x0"]] = True
+    if angle % 90.0 != 0.0 and on_plane[boundary_facets(body.mesh.hexes)].all(axis=1).any():
+        raise StudyError(
+            f"material axes: an angle of {angle:g} degrees found, but the body is a symmetric part, which only multiples of 90 degrees "
+            "leave symmetric; choose one of them, or mesh the whole specimen"
+        )
+
+
 @dataclass(frozen=True)
 class ThermalGeometry:
     """Conduction (n_slots,) for unit kappa, mm, and per film set int N_a N_b da (n_slots,) and int N_a da (n_np,), mm^2."""
@@ -128,5 +139,6 @@ def thermal_geometry(body: Body, u: np.ndarray) -> ThermalGeometry:
         film_matrices(facets, x, local)
         film[name] = np.zeros(body.thermal.n_slots)
         scatter(local, body.film_slot[name], film[name])
-        area[name] = np.bincount(facets.facets.ravel(), local.sum(axis=2).ravel(), minlength=body.mesh.n_nodes)
+        shares = np.bincount(facets.facets.ravel(), local.sum(axis=2).ravel(), minlength=body.mesh.n_nodes)
+        area[name] = shares.astype(float)  # numpy counts an empty set in integers
     return ThermalGeometry(conduction, film, area)

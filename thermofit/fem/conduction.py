@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.errors import StudyError
+from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.fem.body import Body, ThermalGeometry
@@ -44,23 +45,40 @@ def at_constant_stress(conditions: HeatConditions, law: Law) -> HeatConditions:
 
 @dataclass(frozen=True)
 class HeatStep:
-    """Temperature at the end of a step (n_np,) K and heat in mJ that left through each film set during it (model, not specimen)."""
+    """Temperature at the end of a step (n_np,) K and heat in mJ that left through each film set during it (model, not specimen).
+
+    The rest is what its linearisation needs (`conduction_rates`): temperatures at the start of the step and at the end of the first
+    stage of the scheme (`stages` holds one or two, the last is theta), the factor of C + gamma dt E, and what the step was made of.
+    """
 
     theta: np.ndarray
     outflow: Mapping[str, float]
+    start: np.ndarray
+    stages: tuple[np.ndarray, ...]
+    factor: Factor
+    geometry: ThermalGeometry
+    conditions: HeatConditions
+    length: float
 
 
-def _exchange(geometry: ThermalGeometry, conditions: HeatConditions) -> tuple[np.ndarray, np.ndarray]:
-    """kappa K + sum alpha S (n_slots,) in mW/K and sum alpha theta_M int N da (n_np,) in mW."""
+def exchange(geometry: ThermalGeometry, conditions: HeatConditions) -> tuple[np.ndarray, np.ndarray]:
+    """E = kappa K + sum alpha S (n_slots,) in mW/K and q = sum alpha theta_M int N da (n_np,) in mW."""
     matrix = conditions.kappa * geometry.conduction
     inflow = np.zeros_like(next(iter(geometry.film_area.values())))
     for name, (alpha, theta_medium) in conditions.films.items():
-        matrix += FILM_UNIT * alpha * geometry.film[name]
-        inflow += FILM_UNIT * alpha * theta_medium * geometry.film_area[name]
+        _add(matrix, FILM_UNIT * alpha, geometry.film[name])
+        _add(inflow, FILM_UNIT * alpha * theta_medium, geometry.film_area[name])
     return matrix, inflow
 
 
-def _film_power(body: Body, geometry: ThermalGeometry, conditions: HeatConditions, theta: np.ndarray) -> dict[str, float]:
+@kernel
+def _add(y: np.ndarray, factor: float, x: np.ndarray) -> None:
+    """y += factor x without a further array."""
+    for i in range(y.shape[0]):
+        y[i] += factor * x[i]
+
+
+def _film_power(geometry: ThermalGeometry, conditions: HeatConditions, theta: np.ndarray) -> dict[str, float]:
     """Power in mW that leaves through each film set (4.13)."""
     power = {}
     for name, (alpha, theta_medium) in conditions.films.items():
@@ -76,20 +94,23 @@ def heat_step(
     Schemes: "sdirk2" (order 2, L-stable) or "backward-euler". `geometry` is that of the step (mean of both ends).
     """
     dt, scheme = step
-    exchange, inflow = _exchange(geometry, conditions)
+    matrix, inflow = exchange(geometry, conditions)
     gamma = GAMMA if scheme == "sdirk2" else 1.0
-    capacity = conditions.c0 * body.capacity
     pattern = body.thermal
-    factor = Factor(pattern, capacity + gamma * dt * exchange)
+    matrix *= gamma * dt
+    _add(matrix, conditions.c0, body.capacity)
+    factor = Factor(pattern, matrix)
     supply = gamma * (heat + dt * inflow)
-    theta = factor.solve(multiply_symmetric(pattern.row, pattern.column, capacity, theta_n) + supply)
-    power = _film_power(body, geometry, conditions, theta)
-    if scheme != "sdirk2":
-        return HeatStep(theta, {name: dt * value for name, value in power.items()})
-    start = theta_n + (1.0 - gamma) / gamma * (theta - theta_n)
-    theta = factor.solve(multiply_symmetric(pattern.row, pattern.column, capacity, start) + supply)
-    end_power = _film_power(body, geometry, conditions, theta)
-    return HeatStep(theta, {name: dt * ((1.0 - gamma) * power[name] + gamma * end_power[name]) for name in power})
+    weights = (gamma,) if scheme != "sdirk2" else (1.0 - gamma, gamma)
+    start, stages = theta_n, []
+    outflow = dict.fromkeys(conditions.films, 0.0)
+    for weight in weights:
+        theta = factor.solve(conditions.c0 * multiply_symmetric(pattern.row, pattern.column, body.capacity, start) + supply)
+        for name, power in _film_power(geometry, conditions, theta).items():
+            outflow[name] += dt * weight * power
+        start = theta_n + (1.0 - gamma) / gamma * (theta - theta_n)
+        stages.append(theta)
+    return HeatStep(theta, outflow, theta_n, tuple(stages), factor, geometry, conditions, dt)
 
 
 def steady_temperature(body: Body, geometry: ThermalGeometry, conditions: HeatConditions) -> np.ndarray:
@@ -103,8 +124,8 @@ def steady_temperature(body: Body, geometry: ThermalGeometry, conditions: HeatCo
     total = sum(alpha * geometry.film_area[name].sum() for name, (alpha, _) in conditions.films.items())
     if total <= 0.0:
         return np.full(body.mesh.n_nodes, conditions.films["clamp"][1])
-    exchange, inflow = _exchange(geometry, conditions)
-    return Factor(body.thermal, exchange).solve(inflow)
+    matrix, inflow = exchange(geometry, conditions)
+    return Factor(body.thermal, matrix).solve(inflow)
 
 
 def stored_heat(body: Body, conditions: HeatConditions, theta_n: np.ndarray, theta: np.ndarray) -> float:

@@ -17,6 +17,7 @@ from numba import prange
 
 from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
+from thermofit.fem.lanes import add_lanes, copy_lanes
 from thermofit.material.law import Law, dissipated_energy, thermoelastic_heat
 from thermofit.material.tensor import determinant, inverse_transpose
 
@@ -147,6 +148,45 @@ def heat_of_increment(
             for a in range(8):
                 out[data.hexes[e, a]] += data.shape[q, a] * heat
     return total_dissipated, total_elastic
+
+
+class Increment(NamedTuple):
+    """Change of all points over one increment as the heat sources need it, each (n_el, 8): ln J / J and alpha at both ends, dLambda."""
+
+    g_n: np.ndarray
+    g: np.ndarray
+    alpha_n: np.ndarray
+    alpha: np.ndarray
+    d_lambda: np.ndarray
+
+
+def increment_between(start: PointHistory, end: PointHistory) -> Increment:
+    """Increment from one state of all points to another."""
+    g_n, g = np.log(start.dilatation) / start.dilatation, np.log(end.dilatation) / end.dilatation
+    return Increment(g_n, g, start.alpha, end.alpha, end.accumulated - start.accumulated)
+
+
+@kernel
+def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
+    """`heat_of_increment` of a prepared increment, without the totals: for many sets of parameters on one mechanical history.
+
+    The 8 points of an element, and then its 8 nodes, take the lanes.
+    """
+    shape, transposed = data.shape.reshape(-1), data.shape.T.copy().reshape(-1)
+    t, heat, nodal, zero = np.zeros(8), np.zeros(8), np.zeros(8), np.zeros(8)
+    for e in range(data.hexes.shape[0]):
+        copy_lanes(t, 0, zero, 0)
+        for a in range(8):
+            add_lanes(t, 0, theta[data.hexes[e, a]], transposed, 8 * a)
+        for q in range(8):
+            heat[q] = thermoelastic_heat(t[q], increment.g_n[e, q], increment.g[e, q], law)
+            if increment.d_lambda[e, q] > 0.0:
+                heat[q] += dissipated_energy(increment.alpha_n[e, q], increment.alpha[e, q], increment.d_lambda[e, q], law)
+        copy_lanes(nodal, 0, zero, 0)
+        for q in range(8):
+            add_lanes(nodal, 0, data.volume[e, q] * heat[q], shape, 8 * q)
+        for a in range(8):
+            out[data.hexes[e, a]] += nodal[a]
 
 
 @kernel

@@ -1,40 +1,67 @@
-"""Linear algebra behind one small interface: symmetric band pattern, factor, solve, residual check, fall back.
+"""Linear algebra behind one small interface: symmetric pattern, factor, solve many, residual check, refine, fall back.
 
-Numbering the nodes of a long thin body along its long axis gives a narrow band, on which LAPACK's band Cholesky beats
-general sparse solvers; where the band is not narrow, SuperLU takes over. A matrix that is not positive definite (past the
-load maximum) is factored by SuperLU as well. Every solve is checked by its residual.
+The solver is chosen by predicted cost (`sparse_plan`): band Cholesky for long thin bodies, general sparse otherwise; the numbering
+for the band lives inside. A matrix that is not positive definite (past the load maximum) is factored by LU. Every solve is checked by
+its residual. The environment variable THERMOFIT_SOLVER (auto, band, sparse, pardiso) overrides the choice.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
-from scipy.linalg import lapack
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import SuperLU, splu
 
-from thermofit.core.errors import NumericsError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.jit import kernel
+from thermofit.fem.band import BandCholesky, BandLU, NotPositiveError
+from thermofit.fem.sparse import PardisoAnalysis, PardisoCholesky, PardisoError, PardisoMissingError, SparseLU, pardiso_installed
+from thermofit.fem.sparse_plan import BAND_CHOLESKY, BAND_LU, PARDISO, SPARSE_LU, Plan, plan_of
+
+SOLVER_VARIABLE = "THERMOFIT_SOLVER"
+"""Environment variable that asks for a solver; without it the cheapest one is taken."""
 
 _RESIDUAL_LIMIT = 1e-8
-_BAND_SHARE = 0.15
-"""Band storage is used where the half bandwidth is below this share of the equations."""
+_REFINEMENTS = 2
+_ASKED = {"band": (BAND_CHOLESKY, BAND_LU), "sparse": (SPARSE_LU, SPARSE_LU), "pardiso": (PARDISO, SPARSE_LU)}
+"""Solver that is asked for, and the one for a matrix that is not positive definite."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BandPattern:
-    """Sparsity of a symmetric matrix, kept by the non-zeros of its lower triangle: entry s is (row[s], column[s])."""
+    """Sparsity of a symmetric matrix, kept by the non-zeros of its lower triangle row by row: entry s is (row[s], column[s]).
+
+    `bandwidth` is the half bandwidth of the equations as they are numbered. `fallbacks` counts, by a sentence each, how often a
+    factorisation of this pattern did not go the planned way.
+    """
 
     n: int
     bandwidth: int
     row: np.ndarray
     column: np.ndarray
+    fallbacks: Counter[str] = field(default_factory=Counter)
 
     @property
     def n_slots(self) -> int:
         """Number of stored non-zeros of the lower triangle."""
         return len(self.row)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Numbering and predicted cost of all solvers, found when first needed."""
+        return plan_of(self.n, self.row, self.column, self.bandwidth)
+
+    @cached_property
+    def pardiso(self) -> PardisoAnalysis:
+        """PARDISO's symbolic factorisation, made when first needed."""
+        return PardisoAnalysis(self.n, self.row, self.column)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """What is found when needed stays in its process: PARDISO's part of it is an address."""
+        return BandPattern, (self.n, self.bandwidth, self.row, self.column)
 
 
 def _lower_keys(equation: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -75,70 +102,159 @@ def scatter(values: np.ndarray, slot: np.ndarray, data: np.ndarray) -> None:
 
 @kernel
 def multiply_symmetric(row: np.ndarray, column: np.ndarray, data: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """y = K x of a symmetric matrix kept by its lower triangle."""
+    """y = K x (n,) of a symmetric matrix kept by its lower triangle; fastest where the non-zeros of a row follow each other."""
     y = np.zeros(x.shape[0])
-    for s in range(row.shape[0]):
-        i, j = row[s], column[s]
-        y[i] += data[s] * x[j]
-        if i != j:
-            y[j] += data[s] * x[i]
+    s, n_slots = 0, row.shape[0]
+    while s < n_slots:
+        i, total = row[s], 0.0
+        x_i = x[i]
+        while s < n_slots and row[s] == i:
+            j = column[s]
+            total += data[s] * x[j]
+            if i != j:
+                y[j] += data[s] * x_i
+            s += 1
+        y[i] += total
     return y
 
 
-class Factor:
-    """A factored symmetric matrix: `solve(b)` for (n,) or (n, m) right-hand sides.
+@kernel
+def _residual(row: np.ndarray, column: np.ndarray, data: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """b - K x for x and b (n, m) in C order: the m values of an equation lie side by side."""
+    m = x.shape[1]
+    r = b.copy()
+    for s in range(row.shape[0]):
+        i, j, k_ij = row[s], column[s], data[s]
+        for c in range(m):
+            r[i, c] -= k_ij * x[j, c]
+        if i != j:
+            for c in range(m):
+                r[j, c] -= k_ij * x[i, c]
+    return r
 
-    `positive` is False where Cholesky met a negative pivot or the band was too wide and LU was taken.
+
+@kernel
+def _largest(a: np.ndarray) -> np.ndarray:
+    """Largest absolute value (m,) of every column of a (n, m); nan where a column holds one."""
+    top = np.zeros(a.shape[1])
+    for i in range(a.shape[0]):
+        for c in range(a.shape[1]):
+            value = abs(a[i, c])
+            if value > top[c] or value != value:
+                top[c] = value
+    return top
+
+
+class _Solver(Protocol):
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """x (n, m) in C order for b (n, m)."""
+
+
+@dataclass(frozen=True)
+class _Renumbered:
+    """A solver of the matrix whose equation k is equation order[k] here."""
+
+    solver: _Solver
+    order: np.ndarray
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        x = np.empty_like(b)
+        x[self.order] = self.solver.solve(b[self.order])
+        return x
+
+
+class Factor:
+    """A factored symmetric matrix: `solve(b)` for (n,) or (n, m) right-hand sides, fastest in C order. `data` must stay as it is.
+
+    `method` names the solver in use. NumericsError where the matrix is singular, StudyError where THERMOFIT_SOLVER asks for something
+    that is not there.
     """
 
     def __init__(self, pattern: BandPattern, data: np.ndarray) -> None:
         self._pattern, self._data = pattern, data
-        self._lu: SuperLU | None = None
-        self.positive = False
-        if pattern.bandwidth < _BAND_SHARE * pattern.n + 50:
-            band = np.zeros((pattern.n, pattern.bandwidth + 1))
-            band[pattern.column, pattern.row - pattern.column] = data
-            self._band, info = lapack.dpbtrf(band.T, lower=1, overwrite_ab=1)
-            self.positive = info == 0
-        if not self.positive:
-            self._lu = _sparse_lu(pattern, data)
+        asked = _asked()
+        self.method = _ASKED[asked][0] if asked in _ASKED else pattern.plan.cheapest(_available())
+        try:
+            self._solver = self._made()
+        except NotPositiveError:
+            method = _ASKED[asked][1] if asked in _ASKED else pattern.plan.cheapest((BAND_LU, SPARSE_LU))
+            self._take(method, "the matrix is not positive definite")
+        except PardisoError as err:
+            if asked == "pardiso" and isinstance(err, PardisoMissingError):
+                raise StudyError(
+                    f"{SOLVER_VARIABLE} is pardiso, but {err}; install it with pip install 'thermofit[mkl]' or use another solver"
+                ) from err
+            self._take(SPARSE_LU, str(err))
+
+    @property
+    def positive(self) -> bool:
+        """True for a Cholesky factorisation, False for LU."""
+        return self.method in (BAND_CHOLESKY, PARDISO)
 
     def solve(self, b: np.ndarray) -> np.ndarray:
-        """x with K x = b; one refinement where the residual asks for it. NumericsError where the residual stays large."""
-        x = self._raw_solve(b)
-        for refinement in range(3):
-            residual = b - self._apply(x)
-            size = float(np.max(np.abs(residual), initial=0.0)) / max(float(np.max(np.abs(b), initial=0.0)), 1e-300)
-            if size <= _RESIDUAL_LIMIT or not np.any(b):
-                return x
-            if refinement < 2:
-                x = x + self._raw_solve(residual)
-        raise NumericsError(
-            f"linear solve: relative residual {size:.1e} after refinement, expected below {_RESIDUAL_LIMIT:.0e}; "
-            "check the boundary conditions"
-        )
+        """x with K x = b, refined where a residual asks for it; every column is judged by its own size.
 
-    def _apply(self, x: np.ndarray) -> np.ndarray:
+        NumericsError where a residual stays large.
+        """
+        right = np.ascontiguousarray(b, dtype=float).reshape(self._pattern.n, -1 if b.ndim == 1 else b.shape[1])
+        x, size = self._refined(right)
+        if self.method == PARDISO and not size <= _RESIDUAL_LIMIT:
+            self._take(SPARSE_LU, "a residual stayed large")
+            x, size = self._refined(right)
+        if not size <= _RESIDUAL_LIMIT:
+            raise NumericsError(
+                f"linear solve: relative residual {size:.1e} after refinement ({self.method}), expected below {_RESIDUAL_LIMIT:.0e}; "
+                "check the boundary conditions"
+            )
+        return x.reshape(b.shape)
+
+    def _refined(self, b: np.ndarray) -> tuple[np.ndarray, float]:
+        """x (n, m) after at most _REFINEMENTS corrections, and its largest relative residual (nan where x is not finite)."""
+        scale = _largest(b)
+        x = self._solver.solve(b)
+        for refinement in range(_REFINEMENTS + 1):
+            with np.errstate(all="ignore"):
+                residual = self._residual(x, b)
+                error = _largest(residual)
+                size = float(np.where(error > 0.0, error / scale, error).max(initial=0.0))
+            if size <= _RESIDUAL_LIMIT or refinement == _REFINEMENTS or not np.isfinite(size):
+                break
+            x = x + self._solver.solve(residual)
+        return x, size
+
+    def _residual(self, x: np.ndarray, b: np.ndarray) -> np.ndarray:
         p = self._pattern
-        if x.ndim == 1:
-            return multiply_symmetric(p.row, p.column, self._data, x)
-        return np.stack([multiply_symmetric(p.row, p.column, self._data, np.ascontiguousarray(c)) for c in x.T], axis=1)
+        if x.shape[1] == 1:
+            return b - multiply_symmetric(p.row, p.column, self._data, x[:, 0])[:, None]
+        return _residual(p.row, p.column, self._data, x, b)
 
-    def _raw_solve(self, b: np.ndarray) -> np.ndarray:
-        if self._lu is not None:
-            return self._lu.solve(b)
-        x, info = lapack.dpbtrs(self._band, b, lower=1)
-        if info != 0:
-            raise NumericsError(f"band solve: LAPACK dpbtrs returned {info}; expected 0")
-        return x
+    def _take(self, method: str, reason: str) -> None:
+        """Factor by another method, and count why."""
+        self._pattern.fallbacks[f"linear solve: {self.method} was replaced by {method}, because {reason}"] += 1
+        self.method = method
+        self._solver = self._made()
+
+    def _made(self) -> _Solver:
+        pattern, data = self._pattern, self._data
+        if self.method != BAND_CHOLESKY and not np.all(np.isfinite(data)):
+            raise NumericsError("linear solve: the matrix holds numbers that are not finite; check the deformation and the parameters")
+        if self.method == PARDISO:
+            return PardisoCholesky(pattern.pardiso, data)
+        if self.method == SPARSE_LU:
+            return SparseLU(pattern.n, pattern.row, pattern.column, data)
+        plan = pattern.plan
+        band = BandCholesky if self.method == BAND_CHOLESKY else BandLU
+        solver = band(pattern.n, plan.bandwidth, plan.row, plan.column, data)
+        return solver if plan.order is None else _Renumbered(solver, plan.order)
 
 
-def _sparse_lu(pattern: BandPattern, data: np.ndarray) -> SuperLU:
-    off = pattern.row != pattern.column
-    rows = np.concatenate([pattern.row, pattern.column[off]])
-    columns = np.concatenate([pattern.column, pattern.row[off]])
-    matrix = csc_matrix((np.concatenate([data, data[off]]), (rows, columns)), shape=(pattern.n, pattern.n))
-    try:
-        return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    except RuntimeError as err:
-        raise NumericsError(f"linear solve: the matrix is singular ({err}); check that the body is held and heat can leave it") from err
+def _asked() -> str:
+    """Value of THERMOFIT_SOLVER; StudyError for an unknown one."""
+    asked = os.environ.get(SOLVER_VARIABLE) or "auto"
+    if asked != "auto" and asked not in _ASKED:
+        raise StudyError(f"{SOLVER_VARIABLE} is '{asked}'; expected auto, {', '.join(_ASKED)}")
+    return asked
+
+
+def _available() -> tuple[str, ...]:
+    return (BAND_CHOLESKY, SPARSE_LU, PARDISO) if pardiso_installed() else (BAND_CHOLESKY, SPARSE_LU)

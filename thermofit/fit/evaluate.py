@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.fit.problem import Problem, ResidualFunction
+from thermofit.fit.problem import LineariseFunction, Problem, ResidualFunction
 from thermofit.fit.settings import Hooks
 
-Purpose = Literal["step", "jacobian"]
+Purpose = Literal["step", "linearise", "jacobian"]
+"""A point of the search; one whose run gives the exact Jacobian too; a point of finite differences."""
+_T = TypeVar("_T")
 
 PENALTY = 10.0
 """A failed evaluation counts as this multiple of the largest f seen: worse than all, but finite and not so large that it
@@ -28,12 +30,16 @@ class EvaluationLimit(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """One residual (n,) with f = r.r (2.24), or None with the reason of the failure (f is then infinite)."""
+    """One residual (n,) with f = r.r (2.24), or None with the reason of the failure (f is then infinite).
+
+    `jacobian`: dr/dx (n, n_p) where the run gave it.
+    """
 
     f: float
     residual: np.ndarray | None
     reason: str
     seconds: float
+    jacobian: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -52,39 +58,64 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Counts:
-    """Forward runs that were computed, of these failed; replayed from the store; asked again and answered from memory;
-    exact Jacobians; wall time of the forward runs and Jacobians in s (sum over parallel runs)."""
+    """Forward runs that were computed, of these with exact derivatives, of these failed; replayed from the store; asked again and
+    answered from memory; wall time of the forward runs in s (sum over parallel runs)."""
 
     forward: int
+    linearised: int
     failed: int
     replayed: int
     repeated: int
-    jacobians: int
     wall_s: float
 
 
 def attempt(residual: ResidualFunction, x: np.ndarray) -> Outcome:
     """One evaluation with its failure caught; at module level, so that a process pool can pickle it."""
+    value, reason, seconds = _run(residual, x)
+    if value is None:
+        return Outcome(float("inf"), None, reason, seconds)
+    return _checked(np.asarray(value, dtype=float).ravel(), None, seconds)
+
+
+def attempt_linearised(linearise: LineariseFunction, x: np.ndarray) -> Outcome:
+    """One evaluation with its Jacobian from the same run; a Jacobian that is not finite is a failure too."""
+    pair, reason, seconds = _run(linearise, x)
+    if pair is None:
+        return Outcome(float("inf"), None, reason, seconds)
+    residual, jacobian = (np.asarray(part, dtype=float) for part in pair)
+    if jacobian.shape != (residual.size, x.size):
+        raise ValueError(f"Jacobian has shape {jacobian.shape}, expected {(residual.size, x.size)}")
+    return _checked(residual.ravel(), jacobian, seconds)
+
+
+def _run(function: Callable[[np.ndarray], _T], x: np.ndarray) -> tuple[_T | None, str, float]:
+    """What the function returns, or None with the reason; and the seconds that it took."""
     begin = time.perf_counter()
     try:
-        value = np.asarray(residual(x.copy()), dtype=float).ravel()
+        return function(x.copy()), "", time.perf_counter() - begin
     except NumericsError as error:
-        return Outcome(float("inf"), None, str(error) or "numerical failure without a text", time.perf_counter() - begin)
-    seconds = time.perf_counter() - begin
+        return None, str(error) or "numerical failure without a text", time.perf_counter() - begin
+
+
+def _checked(residual: np.ndarray, jacobian: np.ndarray | None, seconds: float) -> Outcome:
+    """The outcome of a run that ended, a failure where its numbers are not finite."""
     # A sum of squares is finite only if every entry is: one pass instead of two over a long vector.
     with np.errstate(over="ignore", invalid="ignore"):
-        f = float(value @ value)
+        f = float(residual @ residual)
     if not np.isfinite(f):
-        bad = int(np.count_nonzero(~np.isfinite(value)))
-        return Outcome(float("inf"), None, f"residual has {bad} of {value.size} values that are not finite (f = {f})", seconds)
-    return Outcome(f, value, "", seconds)
+        bad = int(np.count_nonzero(~np.isfinite(residual)))
+        return Outcome(float("inf"), None, f"residual has {bad} of {residual.size} values that are not finite (f = {f})", seconds)
+    if jacobian is not None and not np.isfinite(jacobian).all():
+        bad = int(np.count_nonzero(~np.isfinite(jacobian)))
+        return Outcome(float("inf"), None, f"Jacobian has {bad} of {jacobian.size} values that are not finite", seconds)
+    return Outcome(f, residual, "", seconds, jacobian)
 
 
 class Evaluations:
     """Log and memory of one fit; the only thing in `fit` that changes while a fit runs.
 
-    f of every x stays in memory, the residuals of the last few x and of the best step do too. `best` is the step (never a
-    point of finite differences) with the lowest f.
+    f of every x stays in memory, the residuals of the last few x and of the best step do too, and the exact Jacobian of the best
+    step. `best` is the step (never a point of finite differences) with the lowest f.
     """
 
     def __init__(self, problem: Problem, hooks: Hooks | None = None, limit: int | None = None) -> None:
@@ -97,9 +128,6 @@ class Evaluations:
         self._recent: OrderedDict[bytes, np.ndarray] = OrderedDict()
         self._keep = 2 * len(problem.names) + 4
         self._repeated = 0
-        self._jacobian: tuple[bytes, np.ndarray] | None = None
-        self._jacobian_count = 0
-        self._jacobian_seconds = 0.0
         self.size = 0
         self._worst = 0.0
 
@@ -108,23 +136,32 @@ class Evaluations:
         computed = [e for e in self.log if not e.replayed]
         return Counts(
             forward=len(computed),
+            linearised=sum(e.purpose == "linearise" for e in computed),
             failed=sum(e.failed for e in computed),
             replayed=len(self.log) - len(computed),
             repeated=self._repeated,
-            jacobians=self._jacobian_count,
-            wall_s=sum(e.seconds for e in computed) + self._jacobian_seconds,
+            wall_s=sum(e.seconds for e in computed),
         )
 
     def outcome(self, x: np.ndarray, purpose: Purpose = "step", need_residual: bool = True) -> Outcome:
-        """Outcome at x; with need_residual=False its residual may be None although it did not fail."""
+        """Outcome at x, with its Jacobian for "linearise"; with need_residual=False its residual may be None although it did not fail."""
         return self.batch([x], purpose, need_residual)[0]
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """Residual (n,) at x; NumericsError with the reason where the forward model fails."""
-        outcome = self.outcome(x)
+        residual, _ = self._successful(x, self.outcome(x))
+        return residual
+
+    def linearised(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (n,) and exact dr/dx (n, n_p) at x from one run; NumericsError with the reason where it fails."""
+        residual, jacobian = self._successful(x, self.outcome(x, "linearise"))
+        assert jacobian is not None
+        return residual, jacobian
+
+    def _successful(self, x: np.ndarray, outcome: Outcome) -> tuple[np.ndarray, np.ndarray | None]:
         if outcome.residual is None:
             raise NumericsError(f"the forward model fails at {self.describe(x)}: {outcome.reason}; start from parameters for which it runs")
-        return outcome.residual
+        return outcome.residual, outcome.jacobian
 
     def objective(self, x: np.ndarray) -> float:
         """f(x), finite: a failed evaluation counts as PENALTY times the largest f so far."""
@@ -137,12 +174,12 @@ class Evaluations:
 
     def batch(self, xs: Sequence[np.ndarray], purpose: Purpose, need_residual: bool = True) -> list[Outcome]:
         """Outcomes at all xs, in order; what is neither in memory nor in the store goes through the map function."""
-        found = [self._recall(x, need_residual) for x in xs]
+        found = [self._recall(x, purpose, need_residual) for x in xs]
         new = [x for x, (outcome, _) in zip(xs, found, strict=True) if outcome is None]
         fresh = sum(1 for _, origin in found if origin != "memory")
         if self.limit is not None and len(self.log) + fresh > self.limit:
             raise EvaluationLimit(f"the limit of {self.limit} evaluations is reached")
-        computed = iter(self.hooks.map_function(partial(attempt, self.problem.residual), new))
+        computed = iter(self.hooks.map_function(self._function(purpose), new))
         results = []
         for x, (outcome, origin) in zip(xs, found, strict=True):
             if outcome is None:
@@ -154,55 +191,44 @@ class Evaluations:
             results.append(outcome)
         return results
 
-    def exact_jacobian(self, x: np.ndarray) -> np.ndarray:
-        """dr/dx (n, n_p) from the problem's own derivative; the last one is remembered. NumericsError if it is not finite."""
-        key = x.tobytes()
-        if self._jacobian is not None and self._jacobian[0] == key:
-            return self._jacobian[1]
-        store = self.hooks.store
-        kept = store.get(x) if store is not None else None
-        if kept is not None and "jacobian" in kept:
-            matrix = np.asarray(kept["jacobian"], dtype=float)
-        else:
-            residual = self.residual(x)
-            matrix = self._compute_jacobian(x, residual.size)
-            if store is not None:
-                store.put(x, f=np.array(float(residual @ residual)), residual=residual, jacobian=matrix)
-        self._jacobian = (key, matrix)
-        return matrix
-
     def describe(self, x: np.ndarray) -> str:
         """The parameters in words, for messages."""
         return ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.problem.names, x, strict=True))
 
-    def _compute_jacobian(self, x: np.ndarray, size: int) -> np.ndarray:
-        assert self.problem.jacobian is not None
-        begin = time.perf_counter()
-        matrix = np.asarray(self.problem.jacobian(x.copy()), dtype=float)
-        self._jacobian_count += 1
-        self._jacobian_seconds += time.perf_counter() - begin
-        if matrix.shape != (size, x.size):
-            raise ValueError(f"Jacobian has shape {matrix.shape}, expected {(size, x.size)}")
-        if not np.isfinite(matrix).all():
-            raise NumericsError(f"the Jacobian at {self.describe(x)} has values that are not finite; use finite differences")
-        return matrix
+    def _function(self, purpose: Purpose) -> Callable[[np.ndarray], Outcome]:
+        """What computes one outcome."""
+        if purpose != "linearise":
+            return partial(attempt, self.problem.residual)
+        if self.problem.linearise is None:
+            raise ValueError("the problem has no exact derivatives to linearise with")
+        return partial(attempt_linearised, self.problem.linearise)
 
-    def _recall(self, x: np.ndarray, need_residual: bool) -> tuple[Outcome | None, str]:
+    def _recall(self, x: np.ndarray, purpose: Purpose, need_residual: bool) -> tuple[Outcome | None, str]:
         key = x.tobytes()
         known = self._known.get(key)
         if known is not None:
-            residual = self._recent.get(key)
-            if residual is None and self.best is not None and self.best[0].tobytes() == key:
-                residual = self.best[1].residual
-            if known.reason or not need_residual or residual is not None:
-                return Outcome(known.f, residual, known.reason, known.seconds), "memory"
+            residual, jacobian = self._held(key)
+            complete = jacobian is not None if purpose == "linearise" else residual is not None or not need_residual
+            if known.reason or complete:
+                return replace(known, residual=residual, jacobian=jacobian), "memory"
         kept = self.hooks.store.get(x) if self.hooks.store is not None else None
-        if kept is not None and "reason" in kept:
+        if kept is None:
+            return None, "new"
+        if "reason" in kept:
             return Outcome(float("inf"), None, str(kept["reason"]), 0.0), "store"
-        if kept is not None and ("residual" in kept or not need_residual):
-            residual = np.asarray(kept["residual"], dtype=float) if "residual" in kept else None
-            return Outcome(float(kept["f"]), residual, "", 0.0), "store"
-        return None, "new"
+        wanted = "jacobian" if purpose == "linearise" else "residual" if need_residual else "f"
+        if wanted not in kept:
+            return None, "new"
+        residual = np.asarray(kept["residual"], dtype=float) if "residual" in kept else None
+        # A plain run replays as one, so that a resumed fit counts as the whole one did.
+        jacobian = np.asarray(kept["jacobian"], dtype=float) if purpose == "linearise" else None
+        return Outcome(float(kept["f"]), residual, "", 0.0, jacobian), "store"
+
+    def _held(self, key: bytes) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Residual and Jacobian of an evaluated point as far as they are still in memory."""
+        if self.best is not None and self.best[0].tobytes() == key:
+            return self.best[1].residual, self.best[1].jacobian
+        return self._recent.get(key), None
 
     def _record(self, x: np.ndarray, outcome: Outcome, purpose: Purpose, how: tuple[bool, bool]) -> None:
         replayed, need_residual = how
@@ -212,31 +238,43 @@ class Evaluations:
         entry = Evaluation(len(self.log), x, outcome.f, bool(outcome.reason), outcome.reason, outcome.seconds, purpose, replayed)
         self.log.append(entry)
         key = x.tobytes()
-        self._known[key] = Outcome(outcome.f, None, outcome.reason, outcome.seconds)
-        improves = not outcome.reason and purpose == "step" and (self.best is None or outcome.f < self.best[1].f)
+        known = self._known.get(key)
+        # Where only the derivatives of a point failed, what is known of the point itself stays.
+        if not outcome.reason or known is None:
+            self._known[key] = Outcome(outcome.f, None, outcome.reason, outcome.seconds)
+            improves = self._keep_results(x, outcome, purpose)
+            if self.hooks.store is not None and not replayed:
+                # Derivative-free methods need f only: a residual of a million values is kept on disk only where it may be asked for.
+                self._put(x, outcome, need_residual or improves)
+        if self.hooks.on_evaluation is not None:
+            self.hooks.on_evaluation(entry, outcome.residual)
+
+    def _keep_results(self, x: np.ndarray, outcome: Outcome, purpose: Purpose) -> bool:
+        """Remember the residual; True if this is the best step so far."""
+        if outcome.reason:
+            return False
+        key = x.tobytes()
+        self._worst = max(self._worst, outcome.f)
         if outcome.residual is not None:
-            self._worst = max(self._worst, outcome.f)
             self._recent[key] = outcome.residual
             if len(self._recent) > self._keep:
                 self._recent.popitem(last=False)
-        elif not outcome.reason:
-            self._worst = max(self._worst, outcome.f)
+        improves = purpose != "jacobian" and (self.best is None or outcome.f < self.best[1].f)
         if improves:
             self.best = (x, outcome)
-        if self.hooks.store is not None and not replayed:
-            # Derivative-free methods need f only: a residual of a million values is kept on disk only where it may be asked for.
-            self._put(x, outcome, need_residual or improves)
-        if self.hooks.on_evaluation is not None:
-            self.hooks.on_evaluation(entry, outcome.residual)
+        return improves
 
     def _put(self, x: np.ndarray, outcome: Outcome, with_residual: bool) -> None:
         assert self.hooks.store is not None
         if outcome.reason:
             self.hooks.store.put(x, reason=np.array(outcome.reason))
-        elif with_residual and outcome.residual is not None:
-            self.hooks.store.put(x, f=np.array(outcome.f), residual=outcome.residual)
-        else:
-            self.hooks.store.put(x, f=np.array(outcome.f))
+            return
+        arrays = {"f": np.array(outcome.f)}
+        if with_residual and outcome.residual is not None:
+            arrays["residual"] = outcome.residual
+        if outcome.jacobian is not None:
+            arrays["jacobian"] = outcome.jacobian
+        self.hooks.store.put(x, **arrays)
 
     def _check_size(self, residual: np.ndarray | None) -> None:
         if residual is None:

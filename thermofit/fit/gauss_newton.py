@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from thermofit.fit.problem import Problem, scaled_bounds
+from thermofit.fit.settings import Settings, relative_drop
+
 TINY_DAMPING = 1e-12
 """Relative damping of an undamped step: keeps exactly dependent columns from giving a wild one."""
+
+UNRESOLVED = 25.0
+"""Predicted drop, in units of the tolerance, that noise of the residual or of its derivatives may promise wrongly at the optimum: a
+trial step that then raises f ends the search. With f_tolerance = 0.01 this is half a standard error."""
 
 
 @dataclass(frozen=True)
@@ -51,3 +58,23 @@ def bounded_step(reduced: Reduced, room: tuple[np.ndarray, np.ndarray]) -> Step:
     d = np.where(solution.active_mask < 0, room[0], np.where(solution.active_mask > 0, room[1], d))
     model = reduced.R @ d + reduced.c
     return Step(d, max(0.0, float(reduced.c @ reduced.c - model @ model)))
+
+
+def full_step(problem: Problem, z: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> Step:
+    """The Gauss-Newton step from z within the bounds; `jacobian` dr/dz (n, n_p) with respect to the scaled variables."""
+    lower, upper = scaled_bounds(problem)
+    return bounded_step(reduce(jacobian, residual), (lower - z, upper - z))
+
+
+def reached(step: Step, f: float, n: int, settings: Settings) -> str:
+    """Why a search of n residuals may end at a point with that f and that full Gauss-Newton step, or "" where it may not."""
+    if float(np.max(np.abs(step.d))) <= settings.x_tolerance:
+        return "the parameters no longer change"
+    if step.drop <= f * relative_drop(settings, n, step.d.size):
+        return "the objective no longer changes"
+    return ""
+
+
+def unresolved(step: Step, f: float, n: int, settings: Settings) -> bool:
+    """True where the full Gauss-Newton step promises so little that a trial which raises f ends the search."""
+    return step.drop <= UNRESOLVED * f * relative_drop(settings, n, step.d.size)

@@ -1,4 +1,4 @@
-"""dr/dx: the problem's own derivative, or finite differences that respect bounds and survive one failing side."""
+"""dr/dx: the exact one of the problem, or finite differences that respect bounds and survive one failing side."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from thermofit.fit.settings import Settings
 
 def jacobian_at(evaluations: Evaluations, x: np.ndarray, settings: Settings) -> np.ndarray:
     """dr/dx (n, n_p) in units 1/[x]: exact where the problem has it, else by differences of `settings.differences`."""
-    if evaluations.problem.jacobian is not None:
-        return evaluations.exact_jacobian(x)
+    if evaluations.problem.linearise is not None:
+        return evaluations.linearised(x)[1]
     return difference_jacobian(evaluations, x, settings)
 
 
 def derivative_error(problem: Problem, settings: Settings) -> float:
     """Expected relative error of a Jacobian column: what may be taken for a zero singular value."""
-    if problem.jacobian is not None:
+    if problem.linearise is not None:
         return 1e-8
     step = settings.difference_step
     return max(1e-6, step if settings.differences == "forward" else step**2)

@@ -1,4 +1,9 @@
-"""Bounded trust-region least squares of scipy (method "trf"), with failures and the limit of evaluations under control."""
+"""Bounded trust-region least squares of scipy (method "trf"), with failures and the limit of evaluations under control.
+
+scipy's trf (M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 21, 1999) is a Levenberg-Marquardt method whose damping follows
+from a trust region and whose scaling keeps the iterates inside the bounds. Where the problem has exact derivatives, every trial is one
+linearised run: an accepted trial, the usual case, then has its Jacobian already, and no point is run twice.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.optimize
 
-from thermofit.fit.evaluate import EvaluationLimit, Evaluations
+from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
+from thermofit.fit.gauss_newton import UNRESOLVED, Step, full_step, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings, relative_drop
@@ -21,53 +27,99 @@ class Ending:
     message: str
 
 
-_REASONS = {
-    1: "the gradient vanishes",
-    2: "the objective no longer changes",
-    3: "the parameters no longer change",
-    4: "neither objective nor parameters change any more",
-}
+_UNRESOLVED = "the objective no longer changes by more than it is resolved"
+
+
+class Reached(Exception):
+    """The linear model at an accepted point says that the search may end; ends scipy from inside, never reaches the user."""
 
 
 def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
     """Minimise r.r with scipy's trf on scaled variables.
 
     A failed evaluation becomes a residual of norm sqrt(penalty): finite and worse than everything before, so that the step is
-    rejected and the trust region shrinks to a quarter. NumericsError if the start itself fails or a derivative cannot be had.
+    rejected and the trust region shrinks to a quarter. The search ends where the full Gauss-Newton step within the bounds, not the
+    last step made, is below the tolerances. NumericsError if the start itself fails or a derivative cannot be had.
     """
     problem = evaluations.problem
-    start = evaluations.residual(problem.start)
-    start_z = to_scaled(problem, problem.start)
-    last_failed = False
-
-    def fun(z: np.ndarray) -> np.ndarray:
-        nonlocal last_failed
-        outcome = evaluations.outcome(from_scaled(problem, z))
-        last_failed = outcome.residual is None
-        if outcome.residual is None:
-            return np.full(start.size, np.sqrt(evaluations.penalty() / start.size))
-        return outcome.residual
-
-    def jac(z: np.ndarray) -> np.ndarray:
-        return np.asarray(jacobian_at(evaluations, from_scaled(problem, z), settings) * problem.scale)
-
+    search = _Search(evaluations, settings)
     try:
         result = scipy.optimize.least_squares(
-            fun,
-            start_z,
-            jac=jac,
+            search.residual,
+            to_scaled(problem, problem.start),
+            jac=search.jacobian,
             bounds=scaled_bounds(problem),
             method="trf",
             x_scale=1.0,
             xtol=settings.x_tolerance,
-            ftol=max(relative_drop(settings, start.size, start_z.size), 1e-15),
-            gtol=1e-14,
-            max_nfev=settings.max_evaluations,
+            ftol=None,
+            gtol=None,
+            max_nfev=2 * settings.max_evaluations,
         )
+    except Reached as end:
+        return Ending(True, str(end))
     except EvaluationLimit as limit:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
-    if last_failed:
+    if search.at_edge:
         return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
-    if result.status in _REASONS:
-        return Ending(True, _REASONS[result.status])
+    if result.status > 0 and search.unresolved:
+        return Ending(True, _UNRESOLVED)
+    if result.status > 0:
+        return Ending(
+            False,
+            "stopped: no step lowers the objective although its derivative says so; the residual is not smooth enough, or its "
+            "derivative is wrong: use nelder-mead",
+        )
     return Ending(False, f"not converged: scipy says '{result.message}'; raise max_evaluations or start closer")
+
+
+class _Search:
+    """What scipy sees: residual (n,) and Jacobian dr/dz (n, n_p) of the scaled variables."""
+
+    def __init__(self, evaluations: Evaluations, settings: Settings) -> None:
+        self._failed = [False, False]
+        self._evaluations = evaluations
+        self._settings = settings
+        self._purpose: Purpose = "step" if evaluations.problem.linearise is None else "linearise"
+        self._here: tuple[float, Step] | None = None
+
+    @property
+    def at_edge(self) -> bool:
+        """True if a trial from the last accepted point or from the one before it failed."""
+        return any(self._failed)
+
+    @property
+    def unresolved(self) -> bool:
+        """True where the linear model at the last accepted point promises no more than noise may."""
+        return self._here is not None and unresolved(self._here[1], self._here[0], self._evaluations.size, self._settings)
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """Residual of a trial. NumericsError where the first one fails, Reached where one of no importance is rejected."""
+        evaluations = self._evaluations
+        x = from_scaled(evaluations.problem, z)
+        outcome = evaluations.outcome(x, self._purpose)
+        if evaluations.size == 0:
+            return evaluations.residual(x)
+        if outcome.residual is None:
+            self._failed[1] = True
+            return np.full(evaluations.size, np.sqrt(evaluations.penalty() / evaluations.size))
+        if self._here is not None and self.unresolved:
+            f, n = self._here[0], evaluations.size
+            # A rise beyond that is no noise but curvature: a shorter step may still do better.
+            if f <= outcome.f <= f * (1.0 + UNRESOLVED * relative_drop(self._settings, n, z.size)):
+                raise Reached(_UNRESOLVED)
+        return outcome.residual
+
+    def jacobian(self, z: np.ndarray) -> np.ndarray:
+        """Jacobian of an accepted point. Reached where the linear model there has converged."""
+        evaluations = self._evaluations
+        problem = evaluations.problem
+        x = from_scaled(problem, z)
+        residual = evaluations.residual(x)
+        matrix = jacobian_at(evaluations, x, self._settings) * problem.scale
+        f, step = float(residual @ residual), full_step(problem, to_scaled(problem, x), residual, matrix)
+        self._here = f, step
+        self._failed = [self._failed[1], False]
+        if message := reached(step, f, residual.size, self._settings):
+            raise Reached(message)
+        return np.asarray(matrix)

@@ -14,11 +14,19 @@ from thermofit.fit.secant import secant_gauss_newton
 from thermofit.fit.settings import Hooks, Settings
 
 LEAST_SQUARES: dict[str, Callable[[Evaluations, Settings], Ending]] = {
-    "least-squares": secant_gauss_newton,
     "trust-region": trust_region,
+    "gauss-newton": secant_gauss_newton,
 }
 
-METHODS: tuple[str, ...] = (*LEAST_SQUARES, *ALGORITHMS)
+METHODS: tuple[str, ...] = ("least-squares", *LEAST_SQUARES, *ALGORITHMS)
+
+
+def algorithm_of(problem: Problem, method: str) -> str:
+    """The algorithm behind a method: "least-squares" is the trust region with exact derivatives; with finite differences it is the
+    Gauss-Newton method that updates them, because each costs a forward run."""
+    if method != "least-squares":
+        return method
+    return "gauss-newton" if problem.linearise is None else "trust-region"
 
 
 def minimise(problem: Problem, method: str = "least-squares", settings: Settings | None = None, hooks: Hooks | None = None) -> FitResult:
@@ -29,10 +37,13 @@ def minimise(problem: Problem, method: str = "least-squares", settings: Settings
     """
     settings = Settings() if settings is None else settings
     evaluations = Evaluations(problem, hooks, settings.max_evaluations)
-    if method in LEAST_SQUARES:
-        ending = LEAST_SQUARES[method](evaluations, settings)
-    elif method in ALGORITHMS:
-        ending = derivative_free(evaluations, settings, method)
+    algorithm = algorithm_of(problem, method)
+    if algorithm in LEAST_SQUARES:
+        ending = LEAST_SQUARES[algorithm](evaluations, settings)
+        derivatives = "exact derivatives" if problem.linearise is not None else f"{settings.differences} differences"
+        detail = f"{algorithm}, {derivatives}"
+    elif algorithm in ALGORITHMS:
+        ending, detail = derivative_free(evaluations, settings, algorithm), f"{algorithm}, no derivatives"
     else:
         raise StudyError(f"fit method '{method}' is not known; known are {', '.join(METHODS)}")
-    return conclude(evaluations, settings, method, ending)
+    return conclude(evaluations, settings, (method, detail), ending)

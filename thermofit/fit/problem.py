@@ -10,7 +10,7 @@ import numpy as np
 from thermofit.core.errors import StudyError
 
 ResidualFunction = Callable[[np.ndarray], np.ndarray]
-JacobianFunction = Callable[[np.ndarray], np.ndarray]
+LineariseFunction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 QUANTUM = 1e-11
 """Grid of the scaled variables: last-bit noise of BLAS must not make a resumed run miss a finished evaluation."""
@@ -21,8 +21,9 @@ class Problem:
     """Minimise f(x) = r(x).r(x) (2.24, 2.27) within bounds; r is whitened, sqrt(W) times prediction minus observation.
 
     `start`, `lower`, `upper`, `scale` (n_p,) are in the units of the parameters, `scale` is the usual size of a change; bounds
-    may be infinite. `residual(x)` gives (n,) or raises NumericsError; `jacobian(x)` gives dr/dx (n, n_p) or is None (finite
-    differences). StudyError names the parameter whose start, bounds or scale do not fit together.
+    may be infinite. `residual(x)` gives (n,) or raises NumericsError; `linearise(x)` gives the same residual and the exact dr/dx
+    (n, n_p) from one forward run, or is None: then derivatives are finite differences. StudyError names the parameter whose start,
+    bounds or scale do not fit together.
     """
 
     residual: ResidualFunction
@@ -31,9 +32,10 @@ class Problem:
     upper: np.ndarray
     scale: np.ndarray
     names: tuple[str, ...]
-    jacobian: JacobianFunction | None = None
+    linearise: LineariseFunction | None = None
     first_jacobian: np.ndarray | None = None
-    """dr/dx (n, n_p) near the start, for example of a coarser model: least-squares begins with it and computes its own at the end."""
+    """dr/dx (n, n_p) near the start, for example of a coarser model: without `linearise`, least-squares begins with it and computes its
+    own at the end."""
 
     def __post_init__(self) -> None:
         if not self.names:

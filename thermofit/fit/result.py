@@ -9,7 +9,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.fit.covariance import Covariance, covariance
 from thermofit.fit.evaluate import Counts, Evaluation, Evaluations
-from thermofit.fit.gauss_newton import bounded_step, reduce
+from thermofit.fit.gauss_newton import full_step
 from thermofit.fit.jacobian import derivative_error, jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.problem import Problem, scaled_bounds, to_scaled
@@ -35,11 +35,13 @@ class FitResult:
     """Result of one fit: `x` (n_p,), `f` = r.r (2.24), `residual` (n,), `jacobian` dr/dx (n, n_p) at x.
 
     `jacobian`, `covariance`, `sigma` (n_p,) and `optimality` are None where the settings ask for none, or where `message` says
-    why there are none. `converged` False always comes with a `message`. `log` holds every evaluation.
+    why there are none. `converged` False always comes with a `message`. `log` holds every evaluation. `method` is what was asked
+    for, `algorithm` what ran and with which derivatives.
     """
 
     names: tuple[str, ...]
     method: str
+    algorithm: str
     x: np.ndarray
     f: float
     residual: np.ndarray
@@ -54,9 +56,10 @@ class FitResult:
     log: tuple[Evaluation, ...]
 
 
-def conclude(evaluations: Evaluations, settings: Settings, method: str, ending: Ending) -> FitResult:
-    """FitResult at the best step. A result more than one sigma and ten tolerances from its predicted minimum is not converged.
+def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str], ending: Ending) -> FitResult:
+    """FitResult at the best step; `ran` = (method, algorithm).
 
+    A result more than one sigma and ten tolerances from its predicted minimum is not converged.
     NumericsError if nothing was evaluated successfully.
     """
     problem = evaluations.problem
@@ -84,7 +87,8 @@ def conclude(evaluations: Evaluations, settings: Settings, method: str, ending: 
             error = str(untrustworthy)
     return FitResult(
         names=problem.names,
-        method=method,
+        method=ran[0],
+        algorithm=ran[1],
         x=x.copy(),
         f=f,
         residual=residual,
@@ -121,7 +125,7 @@ def _optimality(
     jacobian, residual = point
     lower, upper = scaled_bounds(problem)
     z = to_scaled(problem, x)
-    step = bounded_step(reduce(jacobian * problem.scale, residual), (lower - z, upper - z))
+    step = full_step(problem, z, residual, jacobian * problem.scale)
     landing = np.minimum(z + step.d - lower, upper - z - step.d) <= ON_BOUND
     near = _distance(problem, x) <= max(10.0 * settings.x_tolerance, ON_BOUND)
     s2 = float(residual @ residual) / max(residual.size - x.size, 1)

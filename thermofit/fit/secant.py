@@ -12,21 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.fit.evaluate import EvaluationLimit, Evaluations
-from thermofit.fit.gauss_newton import Step, bounded_step, reduce
+from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
+from thermofit.fit.gauss_newton import Step, bounded_step, reached, reduce, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
-from thermofit.fit.settings import Settings, relative_drop
+from thermofit.fit.settings import Settings
 
 FIRST_RADIUS = 0.3
 """Half width of the first trust box in units of the scale."""
 BELIEVED = 0.5
 """Achieved over predicted drop below which an updated Jacobian is recomputed."""
-
-UNRESOLVED = 25.0
-"""Predicted drop, in units of the tolerance, that finite differences may promise wrongly at the optimum: a trial step that then
-raises f ends the search. With f_tolerance = 0.01 this is half a standard error."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ class State:
 
 
 def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
-    """Minimise r.r within bounds; with an exact Jacobian in the problem that one is used at every accepted point.
+    """Minimise r.r within bounds; where the problem has exact derivatives, every trial is a linearised run and nothing is updated.
 
     A failed evaluation is rejected like one that raises f: the box shrinks to a quarter of the step. The limit of evaluations
     ends the search in any case. NumericsError if the start fails or a derivative cannot be had.
@@ -57,21 +53,15 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
         while True:
             full = _step(evaluations, state, np.inf)
             f = float(state.residual @ state.residual)
-            small = float(np.max(np.abs(full.d))) <= settings.x_tolerance
-            flat = full.drop <= f * relative_drop(settings, state.residual.size, state.z.size)
-            if (small or flat) and state.fresh:
-                return Ending(True, "the parameters no longer change" if small else "the objective no longer changes")
-            if (
-                state.fresh
-                and state.rejected
-                and not state.failed
-                and full.drop <= UNRESOLVED * f * relative_drop(settings, *state.jacobian.shape)
-            ):
-                return Ending(True, "the objective no longer changes by more than the differences resolve")
+            end = reached(full, f, state.residual.size, settings)
+            if end and state.fresh:
+                return Ending(True, end)
+            if state.fresh and state.rejected and not state.failed and unresolved(full, f, state.residual.size, settings):
+                return Ending(True, "the objective no longer changes by more than it is resolved")
             exhausted = state.radius < 0.01 * settings.x_tolerance
             if exhausted and state.fresh:
                 return _stuck(state)
-            if small or flat or exhausted:
+            if end or exhausted:
                 state = _refresh(evaluations, state, settings)
                 continue
             state = _advance(evaluations, state, settings)
@@ -81,9 +71,12 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
 
 def _first(evaluations: Evaluations, settings: Settings) -> State:
     problem = evaluations.problem
+    if problem.linearise is not None:
+        residual, jacobian = evaluations.linearised(problem.start)
+        return State(to_scaled(problem, problem.start), residual, jacobian * problem.scale, FIRST_RADIUS)
     residual = evaluations.residual(problem.start)
     given = problem.first_jacobian
-    if given is not None and problem.jacobian is None and given.shape == (residual.size, len(problem.names)):
+    if given is not None and given.shape == (residual.size, len(problem.names)):
         return State(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
     jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
     return State(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
@@ -109,16 +102,17 @@ def _advance(evaluations: Evaluations, state: State, settings: Settings) -> Stat
     step = _step(evaluations, state, state.radius)
     length = float(np.max(np.abs(step.d)))
     x = from_scaled(problem, state.z + step.d)
-    outcome = evaluations.outcome(x)
+    purpose: Purpose = "step" if problem.linearise is None else "linearise"
+    outcome = evaluations.outcome(x, purpose)
     if outcome.residual is None:
         return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=True)
     z = to_scaled(problem, x)
     ratio = (float(state.residual @ state.residual) - outcome.f) / step.drop if step.drop > 0.0 else -1.0
-    exact = problem.jacobian is not None
-    jacobian = state.jacobian if exact else _update(state, z - state.z, outcome.residual)
+    exact = outcome.jacobian is not None
+    jacobian = outcome.jacobian * problem.scale if outcome.jacobian is not None else _update(state, z - state.z, outcome.residual)
     if ratio > 1e-4:
-        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
-        return _refresh(evaluations, moved, settings) if exact or ratio < BELIEVED else moved
+        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=exact)
+        return moved if exact or ratio >= BELIEVED else _refresh(evaluations, moved, settings)
     if state.fresh:
         return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
     if state.rejected == 0:
@@ -150,6 +144,6 @@ def _stuck(state: State) -> Ending:
         return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
     return Ending(
         False,
-        "stopped: no step lowers the objective although its derivative says so; the residual is not smooth enough for finite "
-        "differences of this step, raise difference_step or use nelder-mead",
+        "stopped: no step lowers the objective although its derivative says so; the residual is not smooth enough for its "
+        "derivatives, raise difference_step where they are differences or use nelder-mead",
     )

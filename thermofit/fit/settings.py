@@ -18,10 +18,10 @@ class Settings:
     """`x_tolerance` is relative to the scale of each parameter; `f_tolerance` is a drop of f in units of s2 = f/(n - n_p), which
     makes it the squared distance to the minimum in standard errors (1e-3 is 0.03 sigma), whatever the number of data.
 
-    A fit has converged when either is met. `max_evaluations` counts every evaluation of the residual, those of finite
-    differences included. `difference_step` is in units of the scale. `initial_step` (units of the scale) opens the simplex or
-    the trust region of the derivative-free methods. `covariance=False` saves the Jacobian at the optimum where the method
-    needs none.
+    A fit has converged when either is met, with derivatives by the full Gauss-Newton step within the bounds. `max_evaluations` counts
+    every forward run, plain or linearised, those of finite differences included. `difference_step` is in units of the scale.
+    `initial_step` (units of the scale) opens the simplex or the trust region of the derivative-free methods. `covariance=False` saves
+    the Jacobian at the optimum where the method needs none.
     """
 
     x_tolerance: float = 1e-4

@@ -15,7 +15,7 @@ from thermofit.fem.body import Body, tension_body
 from thermofit.fem.dogbone import dogbone_mesh
 from thermofit.fem.march import History, Loading, MarchSettings, march
 from thermofit.fem.newton import NewtonSettings
-from thermofit.fem.one_way import HeatProblem, heat_run
+from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.measure.observation import FaceOperator, FieldObservation, face_operator
 
@@ -53,6 +53,7 @@ def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_po
         closed_form=n.plastic_integration == "closed-form",
         plastic=plastic,
         keep_points=keep_points,
+        material_angle=study.material_axes.angle,
     )
 
 
@@ -64,9 +65,11 @@ class Run:
     loading: Loading
     settings: MarchSettings
 
-    def __call__(self, parameters: Parameters, on_step: Callable[[int], None] | None = None) -> History:
-        """History at the load steps. NumericsError where a step fails."""
-        return march(self.body, parameters, self.loading, self.loading.time, self.settings, on_step)
+    def __call__(
+        self, parameters: Parameters, on_step: Callable[[int], None] | None = None, *, sensitivities: Sensitivities | None = None
+    ) -> History:
+        """History at the load steps, with derivatives handed out if asked for. NumericsError where a step fails."""
+        return march(self.body, parameters, self.loading, self.loading.time, self.settings, on_step, sensitivities=sensitivities)
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,18 @@ class Sampler:
     operator: FaceOperator
     index: np.ndarray
     reference: int
+
+    def observed(self, name: str, history: History) -> np.ndarray:
+        """Field "u", "theta" or "force" (n_t, n_s, n_c) of a history."""
+        if name == "u":
+            return self.displacement(history)
+        return self.force(history) if name == "force" else self.temperature(history.theta)
+
+    def observed_rates(self, name: str, at: Sensitivity) -> np.ndarray:
+        """Derivatives (n_s, n_c, n_p) of a field at one time; those of u against the reference state, not against the resting specimen."""
+        if name == "u":
+            return self.operator.displacement(at.u.transpose(2, 0, 1)).transpose(1, 2, 0)
+        return at.force[None, None, :] if name == "force" else self.temperature_rates(at.theta)
 
     def displacement(self, history: History) -> np.ndarray:
         """u - u(start) (n_t, n_s, 2) mm: the cameras measure against the resting specimen."""
@@ -90,6 +105,10 @@ class Sampler:
         """theta (n_t, n_s, 1) K from nodal temperatures (n_steps, n_np)."""
         return self.operator.temperature(theta[self.index])
 
+    def temperature_rates(self, rates: np.ndarray) -> np.ndarray:
+        """Derivatives (n_s, 1, n_p) of the temperatures at one time from nodal ones (n_np, n_p)."""
+        return self.operator.temperature(rates.T).transpose(1, 2, 0)
+
 
 def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Sampler:
     """Sampler of an observation; StudyError where an observation time is not among the steps (an inconsistent artefact)."""
@@ -101,8 +120,3 @@ def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Samp
             f"steps: an observation time of {observation.name} is {worst:.3g} s off the load steps; run `thermofit interpolate` again"
         )
     return Sampler(face_operator(body.mesh.nodes, body.mesh.node_sets["face"], observation.xy), index, 0)
-
-
-def predicted_temperature(problem: HeatProblem, sample: Sampler, parameters: Parameters) -> np.ndarray:
-    """Temperatures (n_t, n_s, 1) K of a one-way heat run at the observations."""
-    return sample.temperature(heat_run(problem, parameters))

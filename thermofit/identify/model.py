@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +13,9 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.fem.one_way import heat_problem
-from thermofit.identify.forward import Run, Sampler, march_settings, predicted_temperature, run_of, sampler
+from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
+from thermofit.identify.prediction import CoupledPrediction, Errors, HeatPrediction, Linearise
 from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
 from thermofit.measure.observation import FieldObservation
 
@@ -22,15 +23,13 @@ MECHANICAL_CHANNELS = ("u", "du")
 THERMAL = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 """Parameters that a one-way heat run depends on while the mechanics stays as it is."""
 
-Errors = dict[str, np.ndarray]
-"""Error field prediction - observation (n_t, n_s, n_c) of "u" and "theta"."""
-
 
 @dataclass(frozen=True)
 class StageModel:
     """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them.
 
-    `one_way`: the mechanics in it was solved once, for the parameters that the model was made with.
+    `one_way`: the mechanics in it was solved once, for the parameters that the model was made with. `linearise`: the error fields with
+    their exact derivatives, None where there are none.
     """
 
     errors: Callable[[Parameters], Errors]
@@ -38,14 +37,33 @@ class StageModel:
     observations: dict[str, FieldObservation]
     remark: str
     one_way: bool = False
+    linearise: Linearise | None = None
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27)."""
         return self.assemble(self.errors(parameters))
 
+    def linearised(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """The residual (n,) and its Jacobian (n, n_p) from one forward run. ValueError where the model has no exact derivatives."""
+        if self.linearise is None:
+            raise ValueError("this model has no exact derivatives")
+        errors, slopes = self.linearise(parameters, names)
+        return self.assemble(errors), self.assemble_jacobian(slopes)
+
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""
         return np.concatenate([c.residual(errors[field_of(c.channel)]) for c in self.comparisons])
+
+    def assemble_jacobian(self, slopes: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The Jacobian (n, n_p) of derivative fields (n_t, n_s, n_c, n_p): a comparison is linear, so that it maps each one as an error."""
+        n_p = next(iter(slopes.values())).shape[-1]
+        out, at = np.empty((sum(c.n for c in self.comparisons), n_p), order="F"), 0
+        for c in self.comparisons:
+            slope = slopes[field_of(c.channel)]
+            for i in range(n_p):
+                out[at : at + c.n, i] = c.residual(slope[..., i])
+            at += c.n
+        return out
 
     def noise(self, v: np.ndarray) -> np.ndarray:
         """Correlation of the residual's noise applied to columns (n, k)."""
@@ -127,35 +145,9 @@ def stage_model(
     samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
     comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
     one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= set(THERMAL)
+    prediction: CoupledPrediction | HeatPrediction = CoupledPrediction(run, samplers, observations)
     if one_way:
         kept = replace(run, settings=march_settings(study, "full", keep_points=True))
-        errors = _heat_errors(kept, samplers, observations, base)
-    else:
-        errors = _coupled_errors(run, samplers, observations)
-    return StageModel(errors, comparisons, observations, remark, one_way)
-
-
-def _coupled_errors(run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation]) -> Callable[[Parameters], Errors]:
-    def errors(parameters: Parameters) -> Errors:
-        history = run(parameters)
-        out = {}
-        if "u" in observations:
-            out["u"] = samplers["u"].displacement(history) - observations["u"].value
-        if "theta" in observations:
-            out["theta"] = samplers["theta"].temperature(history.theta) - observations["theta"].value
-        if "force" in observations:
-            out["force"] = samplers["force"].force(history) - observations["force"].value
-        return out
-
-    return errors
-
-
-def _heat_errors(
-    run: Run, samplers: dict[str, Sampler], observations: dict[str, FieldObservation], base: Parameters
-) -> Callable[[Parameters], Errors]:
-    problem = heat_problem(run.body, run(base), run.settings)
-
-    def errors(parameters: Parameters) -> Errors:
-        return {"theta": predicted_temperature(problem, samplers["theta"], parameters) - observations["theta"].value}
-
-    return errors
+        problem = heat_problem(run.body, kept(base), kept.settings)
+        prediction = HeatPrediction(problem, samplers["theta"], observations["theta"])
+    return StageModel(prediction.errors, comparisons, observations, remark, one_way, prediction.linearise)

@@ -12,7 +12,8 @@ from thermofit.core.parameters import NAMES, Parameters, param
 from thermofit.core.staging import Made
 from thermofit.core.study import Study
 from thermofit.identify.inputs import field_datasets
-from thermofit.identify.model import Errors, StageModel, field_of
+from thermofit.identify.model import StageModel, field_of
+from thermofit.identify.prediction import Errors
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.measure.comparison import Comparison
 
@@ -106,6 +107,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "trustworthy": trustworthy,
         "objective": fit.f,
         "method": fit.method,
+        "algorithm": fit.algorithm,
         "channels": channels,
         "evaluations": counts,
         "remarks": [r for r in (*remarks, solved.model.remark, *solved.remarks, *misfits(channels)) if r],

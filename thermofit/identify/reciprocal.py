@@ -44,6 +44,10 @@ class Reciprocal:
         """dy/dx (n_p,)."""
         return np.where(self.is_reciprocal, -1.0 / np.where(self.is_reciprocal, x, 1.0) ** 2, 1.0)
 
+    def by_variables(self, jacobian: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """dr/dy = dr/dx dx/dy of dr/dx (n, n_p) at x."""
+        return np.asarray(jacobian / self.slope(x))
+
     def converted(self, fit: FitResult) -> FitResult:
         """The fit in terms of x: values, log and dr/dx = dr/dy dy/dx; its own covariance is dropped, because it is of y."""
         if not self.is_reciprocal.any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -24,7 +25,8 @@ from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.model import StageModel
-from thermofit.identify.reciprocal import reciprocal_of
+from thermofit.identify.prediction import Errors
+from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
 
 DIFFERENCE_STEP = 5e-6
 """Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""
@@ -127,20 +129,9 @@ def _minimise(
 ) -> tuple[StageModel, FitResult]:
     (model_on, size), (jacobian, turn) = on, start
     label = f"{size.n_x}x{size.n_y}x{size.n_z}" + (f".{turn}" if turn else "")
-    model = model_on(size, base)
+    model = remembering(model_on(size, base))
     store = Checkpoint(job.path.parent / checkpoint_folder(job, label), _key(job, base))
-    bounds = np.array([study.bounds(name) for name in settings.free])
-    change = reciprocal_of(settings.free)
-    lower, upper = change.bounds(bounds[:, 0], bounds[:, 1])
-    problem = Problem(
-        residual=lambda y: model.residual(base.with_vector(change.parameters(y))),
-        start=change.variables(base.vector()),
-        lower=lower,
-        upper=upper,
-        scale=change.scales(np.array([study.scale(name) for name in settings.free])),
-        names=settings.free,
-        first_jacobian=None if jacobian is None else jacobian / change.slope(base.vector()),
-    )
+    problem, change = stage_problem(study, settings, base, model, jacobian)
     options = Settings(
         x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
     )
@@ -154,6 +145,62 @@ def _minimise(
     return model, change.converted(fit)
 
 
+def stage_problem(
+    study: Study, settings: StageSettings, base: Parameters, model: StageModel, jacobian: np.ndarray | None = None
+) -> tuple[Problem, Reciprocal]:
+    """What the optimiser sees of a stage that starts at `base`, and the map from its variables to the parameters.
+
+    `jacobian`: dr/dx (n, n_p) near `base` that a search without exact derivatives begins with.
+    """
+    names, change = settings.free, reciprocal_of(settings.free)
+    bounds = np.array([study.bounds(name) for name in names])
+    lower, upper = change.bounds(bounds[:, 0], bounds[:, 1])
+
+    def linearise(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = change.parameters(y)
+        residual, slope = model.linearised(base.with_vector(x), names)
+        return residual, change.by_variables(slope, x)
+
+    problem = Problem(
+        residual=lambda y: model.residual(base.with_vector(change.parameters(y))),
+        start=change.variables(base.vector()),
+        lower=lower,
+        upper=upper,
+        scale=change.scales(np.array([study.scale(name) for name in names])),
+        names=names,
+        linearise=None if model.linearise is None else linearise,
+        first_jacobian=None if jacobian is None else change.by_variables(jacobian, base.vector()),
+    )
+    return problem, change
+
+
+def remembering(model: StageModel, count: int = 3) -> StageModel:
+    """The same model, which knows the error fields of its last parameters: the record of a stage asks again for those at the optimum."""
+    kept: OrderedDict[tuple[float, ...], Errors] = OrderedDict()
+    exact = model.linearise
+
+    def keep(parameters: Parameters, fields: Errors) -> None:
+        kept[tuple(parameters.values.values())] = fields
+        if len(kept) > count:
+            kept.popitem(last=False)
+
+    def errors(parameters: Parameters) -> Errors:
+        known = kept.get(tuple(parameters.values.values()))
+        if known is not None:
+            return known
+        fields = model.errors(parameters)
+        keep(parameters, fields)
+        return fields
+
+    def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        assert exact is not None
+        fields, slopes = exact(parameters, names)
+        keep(parameters, fields)
+        return fields, slopes
+
+    return dataclasses.replace(model, errors=errors, linearise=None if exact is None else linearise)
+
+
 def _covariance(model: StageModel, fit: FitResult) -> tuple[Covariance | None, str]:
     if fit.jacobian is None:
         return None, "no standard errors: the Jacobian at the optimum could not be formed"
@@ -165,8 +212,8 @@ def _covariance(model: StageModel, fit: FitResult) -> tuple[Covariance | None, s
 
 
 def merged_counts(*fits: FitResult | None) -> Mapping[str, float]:
-    """Forward runs, failed and replayed ones and wall time of several fits together."""
-    total: dict[str, float] = {"forward": 0, "failed": 0, "replayed": 0, "wall_s": 0.0}
+    """Forward runs, of these with exact derivatives, failed and replayed ones and wall time of several fits together."""
+    total: dict[str, float] = {"forward": 0, "linearised": 0, "failed": 0, "replayed": 0, "wall_s": 0.0}
     for fit in fits:
         if fit is not None:
             counts = dataclasses.asdict(fit.counts)

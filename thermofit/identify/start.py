@@ -14,6 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.identify.inputs import Measured
+from thermofit.material.law import in_model_axes
 from thermofit.measure.machine import bar_of, uniaxial_law
 from thermofit.measure.observation import FieldObservation
 
@@ -37,7 +38,8 @@ def mean_strain(observation: FieldObservation, component: int) -> np.ndarray:
 
 def carries(study: Study, data: Measured, parameters: Parameters) -> bool:
     """True where the largest force of the specimen with these parameters lies above the measured one."""
-    capacity = bar_of(data.specimen, uniaxial_law(parameters, study.model)).capacity
+    law = uniaxial_law(in_model_axes(parameters, study.material_axes.angle), study.model)
+    capacity = bar_of(data.specimen, law).capacity
     return bool(capacity > _MARGIN * float(np.max(data.steps["displacement"].force)))
 
 
@@ -74,10 +76,11 @@ def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameter
             f"start: only {int(use.sum())} stages lie on the plastic loading curve, {_LEAST_STAGES} are needed; raise parameters.M_yinf"
         )
     along, across, mandel = plastic[0][use], plastic[1][use], mandel[use]
+    across_thickness = in_model_axes(parameters, study.material_axes.angle)["H"]
     if "F" in parameters.free:
         share = float(np.clip(-(across @ along) / (along @ along), 0.05, 0.95))  # F/(F + H)
-        parameters = parameters.replace(F=float(np.clip(parameters["H"] * share / (1.0 - share), *study.bounds("F"))))
-    r = float(np.sqrt(parameters["F"] + parameters["H"]))
+        parameters = parameters.replace(F=float(np.clip(across_thickness * share / (1.0 - share), *study.bounds("F"))))
+    r = float(np.sqrt(parameters["F"] + across_thickness))
     multiplier = along / r
     names = [name for name in HARDENING if name in parameters.free]
     if not names:

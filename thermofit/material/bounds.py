@@ -43,3 +43,11 @@ def beta_warning(parameters: Parameters, model: int) -> str | None:
         f"beta = {beta:g} lies outside 0 to {upper:.3g}, the bounds (4.24) that are sufficient for a non-negative dissipation of model 2 "
         f"(beta_l = {lower:.3g}, beta_u = {upper:.3g}): compare it with the literature before you trust it"
     )
+
+
+def check_beta(parameters: Parameters) -> None:
+    """StudyError where beta is negative: flow would absorb heat, against the second law (4.23), (4.24), in both models."""
+    if not parameters["beta"] >= 0.0:
+        raise StudyError(
+            f"beta = {parameters['beta']:g}: expected at least 0, else plastic flow absorbs heat, against the second law (4.23), (4.24)"
+        )

@@ -17,9 +17,11 @@ d alpha = (1 - b alpha) d Lambda, psi_pl = h alpha^2 / 2, with b = H_exp, h = b 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
+import numpy as np
+
+from thermofit.core.errors import StudyError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
@@ -67,8 +69,21 @@ def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, 
         model=int(model),
         closed_form=int(closed_form),
         plastic=int(plastic),
-        **{name: float(v[name]) for name in names},
+        **{name: v[name] for name in names},
     )
+
+
+def in_model_axes(parameters: Parameters, angle: float) -> Parameters:
+    """Parameters of the same sheet with respect to x, y, z where its axes are turned by quarter turns `angle` (degrees) about z.
+
+    Axes 1 and 2 change places: G with H, M with N (4.19). The parameters themselves at even multiples. StudyError for another angle.
+    """
+    if angle % 90.0 != 0.0:
+        raise StudyError(f"material axes: an angle of {angle:g} degrees found; only multiples of 90 exchange the Hill parameters")
+    if angle % 180.0 == 0.0:
+        return parameters
+    v = parameters.values
+    return parameters.replace(G=v["H"], H=v["G"], M=v["N"], N=v["M"])
 
 
 @kernel(inline="always")
@@ -82,7 +97,7 @@ def hardening_variable(alpha_n: float, d_lambda: float, law: Law) -> tuple[float
         return alpha_n + d_lambda, 1.0
     b = law.H_exp
     if law.closed_form == 1:
-        remaining = (1.0 - b * alpha_n) * math.exp(-b * d_lambda)
+        remaining = (1.0 - b * alpha_n) * np.exp(-b * d_lambda)
         return (1.0 - remaining) / b, remaining
     alpha = (alpha_n + d_lambda) / (1.0 + b * d_lambda)
     return alpha, (1.0 - b * alpha_n) / (1.0 + b * d_lambda) ** 2
@@ -92,7 +107,7 @@ def hardening_variable(alpha_n: float, d_lambda: float, law: Law) -> tuple[float
 def yield_stress(alpha: float, accumulated: float, law: Law) -> tuple[float, float, float]:
     """Yield stress M_y0 - K_bar in MPa, and its derivatives by alpha and by the accumulated multiplier Lambda (4.18), (4.29)."""
     if law.model == 1:
-        saturation = (law.M_yinf - law.M_y0) * math.exp(-law.H_exp * alpha)
+        saturation = (law.M_yinf - law.M_y0) * np.exp(-law.H_exp * alpha)
         value = law.M_yinf - saturation
         by_alpha = law.H_exp * saturation
     else:
@@ -142,3 +157,48 @@ def hill_gradient(a11: float, a22: float, a33: float, law: Law) -> tuple[float, 
     g = law.G * (a33 - a11)
     h = law.H * (a22 - a33)
     return f - g, h - f, g - h
+
+
+@kernel(inline="always")
+def plastic_energy(alpha: float, accumulated: float, law: Law) -> float:
+    """Energy stored by plastic flow in mJ/mm^3: (1 - beta) M_y0 alpha (4.5) and hardening psi_pl (4.6), (4.7), zero at alpha = 0.
+
+    The linear hardening is H_lin Lambda^2 / 2 in both models.
+    """
+    saturation = law.M_yinf - law.M_y0
+    if law.model == 1:
+        hardening = saturation * (alpha + (np.exp(-law.H_exp * alpha) - 1.0) / law.H_exp)
+    else:
+        hardening = 0.5 * law.H_exp * saturation * alpha * alpha
+    return (1.0 - law.beta) * law.M_y0 * alpha + hardening + 0.5 * law.H_lin * accumulated * accumulated
+
+
+@kernel(inline="always")
+def elastic_energy(trace: float, log_j: float, law: Law) -> float:
+    """Elastic part of the free energy in mJ/mm^3 (4.2); trace = tr C_el."""
+    return 0.5 * law.lame * log_j * log_j + 0.5 * law.mu * (trace - 3.0) - law.mu * log_j
+
+
+@kernel(inline="always")
+def free_energy(trace: float, log_j: float, j: float, theta: float, alpha: float, accumulated: float, law: Law) -> float:
+    """psi in mJ/mm^3 (4.1) to (4.7); trace = tr C_el, log_j = ln J, theta in K."""
+    thermal = law.c0 * (theta - law.theta_ref - theta * np.log(theta / law.theta_ref))
+    coupling = -3.0 * law.alpha_exp * law.bulk * (theta - law.theta_ref) * log_j / j
+    return elastic_energy(trace, log_j, law) + thermal + coupling + plastic_energy(alpha, accumulated, law)
+
+
+@kernel(inline="always")
+def entropy(log_j: float, j: float, theta: float, law: Law) -> float:
+    """eta = -d psi / d theta in mJ/(mm^3 K), from (4.3) and (4.4)."""
+    return law.c0 * np.log(theta / law.theta_ref) + 3.0 * law.alpha_exp * law.bulk * log_j / j
+
+
+@kernel(inline="always")
+def internal_energy(trace: float, log_j: float, j: float, theta: float, alpha: float, accumulated: float, law: Law) -> float:
+    """e = psi + theta eta in mJ/mm^3, from (4.1) to (4.7); arguments as in `free_energy`.
+
+    Of the coupling (4.4) there remains 3 alpha_exp K theta_0 ln J / J, of the thermal part (4.3) c0 (theta - theta_0).
+    """
+    coupling = 3.0 * law.alpha_exp * law.bulk * law.theta_ref * log_j / j
+    thermal = law.c0 * (theta - law.theta_ref)
+    return elastic_energy(trace, log_j, law) + thermal + coupling + plastic_energy(alpha, accumulated, law)

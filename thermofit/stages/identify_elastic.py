@@ -10,6 +10,7 @@ from thermofit.identify.inputs import Measured
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
 from thermofit.identify.window import window_times
+from thermofit.material.law import in_model_axes
 
 
 def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
@@ -17,7 +18,7 @@ def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
     _, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
     steps = data.steps["displacement"].until(t1)
     stress = float(np.max(np.abs(steps.force))) / (data.specimen.gauge_width * data.specimen.thickness)
-    p = solved.parameters
+    p = in_model_axes(solved.parameters, study.material_axes.angle)
     limit = p["M_y0"] / np.sqrt(p["F"] + p["H"])
     knee = next((phase.t1 for phase in data.phases if phase.label == "elastic"), t1)
     out = []

@@ -21,6 +21,7 @@ from thermofit.fem.body import Body, tension_body
 from thermofit.fem.dogbone import dogbone_mesh
 from thermofit.fem.march import History, Loading, MarchSettings, march
 from thermofit.fem.newton import NewtonSettings
+from thermofit.material.law import in_model_axes
 from thermofit.measure.machine import LoadHistory, MachineSettings, bar_of, describe_programme, load_history, programme_of, uniaxial_law
 from thermofit.measure.virtual import RawSummary, write_raw
 from thermofit.measure.virtual_setup import DicSettings, ForceSettings, IrSettings, VirtualFields, VirtualInstruments, instrument_times
@@ -35,7 +36,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     the forward model fails.
     """
     settings = _settings(study)
-    task = job(study.run_dir, NAME, study.config_of("name", "model", "simulate", "numerics"), {})
+    task = job(study.run_dir, NAME, study.config_of("name", "model", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
     if outcome.fresh and outcome.record.summary.get("raw_digest") != path_digest(raw):
@@ -66,7 +67,8 @@ def _make(study: Study, settings: Simulate) -> Made:
     specimen = Specimen(**settings.specimen.model_dump())
     instruments = instruments_of(settings)
     steps = programme_of([item.model_dump() for item in settings.programme])
-    load = load_history(steps, bar_of(specimen, uniaxial_law(truth, study.model)), instruments.machine, instruments.force.rate)
+    law = uniaxial_law(in_model_axes(truth, study.material_axes.angle), study.model)
+    load = load_history(steps, bar_of(specimen, law), instruments.machine, instruments.force.rate)
     dic_time, ir_time = instrument_times(load, instruments, settings.seed)
     times = _times(load, dic_time, ir_time, study.numerics.max_time_step)
     body, history = _solve(study, truth, (specimen, mesh_size(settings.mesh)), load, times)
@@ -108,6 +110,7 @@ def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], loa
         heat_scheme=numerics.heat_integration,
         model=study.model,
         closed_form=numerics.plastic_integration == "closed-form",
+        material_angle=study.material_axes.angle,
     )
     with progress("simulate", len(times) - 1) as advance:
         return body, march(body, truth, Loading(load.time, load.force), times, settings, lambda _: advance())

@@ -1,0 +1,224 @@
+"""A stage with exact derivatives: assembled as its residual is, solved in few runs, resumed, from coarse to fine."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import WALL_NAMES, WALL_TRUTH, wall_fields, wall_model, wall_observations, wall_slopes
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.core.staging import Job
+from thermofit.core.study import Study, load_study
+from thermofit.core.study_section import MeshSize
+from thermofit.fit.check import check_jacobian
+from thermofit.identify.model import StageModel
+from thermofit.identify.outcome import made
+from thermofit.identify.solve import Solved, remembering, solve, stage_problem
+from thermofit.measure.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change
+
+START = WALL_TRUTH.replace(E=50000.0, nu=0.2, kappa=200.0, alpha_clamp=4e5).with_free(WALL_NAMES)
+OBSERVATIONS = wall_observations()
+REFERENCE = np.arange(6) < 2
+
+
+def comparisons() -> tuple[Comparison, ...]:
+    return (relative_displacements(OBSERVATIONS["u"], RelativeScheme()), temperature_change(OBSERVATIONS["theta"], REFERENCE))
+
+
+def study(folder: Path, *extra: str, mesh: str = "{n_x: 2, n_y: 8, n_z: 1}") -> Study:
+    free = ", ".join(WALL_NAMES)
+    starts = ", ".join(f"{name}: {START[name]}" for name in WALL_NAMES)
+    path = folder / "study.yaml"
+    path.write_text(
+        f"name: wall\nexperiment: raw\nmesh: {mesh}\nparameters: {{{starts}, theta_air: 297, theta_clamp: 297}}\n"
+        f"stages:\n  thermal: {{free: [{free}], channels: {{du: {{}}, dtheta: {{}}}}}}\n",
+        encoding="utf-8",
+    )
+    return load_study(path, [f"run_dir={folder}", *extra])
+
+
+class Counted:
+    """A model that counts its runs, plain and linearised, and dies or fails on request."""
+
+    def __init__(self, model: StageModel, last: int = 1000) -> None:
+        self.plain, self.linearised, self.last, self.inner = 0, 0, last, model
+        self.model = dataclasses.replace(model, errors=self.errors, linearise=self.linearise)
+
+    def errors(self, parameters: Parameters) -> dict[str, np.ndarray]:
+        self.plain += 1
+        return self.inner.errors(parameters)
+
+    def linearise(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        if self.linearised == self.last:
+            raise KeyboardInterrupt
+        self.linearised += 1
+        assert self.inner.linearise is not None
+        return self.inner.linearise(parameters, names)
+
+
+def solved(case: Study, counted: Counted, start: Parameters = START) -> Solved:
+    task = Job("identify-thermal", case.run_dir / "identify-thermal.h5", {}, {})
+    return solve(case, case.stage("thermal"), start, lambda size, base: counted.model, task)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        (plain(OBSERVATIONS["u"]), plain(OBSERVATIONS["theta"], "max")),
+        (temperature_change(OBSERVATIONS["theta"], REFERENCE), relative_displacements(OBSERVATIONS["u"], RelativeScheme())),
+        (relative_displacements(OBSERVATIONS["u"], RelativeScheme("neighbour")), plain(OBSERVATIONS["theta"], "value")),
+        (relative_displacements(OBSERVATIONS["u"], RelativeScheme("gradient", ("xx", "yy", "xy"))), plain(OBSERVATIONS["u"], (1.0, 2.0))),
+    ],
+)
+def test_jacobian_is_assembled_as_the_residual_is(parts: tuple[Comparison, ...]) -> None:
+    """A comparison is linear in the error field, so that a derivative passes through it as a difference of two errors does."""
+    model = wall_model(parts, OBSERVATIONS)
+    slopes = wall_slopes(START, WALL_NAMES)
+    residual, jacobian = model.linearised(START, WALL_NAMES)
+    errors = model.errors(START)
+    assert np.array_equal(residual, model.assemble(errors)) and jacobian.shape == (residual.size, 4)
+    for i in range(4):
+        step = 1.0 / max(np.abs(slope[..., i]).max() for slope in slopes.values())
+        shifted = {name: field + step * slopes[name][..., i] for name, field in errors.items()}
+        difference = (model.assemble(shifted) - residual) / step
+        assert jacobian[:, i] == pytest.approx(difference, rel=1e-9, abs=1e-9 * np.abs(jacobian[:, i]).max())
+    thermal = any(c.channel in ("theta", "dtheta") for c in parts)
+    assert list(np.abs(jacobian).max(axis=0) > 0.0) == [True, True, thermal, thermal]
+
+
+def test_model_without_derivatives_says_so() -> None:
+    model = dataclasses.replace(wall_model(comparisons(), OBSERVATIONS), linearise=None)
+    with pytest.raises(ValueError, match="no exact derivatives"):
+        model.linearised(START, WALL_NAMES)
+
+
+@pytest.mark.parametrize("alpha", [236.0, 4e5])
+def test_derivatives_reach_the_variables_of_the_fit(tmp_path: Path, alpha: float) -> None:
+    """Through the comparisons, and through 1/alpha_clamp: a Taylor test in the variables that the optimiser sees."""
+    case = study(tmp_path)
+    problem, _ = stage_problem(case, case.stage("thermal"), START.replace(alpha_clamp=alpha), wall_model(comparisons(), OBSERVATIONS))
+    found = check_jacobian(problem)
+    assert found.passed.all(), found.text()
+
+
+def test_optimum_counts_and_record(tmp_path: Path) -> None:
+    """Every run is a linearised one, and the record of the stage needs none."""
+    case, counted = study(tmp_path), Counted(wall_model(comparisons(), OBSERVATIONS))
+    found = solved(case, counted)
+    fit = found.fit
+    assert fit.converged and fit.algorithm == "trust-region, exact derivatives"
+    assert found.covariance is not None and found.covariance.identifiable
+    truth = WALL_TRUTH.with_free(WALL_NAMES).vector()
+    assert (np.abs(fit.x - truth) < 4.0 * found.covariance.sigma).all()
+    record = made(case, START, found)
+    assert counted.plain == 0 and counted.linearised == fit.counts.forward == fit.counts.linearised < 12
+    assert record.summary["evaluations"]["linearised"] == record.summary["evaluations"]["forward"] == counted.linearised
+    assert record.summary["algorithm"] == fit.algorithm
+    assert set(record.datasets["evaluations/purpose"].value) == {"linearise"}
+    predicted, measured = record.datasets["theta/predicted"].value, OBSERVATIONS["theta"].mask
+    assert predicted[measured] == pytest.approx(wall_fields(found.parameters)["theta"][measured], rel=1e-12)
+
+
+def test_errors_are_those_of_finite_differences(tmp_path: Path) -> None:
+    case = study(tmp_path)
+    exact = solved(case, Counted(wall_model(comparisons(), OBSERVATIONS)))
+    (tmp_path / "b").mkdir()
+    bare = Counted(wall_model(comparisons(), OBSERVATIONS))
+    bare.model = dataclasses.replace(bare.model, linearise=None)
+    differences = solved(study(tmp_path / "b"), bare)
+    assert differences.fit.algorithm == "gauss-newton, forward differences" and bare.linearised == 0
+    assert exact.covariance is not None and differences.covariance is not None
+    assert (np.abs(exact.fit.x - differences.fit.x) < 0.15 * exact.covariance.sigma).all()
+    assert exact.covariance.sigma == pytest.approx(differences.covariance.sigma, rel=2e-3)
+
+
+@pytest.mark.parametrize("method", ["nelder-mead", "bobyqa", "gauss-newton", "trust-region"])
+def test_every_method_finds_the_same(tmp_path: Path, method: str) -> None:
+    start = WALL_TRUTH.replace(E=60000.0, nu=0.3, kappa=150.0, alpha_clamp=300.0).with_free(WALL_NAMES)
+    default = solved(study(tmp_path), Counted(wall_model(comparisons(), OBSERVATIONS)), start)
+    (tmp_path / "b").mkdir()
+    case = study(tmp_path / "b", f"stages.thermal.method={method}")
+    other = solved(case, Counted(wall_model(comparisons(), OBSERVATIONS)), start)
+    assert other.fit.converged and other.fit.method == method
+    assert default.covariance is not None and other.covariance is not None
+    assert (np.abs(other.fit.x - default.fit.x) < 0.15 * default.covariance.sigma).all()
+    assert other.covariance.sigma == pytest.approx(default.covariance.sigma, rel=0.01)
+
+
+def test_killed_stage_resumes(tmp_path: Path) -> None:
+    whole = Counted(wall_model(comparisons(), OBSERVATIONS))
+    (tmp_path / "b").mkdir()
+    expected = solved(study(tmp_path / "b"), whole)
+    case, dying = study(tmp_path), Counted(wall_model(comparisons(), OBSERVATIONS), last=3)
+    with pytest.raises(KeyboardInterrupt):
+        solved(case, dying)
+    rest = Counted(wall_model(comparisons(), OBSERVATIONS))
+    found = solved(case, rest)
+    assert found.fit.counts.replayed == 3 and rest.linearised == whole.linearised - 3 and rest.plain == 0
+    assert np.array_equal(found.fit.x, expected.fit.x)
+
+
+def test_fine_mesh_starts_at_the_coarse_optimum(tmp_path: Path) -> None:
+    """Few runs are left for the fine mesh, with its own derivatives; a coarse model that is off costs no accuracy."""
+    case = study(tmp_path, mesh="full")
+    sizes: list[int] = []
+    models = {}
+
+    def model_on(size: MeshSize, base: Parameters) -> StageModel:
+        sizes.append(size.n_x)
+        models[size.n_x] = Counted(wall_model(comparisons(), OBSERVATIONS, bias=1.5 if size.n_x == 6 else 0.0))
+        return models[size.n_x].model
+
+    found = solve(case, case.stage("thermal"), START, model_on, Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {}))
+    assert sizes == [6, 12] and len(found.earlier) == 1
+    assert found.fit.log[0].x == pytest.approx(found.earlier[0].x, rel=1e-12)
+    assert models[12].linearised <= 3 < models[6].linearised and models[12].plain == models[6].plain == 0
+    (tmp_path / "b").mkdir()
+    direct = solved(study(tmp_path / "b"), Counted(wall_model(comparisons(), OBSERVATIONS)))
+    assert direct.covariance is not None
+    assert (np.abs(found.fit.x - direct.fit.x) < 0.15 * direct.covariance.sigma).all()
+
+
+def test_turns_of_a_one_way_stage_take_exact_derivatives(tmp_path: Path) -> None:
+    """The mechanics is solved anew at every turn; the bias of the earlier one is forgotten."""
+    case, models = study(tmp_path), []
+
+    def model_on(size: MeshSize, base: Parameters) -> StageModel:
+        models.append(Counted(wall_model(comparisons(), OBSERVATIONS, bias=0.01 * (base["kappa"] - 130.0))))
+        return dataclasses.replace(models[-1].model, one_way=True)
+
+    found = solve(case, case.stage("thermal"), START, model_on, Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {}))
+    assert 2 <= len(models) <= 4 and not found.remarks
+    assert all(counted.plain == 0 for counted in models) and models[-1].linearised <= 2
+
+
+def test_failing_region_is_stepped_over(tmp_path: Path) -> None:
+    counted = Counted(wall_model(comparisons(), OBSERVATIONS))
+    linearise = counted.linearise
+
+    def failing(parameters: Parameters, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        if 60000.0 < parameters["E"] < 64000.0:
+            raise NumericsError("no convergence")
+        return linearise(parameters, names)
+
+    counted.model = dataclasses.replace(counted.model, linearise=failing)
+    # Displacements go with 1/E: the full Gauss-Newton step from 50000 ends at 2 E - E^2/68000 = 63000.
+    found = solved(study(tmp_path), counted, START)
+    assert found.fit.converged and abs(found.parameters["E"] - 68000.0) < 1000.0
+    assert found.fit.counts.failed > 0 and all(60000.0 < entry.x[0] < 64000.0 for entry in found.fit.log if entry.failed)
+
+
+def test_remembered_fields_are_those_of_the_last_parameters() -> None:
+    counted = Counted(wall_model(comparisons(), OBSERVATIONS))
+    model = remembering(counted.model, count=2)
+    first, second, third = (START.replace(E=value) for value in (5e4, 6e4, 7e4))
+    model.linearised(first, WALL_NAMES)
+    for parameters in (first, second, third, second, third):
+        assert np.array_equal(model.errors(parameters)["u"], counted.inner.errors(parameters)["u"], equal_nan=True)
+    assert counted.plain == 2
+    model.errors(first)
+    assert counted.plain == 3

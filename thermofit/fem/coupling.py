@@ -1,0 +1,76 @@
+"""The heat equation of one time step, solved on iterates of its mechanics until both fields agree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermofit.fem.body import Body, thermal_geometry
+from thermofit.fem.conduction import HeatConditions, heat_step, stored_heat
+from thermofit.fem.heat import heat_of_increment, smallest_dissipation
+from thermofit.fem.history import Balance, State, point_history, top_displacement
+from thermofit.fem.newton import Equilibrium
+from thermofit.fem.sensitivity import StepEnds
+from thermofit.material.law import Law
+
+_MOVED = 1e-6
+"""Displacement, as a share of the specimen's length, after which conduction and films are formed anew within a step."""
+
+
+class HeatOfStep:
+    """Heat equation of the step from `start` to time t s, on whatever deformation and sources the mechanics has so far.
+
+    Its geometry is formed on the first iterate and again where the body moved on. The temperature that goes back to the mechanics is
+    relaxed by c0 / (c0 + 9 K alpha^2 theta_0): free expansion at constant stress takes the rest of the heat (fixed-stress split).
+    """
+
+    def __init__(self, body: Body, law: Law, conditions: HeatConditions, start: State, when: tuple[float, str]) -> None:
+        self._body, self._law, self._conditions, self._start = body, law, conditions, start
+        self._t, self._scheme = when
+        self._share = conditions.c0 / (conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
+        self._before = point_history(start.points, start.dilatation)
+        self._length = float(np.ptp(body.mesh.nodes[:, 1]))
+        self._u: np.ndarray | None = None
+        self._geometry = self._mean = start.geometry
+
+    def __call__(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, float]:
+        """Temperature (n_np,) K for the mechanics after an iterate, and how far it still is from the heat equation's answer, K."""
+        self.solve(u, points, dilatation, theta)
+        change = self._step.theta - theta
+        return theta + self._share * change, float(np.max(np.abs(change)))
+
+    def solve(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Temperature (n_np,) at the end of the step; theta (n_np,) K is the latest estimate of it."""
+        body, start = self._body, self._start
+        if self._u is None or float(np.max(np.abs(u - self._u))) > _MOVED * self._length:
+            self._u, self._geometry = u, thermal_geometry(body, u)
+            self._mean = start.geometry.mean_with(self._geometry)
+        heat = np.zeros(body.mesh.n_nodes)
+        after = point_history(points, dilatation)
+        self._middle = 0.5 * (start.theta + theta)
+        self._released = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
+        how = (self._t - start.time, self._scheme)
+        self._step = heat_step(body, self._mean, self._conditions, start.theta, heat, how)
+        return self._step.theta
+
+    def finish(self, found: Equilibrium, load: float) -> tuple[State, Balance]:
+        """State and energies at the end of the step."""
+        body, start, step, s = self._body, self._start, self._step, self._body.symmetry
+        theta, geometry = step.theta, self._geometry
+        state = State(self._t, load, found.u, theta, found.state, found.dilatation, geometry, found.top_force, found.direction)
+        work = 0.5 * (start.top_force + found.top_force) * (top_displacement(body, found.u) - top_displacement(body, start.u))
+        dissipated, elastic = self._released
+        balance = Balance(
+            work=s * work,
+            dissipated=s * dissipated,
+            thermoelastic=s * elastic,
+            outflow={name: s * value for name, value in step.outflow.items()},
+            stored=s * stored_heat(body, self._conditions, start.theta, theta),
+            smallest_dissipation=smallest_dissipation(self._before, point_history(found.state, found.dilatation), self._law),
+        )
+        return state, balance
+
+    def ends(self, found: Equilibrium) -> StepEnds:
+        """What the differentiation of the step needs of its heat equation."""
+        start = self._start
+        after = point_history(found.state, found.dilatation)
+        return StepEnds(self._before, after, (start.u, found.u), self._middle, self._step)

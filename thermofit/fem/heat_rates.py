@@ -1,0 +1,201 @@
+"""Rates of the sources of the heat equation along many directions at once (direct differentiation).
+
+A rate, written x', is the derivative of x along a direction. The heat of an increment at a point, D + c theta (g - g_n) with
+c = -3 alpha K and g = ln J / J, changes with the temperature, the point states at both ends of the increment and the numbers of the law.
+Derivatives of the law page are made by complex step, as in `material.law_rates`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from thermofit.core.jit import kernel
+from thermofit.fem.element import ElementData
+from thermofit.fem.heat import Increment, PointHistory, increment_between
+from thermofit.fem.lanes import add_lanes, copy_lanes
+from thermofit.material.law import Law, dissipated_energy, thermoelastic_heat
+from thermofit.material.law_rates import LANES, NUMBERS, STEP, Directions
+from thermofit.material.point import ALPHA, LAMBDA, N_STATE
+
+_ALPHA_N, _ALPHA, _D_LAMBDA = range(3)
+"""Arguments of the dissipation of an increment, in the order of their derivatives; the numbers of the law follow."""
+_dissipated: Any = dissipated_energy
+_thermoelastic: Any = thermoelastic_heat
+"""The law page is written for real numbers; here it takes complex ones."""
+
+
+class PointRates(NamedTuple):
+    """Rates of the points at one time: of J (n_el, 8, m) and of the state (n_el, 8, 11, m)."""
+
+    dilatation: np.ndarray
+    state: np.ndarray
+
+
+@dataclass(frozen=True)
+class SourceLaw:
+    """A law with the rates that the heat sources need, made once for many steps.
+
+    `moved` is the law with no number moved by i h, then with each of the numbers that the dissipation feels, whose rates are `numbers`
+    (n, m); `c_rates` (m,) are those of c = -3 alpha K.
+    """
+
+    law: Law
+    moved: tuple[Law, ...]
+    numbers: np.ndarray
+    c_rates: np.ndarray
+
+
+def source_law(law: Law, directions: Directions) -> SourceLaw:
+    """SourceLaw of a law and its rates along the directions."""
+    c_rates = np.zeros(directions.numbers.shape[1])
+    for which in np.flatnonzero(np.any(directions.numbers != 0.0, axis=1)):
+        c = _thermoelastic.py_func(1.0, 0.0, 1.0, _moved(law, int(which)))
+        c_rates += np.imag(c) / STEP * directions.numbers[which]
+    moved = tuple(_moved(law, int(which)) for which in (-1, *directions.in_heat))
+    return SourceLaw(law, moved, np.ascontiguousarray(directions.numbers[directions.in_heat]), c_rates)
+
+
+def _moved(law: Law, which: int) -> Law:
+    """The law with one of its numbers moved by i h (none for -1); all numbers are complex."""
+    numbers = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
+    return law._replace(**numbers)  # type: ignore[arg-type]
+
+
+def heat_source_rates(
+    data: ElementData,
+    ends: tuple[PointHistory, PointHistory],
+    end_rates: tuple[PointRates, PointRates],
+    temperature: tuple[np.ndarray, np.ndarray],
+    law: SourceLaw,
+    out: np.ndarray,
+) -> None:
+    """Rates of `heat.heat_of_increment` along the directions added to out (n_np, m), mJ.
+
+    `ends` are the points at start and end of the increment, `end_rates` their rates; `temperature` is theta (n_np,) K of the
+    thermoelastic term and its rates (n_np, m). A point that does not flow dissipates nothing.
+    """
+    increment = increment_between(*ends)
+    j_n, j = ends[0].dilatation, ends[1].dilatation
+    by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
+    dissipation = _dissipation_derivatives(increment, law, range(3))
+    _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
+    states = (end_rates[0].state.reshape(-1), end_rates[1].state.reshape(-1))
+    dilatations = (end_rates[0].dilatation.reshape(-1), end_rates[1].dilatation.reshape(-1))
+    _add_state_rates(data, by_j, dissipation, law.law, temperature[0], dilatations, states, out)
+
+
+def frozen_source_rates(
+    data: ElementData, increment: Increment, temperature: tuple[np.ndarray, np.ndarray], law: SourceLaw, out: np.ndarray
+) -> None:
+    """`heat_source_rates` where the mechanics stays as it is: temperature and law alone have rates."""
+    dissipation = _dissipation_derivatives(increment, law, range(0))
+    _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
+
+
+def _dissipation_derivatives(increment: Increment, law: SourceLaw, arguments: range) -> np.ndarray:
+    """Derivatives of D (3 + n, n_el, 8) by the given of its arguments (others stay zero) and by the numbers of the law that it feels."""
+    out = np.zeros((2 + len(law.moved), *increment.g.shape))
+    if np.any(increment.d_lambda > 0.0):
+        for argument in arguments:
+            _differentiate_dissipation(increment, argument, law.moved[0], out[argument])
+        for n, moved in enumerate(law.moved[1:], start=3):
+            _differentiate_dissipation(increment, -1, moved, out[n])
+    return out
+
+
+@kernel
+def _differentiate_dissipation(increment: Increment, argument: int, law: Law, out: np.ndarray) -> None:
+    h = np.zeros(3)
+    if argument >= 0:
+        h[argument] = STEP
+    for e in range(out.shape[0]):
+        for q in range(8):
+            if increment.d_lambda[e, q] > 0.0:
+                alpha_n, alpha = complex(increment.alpha_n[e, q], h[_ALPHA_N]), complex(increment.alpha[e, q], h[_ALPHA])
+                out[e, q] = _dissipated(alpha_n, alpha, complex(increment.d_lambda[e, q], h[_D_LAMBDA]), law).imag / STEP
+
+
+# Workspace of both kernels, LANES numbers each: theta' and heat' of the nodes, theta' and heat' of the point.
+_THETA, _NODAL, _POINT, _HEAT, _END = 0, 8 * LANES, 16 * LANES, 17 * LANES, 18 * LANES
+
+
+@kernel
+def _add_source_rates(
+    data: ElementData,
+    increment: Increment,
+    dissipation: np.ndarray,
+    law_and_rates: tuple[Law, np.ndarray, np.ndarray],
+    temperature: tuple[np.ndarray, np.ndarray],
+    out: np.ndarray,
+) -> None:
+    """Nodal heat' by theta' and by the numbers of the law."""
+    law, numbers, c_rates = law_and_rates[0], law_and_rates[1].reshape(-1), law_and_rates[2]
+    theta, theta_rates = temperature[0], temperature[1].reshape(-1)
+    m, result, active = out.shape[1], out.reshape(-1), dissipation.shape[0] - 3
+    c = thermoelastic_heat(1.0, 0.0, 1.0, law)
+    w, zero, corner, by_c = np.zeros(_END), np.zeros(LANES), np.empty(8), np.empty(8)
+    for e in range(data.hexes.shape[0]):
+        for a in range(8):
+            corner[a] = theta[data.hexes[e, a]]
+        for q in range(8):
+            t = 0.0
+            for a in range(8):
+                t += data.shape[q, a] * corner[a]
+            by_c[q] = data.volume[e, q] * t * (increment.g[e, q] - increment.g_n[e, q])
+        for b in range(0, m, LANES):
+            for a in range(8):
+                copy_lanes(w, _THETA + a * LANES, theta_rates, data.hexes[e, a] * m + b)
+                copy_lanes(w, _NODAL + a * LANES, zero, 0)
+            for q in range(8):
+                volume = data.volume[e, q]
+                copy_lanes(w, _POINT, zero, 0)
+                for a in range(8):
+                    add_lanes(w, _POINT, data.shape[q, a], w, _THETA + a * LANES)
+                copy_lanes(w, _HEAT, zero, 0)
+                add_lanes(w, _HEAT, volume * c * (increment.g[e, q] - increment.g_n[e, q]), w, _POINT)
+                add_lanes(w, _HEAT, by_c[q], c_rates, b)
+                if increment.d_lambda[e, q] > 0.0:
+                    for k in range(active):
+                        add_lanes(w, _HEAT, volume * dissipation[3 + k, e, q], numbers, k * m + b)
+                for a in range(8):
+                    add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
+            for a in range(8):
+                add_lanes(result, data.hexes[e, a] * m + b, 1.0, w, _NODAL + a * LANES)
+
+
+@kernel
+def _add_state_rates(
+    data: ElementData,
+    by_j: tuple[np.ndarray, np.ndarray],
+    dissipation: np.ndarray,
+    law: Law,
+    theta: np.ndarray,
+    dilatations: tuple[np.ndarray, np.ndarray],
+    states: tuple[np.ndarray, np.ndarray],
+    out: np.ndarray,
+) -> None:
+    """Nodal heat' by J', alpha', Lambda' at both ends."""
+    m, result = out.shape[1], out.reshape(-1)
+    c = thermoelastic_heat(1.0, 0.0, 1.0, law)
+    w, zero = np.zeros(_END), np.zeros(LANES)
+    for e in range(data.hexes.shape[0]):
+        for b in range(0, m, LANES):
+            for a in range(8):
+                copy_lanes(w, _NODAL + a * LANES, zero, 0)
+            for q in range(8):
+                point, volume, t = e * 8 + q, data.volume[e, q], 0.0
+                for a in range(8):
+                    t += data.shape[q, a] * theta[data.hexes[e, a]]
+                copy_lanes(w, _HEAT, zero, 0)
+                for k in range(2):
+                    by_lambda = volume * dissipation[_D_LAMBDA, e, q] * (2 * k - 1)
+                    add_lanes(w, _HEAT, volume * c * t * by_j[k][e, q], dilatations[k], point * m + b)
+                    add_lanes(w, _HEAT, volume * dissipation[_ALPHA_N + k, e, q], states[k], (point * N_STATE + ALPHA) * m + b)
+                    add_lanes(w, _HEAT, by_lambda, states[k], (point * N_STATE + LAMBDA) * m + b)
+                for a in range(8):
+                    add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
+            for a in range(8):
+                add_lanes(result, data.hexes[e, a] * m + b, 1.0, w, _NODAL + a * LANES)

@@ -1,0 +1,248 @@
+"""Sensitivities of a march by direct differentiation: du/dp, dtheta/dp and dF/dp of every step, exact for the discrete equations.
+
+After each converged step the equations of both fields are differentiated along all asked-for parameters at once, through the
+history variables (M. Kleiber et al., Parameter Sensitivity in Nonlinear Mechanics, 1997):
+
+    K u' = f_ext' - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
+    [c0 M + gamma dt E] theta' = ... (u', u_n', theta_n', h'(s', s_n', theta'), p).
+
+Mechanics and heat alternate as in the march until theta' stands still; the factors are those of the step. Memory holds the rates of
+two states, whatever the number of steps; what is wanted of a step is taken by the caller's `collect`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.jit import kernel
+from thermofit.core.parameters import Parameters
+from thermofit.fem.body import LOADED, Body, ThermalGeometry
+from thermofit.fem.conduction import HeatConditions, HeatStep
+from thermofit.fem.conduction_rates import ConditionRates, heat_step_rates, steady_rates
+from thermofit.fem.extrapolation import lagrange
+from thermofit.fem.heat import PointHistory
+from thermofit.fem.heat_rates import PointRates, heat_source_rates, source_law
+from thermofit.fem.linear import Factor, multiply_symmetric
+from thermofit.fem.mechanical_rates import load_rates, responses, thermal_load_rates, update_rates
+from thermofit.material.law import Law
+from thermofit.material.law_rates import ALPHA_EXP, THETA_REF, directions, padded
+from thermofit.material.point import N_STATE
+from thermofit.material.rates import response_size
+
+MAX_SWEEPS = 20
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
+
+    `tolerance`: relative change of theta' at which mechanics and heat of a step agree; what is left of it in u' is taken out by one
+    more solve, so that only the plastic rates of the step carry it, and they feel temperature through thermal strain alone.
+    """
+
+    names: tuple[str, ...]
+    collect: Callable[[int, Sensitivity], None]
+    tolerance: float = 3e-3
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives at one time, last axis the parameters: u (n_np, 3, n) mm, theta (n_np, n) K, force (n,) N of the whole specimen.
+
+    The arrays are views of buffers that the next steps overwrite: `collect` copies what it keeps.
+    """
+
+    u: np.ndarray
+    theta: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates of a state along m directions: u (n_np, 3, m), theta (n_np, m), points (n_el, 8, 11, m), J (n_el, 8, m), top force (m,).
+
+    `past`: length of the step that led here and theta' at its start, and the same of the step before: for extrapolation.
+    """
+
+    u: np.ndarray
+    theta: np.ndarray
+    points: np.ndarray
+    dilatation: np.ndarray
+    top_force: np.ndarray
+    past: tuple[tuple[float, np.ndarray], ...] = ()
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor and stiffness there."""
+
+    u: np.ndarray
+    theta: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    factor: Factor
+    stiffness: np.ndarray
+
+
+@dataclass(frozen=True)
+class StepEnds:
+    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term, and its solution."""
+
+    before: PointHistory
+    after: PointHistory
+    u: tuple[np.ndarray, np.ndarray]
+    middle: np.ndarray
+    step: HeatStep
+
+
+@kernel
+def assemble(equation: np.ndarray, force: np.ndarray, out: np.ndarray) -> None:
+    """out (n_eq, m) -= element loads (n_el, 24, m) by equation numbers (n_el, 24); negative numbers are prescribed dofs."""
+    for e in range(equation.shape[0]):
+        for i in range(equation.shape[1]):
+            k = equation[e, i]
+            if k >= 0:
+                for m in range(out.shape[1]):
+                    out[k, m] -= force[e, i, m]
+
+
+def volume_mean(body: Body, field: np.ndarray) -> np.ndarray:
+    """Volume mean of nodal fields (n_np, ...)."""
+    p = body.thermal
+    weight = multiply_symmetric(p.row, p.column, body.capacity, np.ones(body.mesh.n_nodes))
+    return np.asarray(weight @ field / weight.sum())
+
+
+class Differentiator:
+    """Differentiates the steps of one march; holds the buffers of two states."""
+
+    def __init__(
+        self, body: Body, law: Law, parameters: Parameters, conditions: ConditionRates, asked: Sensitivities, *, one_way: bool
+    ) -> None:
+        self.body, self.law, self.conditions, self.asked, self.one_way = body, law, conditions, asked, one_way
+        self.along = directions(parameters, asked.names, law)
+        self.m = padded(len(asked.names))
+        self._sources = source_law(law, self.along)
+        n_el = body.mesh.n_elements
+        self._states = (np.zeros((n_el, 8, N_STATE, self.m)), np.zeros((n_el, 8, N_STATE, self.m)))
+        self._dilatations = (np.zeros((n_el, 8, self.m)), np.zeros((n_el, 8, self.m)))
+        self._at = 0
+        self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
+        self._loads = np.zeros((n_el, 24, self.m))
+        top = np.isin(body.mesh.hexes, body.loaded)
+        self._top_elements = np.flatnonzero(top.any(axis=1))
+        self._top_dofs = top[self._top_elements]
+        self.resting = np.zeros((body.mesh.n_nodes, self.m))
+        self.prescribed = np.zeros(self.m)
+        self.sweeps = 0
+        self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
+
+    def collect(self, n: int, rates: Rates) -> None:
+        """Hand the derivatives of recorded time n to the caller."""
+        k = len(self.asked.names)
+        self.asked.collect(n, Sensitivity(rates.u[:, :, :k], rates.theta[:, :k], rates.top_force[:k] * self.body.symmetry))
+
+    def rest(self, theta: np.ndarray, geometry: ThermalGeometry, conditions: HeatConditions, length: float, from_rest: bool) -> None:
+        """Rates of the steady temperature theta (n_np,) of the resting specimen and of the displacement that it causes."""
+        self.resting = np.ascontiguousarray(steady_rates(self.body, geometry, conditions, theta, self.conditions))
+        if from_rest:
+            law, rates = self.law, self.along.numbers
+            warmer = volume_mean(self.body, theta - law.theta_ref)
+            warming = volume_mean(self.body, self.resting) - rates[THETA_REF]
+            self.prescribed = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
+
+    def initial(self, mechanics: Linearised) -> Rates:
+        """Rates of the state at rest."""
+        start = self._states[1 - self._at]
+        start[:] = 0.0
+        responses(self.body.data, mechanics.u, mechanics.theta, mechanics.before, mechanics.after, self.law, self.along, self._response)
+        u = self._mechanics(mechanics, start, self.resting)
+        points, dilatation = self._update(mechanics, start, u)
+        return Rates(u, self.resting, points, dilatation, self._top_force(mechanics, u))
+
+    def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
+        """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree."""
+        responses(self.body.data, mechanics.u, mechanics.theta, mechanics.before, mechanics.after, self.law, self.along, self._response)
+        self._at = 1 - self._at
+        theta = self.resting if self.one_way else self._guess(start, ends.step.length)
+        for _ in range(MAX_SWEEPS):
+            self.sweeps += 1
+            u = self._mechanics(mechanics, start.points, theta)
+            points, dilatation = self._update(mechanics, start.points, u)
+            found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
+            change = found - theta
+            scale = np.maximum(np.abs(found).max(axis=0), 1e-300)
+            if self.one_way or np.all(np.abs(change).max(axis=0) <= self.asked.tolerance * scale):
+                u = u if self.one_way else self._warmed(mechanics, u, change)
+                past = ((ends.step.length, start.theta), *start.past[:1])
+                return Rates(u, found, points, dilatation, self._top_force(mechanics, u), past)
+            theta = theta + self._share * change
+        worst = self.asked.names[int(np.argmax(np.abs(change).max(axis=0) / scale)) % len(self.asked.names)]
+        raise NumericsError(
+            f"sensitivities: temperature and displacement still disagree after {MAX_SWEEPS} sweeps, most for {worst}; use smaller steps"
+        )
+
+    def _guess(self, start: Rates, dt: float) -> np.ndarray:
+        """theta' at the end of the step, extrapolated from the last three states at most."""
+        times, values = [0.0], [start.theta]
+        for length, theta in start.past:
+            times.append(times[-1] - length)
+            values.append(theta)
+        return np.asarray(sum(w * v for w, v in zip(lagrange(times, dt), values, strict=True)))
+
+    def _mechanics(self, mechanics: Linearised, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """u' (n_np, 3, m) for given theta' and rates of the old state; the loads at fixed u stay in their buffer."""
+        body, states = self.body, (mechanics.before, mechanics.after)
+        load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points, theta, self._loads)
+        u = np.zeros((body.mesh.n_nodes, 3, self.m))
+        u[body.equation == LOADED] = self.prescribed
+        if np.any(self.prescribed):
+            e = self._top_elements
+            self._loads[e] += np.einsum("eij,ejm->eim", mechanics.stiffness[e], u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
+        self._add_answer(mechanics, self._loads, u)
+        return u
+
+    def _add_answer(self, mechanics: Linearised, loads: np.ndarray, u: np.ndarray) -> None:
+        """u (n_np, 3, m) += K^-1 of minus the element loads (n_el, 24, m)."""
+        body = self.body
+        right = np.zeros((body.n_equations, self.m))
+        assemble(body.element_equation, loads, right)
+        x = mechanics.factor.solve(right)
+        free = body.equation >= 0
+        u[free] += x[body.equation[free]]
+
+    def _warmed(self, mechanics: Linearised, u: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """u' after a last change of theta' (n_np, m), states held."""
+        loads = np.empty_like(self._loads)
+        thermal_load_rates(self.body.data, mechanics.u, self._response, change, loads)
+        self._add_answer(mechanics, loads, u)
+        self._loads += loads
+        return u
+
+    def _top_force(self, mechanics: Linearised, u: np.ndarray) -> np.ndarray:
+        """Rate of the internal force along y on the loaded end (m,); zero where a force is prescribed."""
+        if self.body.top >= 0:
+            return np.zeros(self.m)
+        e = self._top_elements
+        free = np.where((self.body.equation >= 0)[:, :, None], u, 0.0)[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m)
+        nodal = self._loads[e] + np.einsum("eij,ejm->eim", mechanics.stiffness[e], free)
+        return np.asarray(nodal.reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
+
+    def _update(self, mechanics: Linearised, points_n: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        points, dilatation = self._states[self._at], self._dilatations[self._at]
+        states = (mechanics.before, mechanics.after)
+        update_rates(self.body.data, mechanics.u, states, self.law, self.along, self._response, u, points_n, points, dilatation)
+        return points, dilatation
+
+    def _heat(self, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
+        """theta' (n_np, m) at the end of the step by the differentiated heat equation; theta is the estimate so far."""
+        middle_rates = start.theta if self.one_way else 0.5 * (start.theta + theta)
+        heat = np.zeros((self.body.mesh.n_nodes, self.m))
+        rates = (PointRates(start.dilatation, start.points), end)
+        heat_source_rates(self.body.data, (ends.before, ends.after), rates, (ends.middle, middle_rates), self._sources, heat)
+        motion = ((ends.u[0], start.u), (ends.u[1], u))
+        return np.ascontiguousarray(heat_step_rates(self.body, ends.step, start.theta, heat, self.conditions, motion))

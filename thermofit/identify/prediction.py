@@ -1,0 +1,78 @@
+"""Error fields of a stage, prediction minus observation, and their exact derivatives from one differentiated forward run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.parameters import Parameters
+from thermofit.fem.one_way import HeatProblem, heat_run, heat_run_rates
+from thermofit.fem.sensitivity import Sensitivities, Sensitivity
+from thermofit.identify.forward import Run, Sampler
+from thermofit.measure.observation import FieldObservation
+
+Errors = dict[str, np.ndarray]
+"""Error field prediction - observation (n_t, n_s, n_c) of "u", "theta" and "force"."""
+Linearise = Callable[[Parameters, tuple[str, ...]], tuple[Errors, dict[str, np.ndarray]]]
+"""Error fields and their derivatives (n_t, n_s, n_c, n_p) with respect to the named parameters, from one forward run."""
+
+
+@dataclass(frozen=True)
+class CoupledPrediction:
+    """All observed fields by a run of both fields. NumericsError where it fails."""
+
+    run: Run
+    samplers: dict[str, Sampler]
+    observations: dict[str, FieldObservation]
+
+    def errors(self, parameters: Parameters) -> Errors:
+        """Error fields of the parameters."""
+        history = self.run(parameters)
+        return {name: sampler.observed(name, history) - self.observations[name].value for name, sampler in self.samplers.items()}
+
+    def linearise(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        """Error fields and their derivatives with respect to the named parameters."""
+        slopes = {name: np.zeros((*observation.value.shape, len(names))) for name, observation in self.observations.items()}
+        resting: dict[str, np.ndarray] = {}
+
+        def collect(n: int, at: Sensitivity) -> None:
+            for name, sampler in self.samplers.items():
+                here = np.flatnonzero(sampler.index == n)
+                if here.size or n == sampler.reference:
+                    value = sampler.observed_rates(name, at)
+                    if n == sampler.reference:
+                        resting[name] = value if name == "u" else np.zeros_like(value)
+                    slopes[name][here] = value - resting[name]
+
+        history = self.run(parameters, sensitivities=Sensitivities(names, collect))
+        errors = {name: sampler.observed(name, history) - self.observations[name].value for name, sampler in self.samplers.items()}
+        return errors, slopes
+
+
+@dataclass(frozen=True)
+class HeatPrediction:
+    """Temperatures by a one-way heat run on mechanics that is known."""
+
+    problem: HeatProblem
+    sampler: Sampler
+    observation: FieldObservation
+
+    def errors(self, parameters: Parameters) -> Errors:
+        """Error field of the parameters."""
+        return {"theta": self.sampler.temperature(heat_run(self.problem, parameters)) - self.observation.value}
+
+    def linearise(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        """Error field and its derivatives with respect to the named parameters."""
+        theta = np.empty((len(self.problem.time), self.problem.body.mesh.n_nodes))
+        slopes = np.zeros((*self.observation.value.shape, len(names)))
+
+        def collect(n: int, temperature: np.ndarray, rates: np.ndarray) -> None:
+            theta[n] = temperature
+            here = np.flatnonzero(self.sampler.index == n)
+            if here.size:
+                slopes[here] = self.sampler.temperature_rates(rates[:, : len(names)])
+
+        heat_run_rates(self.problem, parameters, names, collect)
+        return {"theta": self.sampler.temperature(theta) - self.observation.value}, {"theta": slopes}

@@ -88,7 +88,7 @@ def _head() -> Iterator[str]:
     yield from (
         "# Performance",
         "",
-        "Written by `make bench` (`python scripts/bench.py --write docs/performance.md`); figures are measured, none is typed in.",
+        "Written by `make bench` (`python scripts/bench.py --write docs/performance.md`): all figures of targets and tables are measured.",
         "Times are medians of CPU seconds on one thread unless a row says otherwise (wall). The ratio is that to the product of two",
         "1000 x 1000 matrices timed beside each section: it makes figures of different machines and of a busy one comparable.",
         "",

@@ -20,7 +20,7 @@ from bench_measure import Child, Limits, Options, Part, Row, at_most, cpu, once,
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import NAMES
 from thermofit.fem.body import Body
-from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 from thermofit.fem.one_way import heat_problem, heat_run
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 
@@ -53,7 +53,7 @@ def forward_with_sensitivities(body: Body, names: Sequence[str], steps: int) -> 
         seen[n, :, :3] = at.u[face][..., : len(names)]
         seen[n, :, 3] = at.theta[face][..., : len(names)]
 
-    march(body, PARAMETERS, LOADING, step_times(steps), MarchSettings(), sensitivities=Sensitivities(tuple(names), collect))
+    march(body, PARAMETERS, LOADING, step_times(steps), MarchSettings(), Watch(sensitivities=Sensitivities(tuple(names), collect)))
     return seen
 
 

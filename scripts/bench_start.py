@@ -6,13 +6,12 @@ import shutil
 import sys
 from pathlib import Path
 
-from bench_chain import Chain, checked
+from bench_chain import Chain, checked, small_chain
 from bench_measure import ROOT, Limits, Options, Part, Row, Target, first_line, run_child
 from bench_runs import one_run
 
 _MESH = (6, 40, 2)
 _STEPS = 10
-_SMALL = ("mesh={n_x: 4, n_y: 28, n_z: 1}", "simulate.dic={stages: 40}", "simulate.ir={frames: 40}")
 COMMANDS = (
     "simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal", "verify", "report", "run",
 )  # fmt: skip
@@ -29,7 +28,7 @@ def measure(options: Options, limits: Limits) -> Part:
         Row("small coupled run, second process (wall)", warm["wall"], f"CPU {warm['cpu']:.1f} s"),
         Row("compile time", cold["cpu"] - warm["cpu"], "CPU, difference of both"),
     ]
-    chain = Chain(ROOT / "configs" / "quickstart.yaml", options.scratch / "quickstart", _SMALL)
+    chain = small_chain(options.scratch / "quickstart")
     shutil.rmtree(chain.run_dir, ignore_errors=True)
     whole = ("--json",)
     first = run_child(chain.command("run", *whole), cwd=ROOT, env=environment)

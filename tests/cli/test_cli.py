@@ -223,7 +223,7 @@ def test_every_failure_is_one_sentence(
 ) -> None:
     replace_stages(monkeypatch, failing(error))
     result = call("verify", study)
-    assert (result.exit_code, result.stdout) == (exit_code, "")
+    assert result.exit_code == exit_code and result.stdout.startswith("verify  study ") and result.stdout.count("\n") == 1
     assert words in result.stderr and result.stderr.startswith("error: ") and result.stderr.count("\n") == 1
     with_json = call("verify", study, "--json")
     answer = json.loads(with_json.stdout)
@@ -268,7 +268,7 @@ def test_human_output_says_the_same(study: Path, monkeypatch: pytest.MonkeyPatch
 def test_fresh_is_said(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = outcome(study.parent / "verify.h5", "verify", {}, fresh=True)
     replace_stages(monkeypatch, lambda name: lambda study, *, force=False: made)
-    assert "fresh" in call("verify", study).stdout.splitlines()[0]
+    assert "fresh" in call("verify", study).stdout.splitlines()[1]
     assert json.loads(call("verify", study, "--json").stdout)["fresh"] is True
 
 

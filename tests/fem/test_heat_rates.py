@@ -299,3 +299,16 @@ def test_product_for_many_directions(body: Body) -> None:
     y = multiply_directions(p.row, p.column, body.capacity, x)
     columns = [multiply_symmetric(p.row, p.column, body.capacity, np.ascontiguousarray(c)) for c in x.T]
     assert y == pytest.approx(np.stack(columns, axis=1), rel=1e-12, abs=1e-14)
+
+
+def test_heat_problem_keeps_the_geometry_of_every_step(body: Body) -> None:
+    """Of films only the non-zeros are kept, and nothing is lost."""
+    history = synthetic(body, 4)
+    problem = heat_problem(body, history, MarchSettings())
+    for n in range(4):
+        expected = thermal_geometry(body, history.u[n]).mean_with(thermal_geometry(body, history.u[n + 1]))
+        kept = problem.geometry(n)
+        assert np.array_equal(kept.conduction, expected.conduction)
+        for name in ("air", "clamp"):
+            assert np.array_equal(kept.film[name], expected.film[name])
+            assert np.array_equal(kept.film_area[name], expected.film_area[name])

@@ -13,7 +13,7 @@ from thermofit.core.errors import StudyError
 from thermofit.fem.body import Body, ThermalGeometry, tension_body, thermal_geometry
 from thermofit.fem.conduction import HeatStep, heat_step
 from thermofit.fem.dogbone import dogbone_mesh
-from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 from thermofit.fem.one_way import heat_problem, heat_run
 
 HALF_SECTION = 25.0 * 1.2
@@ -160,7 +160,7 @@ def test_heat_of_a_step_passes_the_mean_of_the_geometries_at_its_ends(monkeypatc
 def test_callback_counts_the_steps() -> None:
     body = tension_body(bar_mesh((1, 2, 1), (1.0, 4.0, 1.0), air=("x1",), clamp=("y0",)))
     seen: list[int] = []
-    march(body, ADIABATIC, Loading(np.array([0.0, 1.0]), np.array([0.0, 100.0])), np.linspace(0.0, 1.0, 6), on_step=seen.append)
+    march(body, ADIABATIC, Loading(np.array([0.0, 1.0]), np.array([0.0, 100.0])), np.linspace(0.0, 1.0, 6), watch=Watch(step=seen.append))
     assert seen == [1, 2, 3, 4, 5]
 
 

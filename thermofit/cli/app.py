@@ -84,6 +84,7 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
         from thermofit.core.result import is_trustworthy, result_of
 
         study = common.load()
+        _announce(entry.name, study, common.json)
         begin = time.perf_counter()
         with _quiet(common.json):
             outcome = stage_function(entry.name)(study, force=common.force)
@@ -95,6 +96,12 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
         _leave(is_trustworthy(outcome.record))
 
     return command
+
+
+def _announce(command: str, study: Study, as_json: bool) -> None:
+    """What begins, before numba is imported: the first result may be minutes away."""
+    if not as_json:
+        typer.echo(f"{command}  study {study.source.name}, results in {study.run_dir}")
 
 
 def _leave(trustworthy: bool) -> None:
@@ -116,6 +123,7 @@ def run(
     from thermofit.stages.run import Link, Selection, chain, summary_of
 
     study = common.load()
+    _announce("run", study, common.json)
     links = [Link(name, _lazy(name)) for name in ORDER]
     with _quiet(common.json):
         steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)

@@ -16,7 +16,7 @@ from thermofit.core.staging import artefact_path
 from thermofit.core.study import Study
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.fem.body import Body
-from thermofit.fem.march import History
+from thermofit.fem.march import History, Watch
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, read_field
 from thermofit.identify.model import reference_times
@@ -71,7 +71,7 @@ def verification(study: Study, data: Measured, parameters: Parameters) -> Verifi
     run = run_of(study, data, study.mesh_size, steps, march_settings(study, "full"))
     with progress("verify", len(steps.time) - 1) as advance:
         try:
-            history = run(parameters, lambda _: advance())
+            history = run(parameters, Watch(step=lambda _: advance()))
         except NumericsError as error:
             text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
             raise NumericsError(text) from error

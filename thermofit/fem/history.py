@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from thermofit.fem.body import Body, ThermalGeometry
 from thermofit.fem.heat import PointHistory
 from thermofit.fem.newton import Direction, NewtonSettings
-from thermofit.fem.sensitivity import Rates
+from thermofit.fem.sensitivity import Rates, Sensitivities
 from thermofit.material.point import ALPHA, LAMBDA
 
 
@@ -39,6 +39,17 @@ class MarchSettings:
 
 
 DEFAULTS = MarchSettings()
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Who follows a march: `step(n)` is called at every recorded time after the first, `sensitivities` has every step differentiated."""
+
+    step: Callable[[int], None] | None = None
+    sensitivities: Sensitivities | None = None
+
+
+NOBODY = Watch()
 
 
 @dataclass(frozen=True)

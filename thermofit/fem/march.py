@@ -7,7 +7,6 @@ heat equation, with the heat capacity of constant stress, on the deformation and
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 
@@ -22,10 +21,11 @@ from thermofit.fem.conduction_rates import condition_rates
 from thermofit.fem.coupling import HeatOfStep
 from thermofit.fem.energy import internal_energy_of
 from thermofit.fem.films import conditions_of
-from thermofit.fem.history import DEFAULTS, State, added, history, recorded
+from thermofit.fem.history import DEFAULTS, NOBODY, State, added, history, recorded
 from thermofit.fem.history import Balance as Balance
 from thermofit.fem.history import History as History
 from thermofit.fem.history import MarchSettings as MarchSettings
+from thermofit.fem.history import Watch as Watch
 from thermofit.fem.loading import Loading as Loading
 from thermofit.fem.loading import solution_times
 from thermofit.fem.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
@@ -42,15 +42,13 @@ def march(
     loading: Loading,
     times: np.ndarray,
     settings: MarchSettings = DEFAULTS,
-    on_step: Callable[[int], None] | None = None,
-    *,
-    sensitivities: Sensitivities | None = None,
+    watch: Watch = NOBODY,
 ) -> History:
     """Solve the coupled boundary value problem at the increasing `times` s (n_t,); the first is the state at rest.
 
-    Only these are recorded; solution steps between them (`max_step`) add up to one Balance. `sensitivities` differentiates every step and
-    hands the derivatives of every recorded time to its `collect`. NumericsError where a step fails even after `max_cuts` bisections; the
-    message names the time. StudyError where times, loading, body and parameters do not fit together.
+    Only these are recorded; solution steps between them (`max_step`) add up to one Balance. `watch` follows the run and may have it
+    differentiated. NumericsError where a step fails even after `max_cuts` bisections; the message names the time. StudyError where times,
+    loading, body and parameters do not fit together.
     """
     if len(times) < 2 or np.any(np.diff(times) <= 0.0):
         raise StudyError("march: at least two increasing times are needed; check the evaluation times of the study")
@@ -62,8 +60,8 @@ def march(
     if settings.coupling == "one-way":
         conditions = at_constant_stress(conditions, law)
     run = _Run(body, law, conditions, loading, settings)
-    if sensitivities is not None:
-        run.differentiate(parameters, sensitivities)
+    if watch.sensitivities is not None:
+        run.differentiate(parameters, watch.sensitivities)
     start = run.initial(float(times[0]))
     past: tuple[Passed, ...] = ()
     records, balances, energy = [recorded(body, start, settings)], [], run.energy(start)
@@ -78,8 +76,8 @@ def march(
         before, energy = energy, run.energy(start)
         balances.append(replace(reduce(added, parts), internal=energy - before))
         run.collect(n, start)
-        if on_step is not None:
-            on_step(n)
+        if watch.step is not None:
+            watch.step(n)
     return history(body, records, tuple(balances), run.counts(len(times) - 1))
 
 
@@ -176,7 +174,7 @@ class _Run:
 
     def _step(self, start: State, past: tuple[Passed, ...], t: float) -> tuple[State, Balance]:
         load = self.load(t)
-        u, theta, fresh = predicted(start, past, t, load)
+        u, theta, fresh = predicted(self.body, start, past, t, load)
         heat = HeatOfStep(self.body, self.law, self.conditions, start, (t, self.settings.heat_scheme))
         if self.follower is not None:
             found = self._along_path(self.follower, theta, start, load, heat)

@@ -27,13 +27,13 @@ from thermofit.material.rates import (
     STRAIN,
     TAU,
     THETA,
-    Tensor,
     point_response,
     set_point,
     state_rates,
     stress_rates,
     workspace_size,
 )
+from thermofit.material.tuples import Tensor
 
 _CHUNKS = 64
 

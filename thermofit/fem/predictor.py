@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermofit.fem.body import Body
 from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.history import State
 
@@ -25,11 +26,12 @@ def passed(state: State) -> Passed:
     return Passed(state.time, state.load, state.u, state.theta)
 
 
-def predicted(start: State, past: tuple[Passed, ...], t: float, load: float) -> tuple[np.ndarray, np.ndarray, bool]:
+def predicted(body: Body, start: State, past: tuple[Passed, ...], t: float, load: float) -> tuple[np.ndarray, np.ndarray, bool]:
     """Extrapolated u and theta at time t, and whether a fresh tangent is needed.
 
-    Quadratic in time through the last three states where the load went on in the same sense over all of them, linear through two, the
-    state itself (and a fresh tangent) after a change of the programme.
+    Quadratic in time through the last three states where the load went on in the same sense over all of them, linear through two. After a
+    change of the programme the state itself (and a fresh tangent); where the end is displaced, the whole body stretched evenly with it,
+    because the last layer of elements could not take the jump alone.
     """
     points = [passed(start)]
     rate = (load - start.load) / (t - start.time)
@@ -39,11 +41,19 @@ def predicted(start: State, past: tuple[Passed, ...], t: float, load: float) -> 
             break
         points.append(before)
     if len(points) == 1:
-        return start.u, start.theta, True
+        return start.u if body.top >= 0 else _stretched(body, start.u, load - start.load), start.theta, True
     weights = lagrange([p.time for p in points], t)
     u = sum((w * p.u for w, p in zip(weights, points, strict=True)), np.zeros_like(start.u))
     theta = sum((w * p.theta for w, p in zip(weights, points, strict=True)), np.zeros_like(start.theta))
     return u, theta, False
+
+
+def _stretched(body: Body, u: np.ndarray, elongation: float) -> np.ndarray:
+    """u after an even stretch along y that moves the end by `elongation` mm."""
+    y = body.mesh.nodes[:, 1]
+    out = u.copy()
+    out[:, 1] += elongation * (y - y.min()) / np.ptp(y)
+    return out
 
 
 def _goes_on(before: float, now: float) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +12,10 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.fem.body import Body, tension_body
 from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.history import NOBODY, Watch
 from thermofit.fem.march import History, Loading, MarchSettings, march
 from thermofit.fem.newton import NewtonSettings
-from thermofit.fem.sensitivity import Sensitivities, Sensitivity
+from thermofit.fem.sensitivity import Sensitivity
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.measure.observation import FaceOperator, FieldObservation, face_operator
 
@@ -65,11 +65,9 @@ class Run:
     loading: Loading
     settings: MarchSettings
 
-    def __call__(
-        self, parameters: Parameters, on_step: Callable[[int], None] | None = None, *, sensitivities: Sensitivities | None = None
-    ) -> History:
-        """History at the load steps, with derivatives handed out if asked for. NumericsError where a step fails."""
-        return march(self.body, parameters, self.loading, self.loading.time, self.settings, on_step, sensitivities=sensitivities)
+    def __call__(self, parameters: Parameters, watch: Watch = NOBODY) -> History:
+        """History at the load steps. NumericsError where a step fails."""
+        return march(self.body, parameters, self.loading, self.loading.time, self.settings, watch)
 
 
 @dataclass(frozen=True)

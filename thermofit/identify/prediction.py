@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.parameters import Parameters
+from thermofit.fem.history import Watch
 from thermofit.fem.one_way import HeatProblem, heat_run, heat_run_rates
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 from thermofit.identify.forward import Run, Sampler
@@ -46,7 +47,7 @@ class CoupledPrediction:
                         resting[name] = value if name == "u" else np.zeros_like(value)
                     slopes[name][here] = value - resting[name]
 
-        history = self.run(parameters, sensitivities=Sensitivities(names, collect))
+        history = self.run(parameters, Watch(sensitivities=Sensitivities(names, collect)))
         errors = {name: sampler.observed(name, history) - self.observations[name].value for name, sampler in self.samplers.items()}
         return errors, slopes
 

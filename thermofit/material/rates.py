@@ -31,9 +31,17 @@ from thermofit.material.tensor import (
     scaled,
     solve_in_place,
 )
-
-Tensor = tuple[float, float, float, float, float, float, float, float, float]
-"""A general tensor row by row."""
+from thermofit.material.tuples import (
+    Tensor,
+    mixed_congruence,
+    product,
+    product_symmetric,
+    pulled_back,
+    square,
+    total,
+    transposed,
+    twice_symmetric_part,
+)
 
 # Rows of the workspace: one scalar for each lane.
 FP_INV, ALPHA_N, LAMBDA_N, THETA = 0, 9, 10, 11
@@ -117,65 +125,6 @@ def _put(w: np.ndarray, at: int, s: Symmetric) -> None:
 
 
 @kernel(forceinline=True)
-def product(a: Tensor, b: Tensor) -> Tensor:
-    """a . b."""
-    return (
-        a[0] * b[0] + a[1] * b[3] + a[2] * b[6], a[0] * b[1] + a[1] * b[4] + a[2] * b[7], a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
-        a[3] * b[0] + a[4] * b[3] + a[5] * b[6], a[3] * b[1] + a[4] * b[4] + a[5] * b[7], a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
-        a[6] * b[0] + a[7] * b[3] + a[8] * b[6], a[6] * b[1] + a[7] * b[4] + a[8] * b[7], a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
-    )  # fmt: skip
-
-
-@kernel(forceinline=True)
-def transposed(a: Tensor) -> Tensor:
-    """a^T."""
-    return (a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8])
-
-
-@kernel(forceinline=True)
-def product_symmetric(a: Tensor, s: Symmetric) -> Tensor:
-    """a . s for a symmetric s."""
-    return (
-        a[0] * s[0] + a[1] * s[3] + a[2] * s[5], a[0] * s[3] + a[1] * s[1] + a[2] * s[4], a[0] * s[5] + a[1] * s[4] + a[2] * s[2],
-        a[3] * s[0] + a[4] * s[3] + a[5] * s[5], a[3] * s[3] + a[4] * s[1] + a[5] * s[4], a[3] * s[5] + a[4] * s[4] + a[5] * s[2],
-        a[6] * s[0] + a[7] * s[3] + a[8] * s[5], a[6] * s[3] + a[7] * s[1] + a[8] * s[4], a[6] * s[5] + a[7] * s[4] + a[8] * s[2],
-    )  # fmt: skip
-
-
-@kernel(forceinline=True)
-def twice_symmetric_part(a: Tensor, b: Tensor) -> Symmetric:
-    """a . b^T + b . a^T."""
-    return (
-        2.0 * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]),
-        2.0 * (a[3] * b[3] + a[4] * b[4] + a[5] * b[5]),
-        2.0 * (a[6] * b[6] + a[7] * b[7] + a[8] * b[8]),
-        a[0] * b[3] + a[1] * b[4] + a[2] * b[5] + b[0] * a[3] + b[1] * a[4] + b[2] * a[5],
-        a[3] * b[6] + a[4] * b[7] + a[5] * b[8] + b[3] * a[6] + b[4] * a[7] + b[5] * a[8],
-        a[0] * b[6] + a[1] * b[7] + a[2] * b[8] + b[0] * a[6] + b[1] * a[7] + b[2] * a[8],
-    )  # fmt: skip
-
-
-@kernel(forceinline=True)
-def _square(a: Tensor) -> Symmetric:
-    """a . a^T."""
-    return scaled(twice_symmetric_part(a, a), 0.5)
-
-
-@kernel(forceinline=True)
-def _pulled_back(f: Tensor, s: Symmetric) -> Symmetric:
-    """f^T . s . f."""
-    t = product(transposed(f), (s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2]))
-    return (
-        t[0] * f[0] + t[1] * f[3] + t[2] * f[6],
-        t[3] * f[1] + t[4] * f[4] + t[5] * f[7],
-        t[6] * f[2] + t[7] * f[5] + t[8] * f[8],
-        t[0] * f[1] + t[1] * f[4] + t[2] * f[7],
-        t[3] * f[2] + t[4] * f[5] + t[5] * f[8],
-        t[0] * f[2] + t[1] * f[5] + t[2] * f[8],
-    )
-
-
-@kernel(forceinline=True)
 def _mapped(w: np.ndarray, at: int, s: Symmetric) -> Symmetric:
     """M : s of a (6, 6) map whose rows start at `at`."""
     return (
@@ -186,12 +135,6 @@ def _mapped(w: np.ndarray, at: int, s: Symmetric) -> Symmetric:
         w[at + 24] * s[0] + w[at + 25] * s[1] + w[at + 26] * s[2] + w[at + 27] * s[3] + w[at + 28] * s[4] + w[at + 29] * s[5],
         w[at + 30] * s[0] + w[at + 31] * s[1] + w[at + 32] * s[2] + w[at + 33] * s[3] + w[at + 34] * s[4] + w[at + 35] * s[5],
     )
-
-
-@kernel(forceinline=True)
-def _mixed(dy: Symmetric, c: Symmetric, y: Symmetric) -> Symmetric:
-    """dy . c . y + y . c . dy, by polarisation of y . c . y."""
-    return added(congruence(added(y, dy, 0.5), c), congruence(added(y, dy, -0.5), c), -1.0)
 
 
 @kernel
@@ -230,7 +173,7 @@ def point_response(
         out[at + len(in_yield) + i] = gradient[1, 3 + in_yield[i]]
     f_trial = transposed(product(f, _nine(state_n, 0)))
     f_el = transposed(product(f, _nine(state, 0)))
-    c_trial, c = _square(f_trial), _square(f_el)
+    c_trial, c = square(f_trial), square(f_el)
     flow, norm = flow_direction(c, law)
     d = scaled(flow, -gamma)
     y, terms = exponential(d)
@@ -239,7 +182,7 @@ def point_response(
     for m in range(6):
         e = (_UNIT[m, 0], _UNIT[m, 1], _UNIT[m, 2], _UNIT[m, 3], _UNIT[m, 4], _UNIT[m, 5])
         dy = exponential_derivative(d, scaled(e, -1.0), terms)
-        s = _mixed(dy, c_trial, y)
+        s = mixed_congruence(dy, c_trial, y)
         for n in range(6):
             out[_DY + 6 * n + m] = dy[n]
             out[_S + 6 * n + m] = s[n]
@@ -269,7 +212,7 @@ def set_point(f: Tensor, state_n: np.ndarray, state: np.ndarray, response: np.nd
     x = product(transposed(f_trial), f)
     for i in range(9):
         w[_F + i], w[_FP_N + i], w[_F_TRIAL + i], w[_X + i], w[_F_EL + i] = f[i], fp_n[i], f_trial[i], x[i], f_el[i]
-    _put(w, _B_EL, _square(f_el))
+    _put(w, _B_EL, square(f_el))
     for i in range(response.shape[0]):
         w[_RESPONSE + i] = response[i]
 
@@ -322,7 +265,7 @@ def _trial_rates(w: np.ndarray, moving: bool) -> None:
         t = product(x, fp_rate)
         c_rate = (2.0 * t[0], 2.0 * t[4], 2.0 * t[8], t[1] + t[3], t[5] + t[7], t[2] + t[6])
         if moving:
-            c_rate = added(c_rate, _pulled_back(f_trial, lane_symmetric(w, STRAIN, m)), 1.0)
+            c_rate = added(c_rate, pulled_back(f_trial, lane_symmetric(w, STRAIN, m)), 1.0)
         put_lane(w, _B, m, congruence(y, c_rate))
 
 
@@ -369,14 +312,7 @@ def state_rates(w: np.ndarray, law: Law, in_yield: np.ndarray, n_pressure: int, 
     for m in range(LANES):
         first = product_symmetric(lane_tensor(w, FP_INV, m), y)
         second = product_symmetric(fp_n, lane_symmetric(w, _Y, m))
-        put_lane_tensor(w, STATE, m, _sum(first, second))
-
-
-@kernel(forceinline=True)
-def _sum(a: Tensor, b: Tensor) -> Tensor:
-    return (
-        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8],
-    )  # fmt: skip
+        put_lane_tensor(w, STATE, m, total(first, second))
 
 
 @kernel(forceinline=True)
@@ -403,7 +339,7 @@ def stress_rates(w: np.ndarray, law: Law, in_pressure: np.ndarray, in_yield: np.
     f_trial, y = _nine(w, _F_TRIAL), _six(w, _RESPONSE + _EXP)
     if plastic:
         for m in range(LANES):
-            rate = _sum(product_symmetric(lane_tensor(w, _Q, m), y), product_symmetric(f_trial, lane_symmetric(w, _Y, m)))
+            rate = total(product_symmetric(lane_tensor(w, _Q, m), y), product_symmetric(f_trial, lane_symmetric(w, _Y, m)))
             put_lane_tensor(w, _Q, m, rate)
     else:
         for m in range(LANES):

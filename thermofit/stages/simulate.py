@@ -19,7 +19,7 @@ from thermofit.core.study_section import MeshSize, mesh_size
 from thermofit.core.study_virtual import Simulate
 from thermofit.fem.body import Body, tension_body
 from thermofit.fem.dogbone import dogbone_mesh
-from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 from thermofit.fem.newton import NewtonSettings
 from thermofit.material.law import in_model_axes
 from thermofit.measure.machine import LoadHistory, MachineSettings, bar_of, describe_programme, load_history, programme_of, uniaxial_law
@@ -113,7 +113,7 @@ def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], loa
         material_angle=study.material_axes.angle,
     )
     with progress("simulate", len(times) - 1) as advance:
-        return body, march(body, truth, Loading(load.time, load.force), times, settings, lambda _: advance())
+        return body, march(body, truth, Loading(load.time, load.force), times, settings, Watch(step=lambda _: advance()))
 
 
 def _made(study: Study, truth: Parameters, history: History, raw: RawSummary, digest: str) -> Made:

@@ -1,0 +1,193 @@
+"""Sensitivities of a whole run: Taylor tests of second order for every parameter, central differences, both couplings and controls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from small_bodies import NOMINAL, SPECIMEN, bar_mesh
+
+from thermofit.core.errors import StudyError
+from thermofit.core.parameters import NAMES
+from thermofit.fem.body import Body, tension_body
+from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
+from thermofit.fem.newton import NewtonSettings
+from thermofit.fem.one_way import heat_problem, heat_run, heat_run_rates
+from thermofit.fem.sensitivity import Sensitivities, Sensitivity
+
+BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
+TIME = np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0])
+FORCE = Loading(TIME, np.array([0.0, 0.0, 5700.0, 5700.0, 0.0, 0.0]))
+"""Rest, loading far into plastic flow, hold, unloading, cooling."""
+DISPLACEMENT = Loading(TIME, np.array([0.0, 0.0, 3.0, 3.0, 2.6, 2.6]), "displacement", from_rest=True)
+TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
+EXACT = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8)
+FIELDS = ("u", "theta", "force")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A control and a coupling."""
+
+    control: str
+    coupling: str
+
+    @property
+    def body(self) -> Body:
+        return _body(self.control)
+
+    def run(self, sensitivities: Sensitivities | None = None, **changes: float) -> History:
+        settings = MarchSettings(newton=EXACT.newton, coupling_tolerance=EXACT.coupling_tolerance, coupling=self.coupling)
+        loading = FORCE if self.control == "force" else DISPLACEMENT
+        return march(self.body, BASE.replace(**changes), loading, TIMES, settings, watch=Watch(sensitivities=sensitivities))
+
+
+@lru_cache(maxsize=2)
+def _body(control: str) -> Body:
+    return tension_body(dogbone_mesh(SPECIMEN, 1, 8, 1), control=control)
+
+
+CASES = [Case("force", "full"), Case("displacement", "full"), Case("force", "one-way")]
+
+
+class Collected:
+    """Every derivative of a run: per field (n_t, ..., n_parameters)."""
+
+    def __init__(self) -> None:
+        self.at: list[tuple[np.ndarray, ...]] = []
+
+    def collect(self, n: int, s: Sensitivity) -> None:
+        assert n == len(self.at)
+        self.at.append(tuple(np.array(getattr(s, name)) for name in FIELDS))
+
+    def field(self, name: str) -> np.ndarray:
+        return np.stack([values[FIELDS.index(name)] for values in self.at])
+
+
+@lru_cache(maxsize=3)
+def differentiated(case: Case) -> tuple[History, Collected]:
+    collected = Collected()
+    return case.run(Sensitivities(NAMES, collected.collect, tolerance=1e-9)), collected
+
+
+def functional(history: History) -> float:
+    """A number that every displacement, temperature and force of the run takes part in."""
+    random = np.random.default_rng(4)
+    return float(sum((random.normal(size=value.shape) * value).sum() / scale for value, scale in _scaled(history)))
+
+
+def slope(collected: Collected) -> np.ndarray:
+    """Derivative (n_parameters,) of `functional`."""
+    random = np.random.default_rng(4)
+    out = np.zeros(len(NAMES))
+    for name, scale in zip(FIELDS, (1.0, 10.0, 1e4), strict=True):
+        value = collected.field(name)
+        out += np.tensordot(random.normal(size=value.shape[:-1]), value, value.ndim - 1) / scale
+    return out
+
+
+def _scaled(history: History) -> list[tuple[np.ndarray, float]]:
+    return [(getattr(history, name), scale) for name, scale in zip(FIELDS, (1.0, 10.0, 1e4), strict=True)]
+
+
+def step(name: str) -> float:
+    return 0.05 if name.startswith("theta") else 2e-4 * BASE[name]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda c: f"{c.control}-{c.coupling}")
+@pytest.mark.parametrize("name", NAMES)
+def test_taylor_remainder_is_of_second_order(case: Case, name: str) -> None:
+    """|J(p + h) - J(p) - h J'| falls by four when h is halved, or is nothing beside h J' where J is linear."""
+    history, collected = differentiated(case)
+    start, derivative, h = functional(history), float(slope(collected)[NAMES.index(name)]), step(name)
+    remainders = [abs(functional(case.run(**{name: BASE[name] + x})) - start - x * derivative) for x in (h, h / 2.0)]
+    if remainders[0] < 2e-6 * abs(h * derivative):
+        return
+    assert np.log2(remainders[0] / remainders[1]) == pytest.approx(2.0, abs=0.25), (remainders, h * derivative)
+    assert remainders[0] < 0.05 * abs(h * derivative)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda c: f"{c.control}-{c.coupling}")
+@pytest.mark.parametrize("name", ["E", "M_yinf", "F", "alpha_exp", "kappa", "beta", "alpha_clamp"])
+def test_every_field_agrees_with_central_differences_of_the_run(case: Case, name: str) -> None:
+    _, collected = differentiated(case)
+    h = 0.1 * step(name)
+    there, back = case.run(**{name: BASE[name] + h}), case.run(**{name: BASE[name] - h})
+    for field in FIELDS:
+        expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
+        found = collected.field(field)[..., NAMES.index(name)]
+        if field == "force" and case.control == "force":
+            assert not found.any()
+            continue
+        noise = 1e-8 * np.abs(getattr(there, field)).max() / h
+        assert np.abs(found - expected).max() < 2e-4 * np.abs(expected).max() + noise, (field, np.abs(expected).max())
+
+
+def test_default_tolerance_is_enough_for_a_fit() -> None:
+    """The derivatives at the default tolerance of the staggered scheme are within 0.1 % of the exact ones, at a third of the sweeps."""
+    case = CASES[0]
+    exact, collected = differentiated(case)
+    quick = Collected()
+    history = case.run(Sensitivities(NAMES, quick.collect))
+    assert history.counts["sensitivity_sweeps"] < 0.5 * exact.counts["sensitivity_sweeps"]
+    for field in ("u", "theta"):
+        a, b = quick.field(field), collected.field(field)
+        axes = tuple(range(a.ndim - 1))
+        assert np.all(np.abs(a - b).max(axis=axes) < 1e-3 * np.abs(b).max(axis=axes)), field
+
+
+def test_run_itself_is_not_changed() -> None:
+    """Within the tolerance of equilibrium: a differentiated run keeps other factors."""
+    history, _ = differentiated(CASES[0])
+    plain = CASES[0].run()
+    assert np.abs(history.u - plain.u).max() < 1e-8 * np.abs(plain.u).max()
+    assert np.abs(history.theta - plain.theta).max() < 1e-6
+
+
+def test_one_way_heat_run_has_the_derivatives_of_its_differences() -> None:
+    """On frozen mechanics, all thermal parameters."""
+    case = CASES[0]
+    kept = MarchSettings(newton=EXACT.newton, coupling_tolerance=EXACT.coupling_tolerance, keep_points=True)
+    problem = heat_problem(case.body, march(case.body, BASE, FORCE, TIMES, kept), kept)
+    names = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
+    theta, rates = [], []
+
+    def collect(n: int, at: np.ndarray, slopes: np.ndarray) -> None:
+        assert n == len(theta)
+        theta.append(np.array(at))
+        rates.append(np.array(slopes[:, : len(names)]))
+
+    heat_run_rates(problem, BASE, names, collect)
+    assert np.abs(np.stack(theta) - heat_run(problem, BASE)).max() < 1e-9
+    for k, name in enumerate(names):
+        h = step(name)
+        expected = (
+            heat_run(problem, BASE.replace(**{name: BASE[name] + h})) - heat_run(problem, BASE.replace(**{name: BASE[name] - h}))
+        ) / (2 * h)
+        assert np.abs(np.stack(rates)[..., k] - expected).max() < 1e-5 * np.abs(expected).max(), name
+
+
+def test_bisected_steps_are_differentiated_too() -> None:
+    """One step that has to be cut: the derivative of its end is that of its differences."""
+    mesh = bar_mesh((2, 4, 1), (4.0, 20.0, 1.0), air=("x1",), clamp=("y0",))
+    mesh.nodes[:, 0] *= 1.0 - 0.1 * np.exp(-(((mesh.nodes[:, 1] - 10.0) / 4.0) ** 2))
+    body, loading = tension_body(mesh), Loading(np.array([0.0, 1.0]), np.array([0.0, 4.0 * 4.0 * 190.0]))
+    settings = MarchSettings(newton=NewtonSettings(tolerance=1e-9, max_iterations=14), coupling_tolerance=1e-8)
+    times, collected = np.array([0.0, 1.0]), Collected()
+    history = march(
+        body, BASE, loading, times, settings, Watch(sensitivities=Sensitivities(("M_yinf",), collected.collect, tolerance=1e-9))
+    )
+    assert history.counts["bisections"] > 0
+    h = 2e-5 * BASE["M_yinf"]
+    there, back = (march(body, BASE.replace(M_yinf=BASE["M_yinf"] + x), loading, times, settings) for x in (h, -h))
+    expected = (there.u - back.u) / (2.0 * h)
+    assert np.abs(collected.field("u")[..., 0] - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_arc_control_is_refused_in_words() -> None:
+    with pytest.raises(StudyError, match="arc control"):
+        loading = Loading(np.array([0.0, 1.0]), np.array([0.0, 0.1]), "arc")
+        march(_body("force"), BASE, loading, np.array([0.0, 1.0]), watch=Watch(sensitivities=Sensitivities(("E",), lambda n, s: None)))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numba import config, get_num_threads
 from scipy.spatial.transform import Rotation
 from small_bodies import MISES, NOMINAL, bar_mesh, dense_equilibrium, run_pass
 
+from thermofit.core.jit import set_threads
 from thermofit.fem.element import GAUSS_POINTS, ElementData, element_data, element_pass, reference_gradients, shape_functions
 from thermofit.fem.mesh import Mesh
 from thermofit.fem.newton import virgin_state
 from thermofit.material.law import Law, law_of
-from thermofit.material.point import LAMBDA, local_update, piola_stress, point_work
+from thermofit.material.point import LAMBDA, local_tangent, local_update, piola_stress, point_work
 
 ELASTIC_GRADIENT = np.array([[-0.0004, 0.0003, 0.0002], [0.0001, 0.0009, -0.0002], [0.0003, 0.0, -0.0003]])
 PLASTIC_GRADIENT = np.array([[-0.03, 0.02, 0.01], [0.015, 0.06, -0.02], [0.02, 0.005, -0.028]])
@@ -156,6 +158,86 @@ def test_force_of_f_bar_is_that_of_its_virtual_work() -> None:
         change = (f_bar(u + 1e-6 * w) - f_bar(u - 1e-6 * w)) / 2e-6
         expected = np.einsum("gij,gij,g", p, change, data.volume[0])
         assert force @ w[data.hexes[0]].ravel() == pytest.approx(expected, rel=1e-7)
+
+
+def element_of_points(
+    data: ElementData, u: np.ndarray, theta: np.ndarray, state_n: np.ndarray, law: Law
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Force (24,), upper triangle of the stiffness (24, 24) and state of one element, by `material.point` and the formulas of F-bar:
+
+    f_a = sum_q w [tau g_a + p (g_bar_a - g_a)],
+    K = sum_q w [G_a A G_b + p g_b (x) g_a] + h (x) m + m (x) h + P [sum_q J w (g_a (x) g_b - g_b (x) g_a) / (V J_bar) - g_bar (x) g_bar],
+    h = (g_bar - g)/3, m = w [F_bar : A G + tau g + (F_bar : A : F_bar + 3 p) h / 2].
+    """
+    gradient, weight = data.gradient[0], data.volume[0]
+    f = np.eye(3) + np.einsum("ai,qaj->qij", u[data.hexes[0]], gradient)
+    g, j = np.einsum("qji,qaj->qai", np.linalg.inv(f), gradient), np.linalg.det(f)
+    mean = np.einsum("q,qai->ai", j * weight, g) / np.sum(j * weight)
+    scale = np.cbrt(np.sum(j * weight) / weight.sum() / j) if data.f_bar else np.ones(8)
+    force, k, power = np.zeros((8, 3)), np.zeros((8, 3, 8, 3)), 0.0
+    state, work, p, a = np.empty((8, 11)), point_work(), np.empty((3, 3)), np.empty((9, 9))
+    for q in range(8):
+        f_bar, big_g, w = scale[q] * f[q], scale[q] * gradient[q], weight[q]
+        status = local_update(f_bar, data.shape[q] @ theta[data.hexes[0]], state_n[q], law, work, state[q])
+        piola_stress(f_bar, law, work, p)
+        local_tangent(status, law, work, a)
+        tau, tangent = p @ f_bar.T, a.reshape(3, 3, 3, 3)
+        pressure = data.f_bar * np.trace(tau) / 3.0
+        power += w * pressure
+        force += w * (g[q] @ tau + pressure * (mean - g[q]))
+        k += w * (np.einsum("aj,ijkl,bl->aibk", big_g, tangent, big_g) + pressure * np.einsum("bi,ak->aibk", g[q], g[q]))
+        h = data.f_bar * (mean - g[q]) / 3.0
+        fa = np.einsum("ij,ijkl->kl", f_bar, tangent)
+        m = w * (big_g @ fa.T + g[q] @ tau + 0.5 * (np.sum(fa * f_bar) + 3.0 * pressure) * h)
+        k += np.einsum("ai,bk->aibk", h, m) + np.einsum("ai,bk->aibk", m, h)
+    dyads = np.einsum("q,qai,qbk->aibk", j * weight, g, g) / np.sum(j * weight)
+    k += power * (dyads - dyads.transpose(0, 3, 2, 1) - np.einsum("ai,bk->aibk", mean, mean))
+    return force.ravel(), np.triu(k.reshape(24, 24)), state
+
+
+@pytest.mark.parametrize("f_bar", [True, False])
+@pytest.mark.parametrize("model", [1, 2])
+@pytest.mark.parametrize("size", [3e-4, 1.7e-3, 0.01, 0.2], ids=["elastic", "mixed", "plastic", "large"])
+def test_element_is_the_sum_of_its_points(size: float, model: int, f_bar: bool) -> None:
+    """Lanes against the point and the formulas of F-bar, Hill's surface, different temperatures; the points' states from a first step."""
+    law = law_of(NOMINAL.replace(F=0.31, G=0.62, H=0.45, L=1.2, M=1.9, N=1.45, H_lin=20.0), model)
+    random = np.random.default_rng(3)
+    mesh = bar_mesh((1, 1, 1), (2.0, 3.0, 1.5))
+    nodes = mesh.nodes + 0.2 * random.uniform(-1.0, 1.0, mesh.nodes.shape)
+    data, theta = element_data(nodes, mesh.hexes, f_bar=f_bar), np.linspace(270.0, 380.0, 8)
+    isochoric = np.array([[-0.5, 0.3, 0.2], [0.1, 1.0, -0.2], [0.3, 0.1, -0.5]])
+    state = virgin_state(1)
+    kinds = []
+    for step in (1.0, 1.5):
+        u = step * size * (nodes @ isochoric.T + 0.2 * random.uniform(-1.0, 1.0, nodes.shape))
+        force, stiffness, new, dilatation = run_pass(data, u, theta, state, law, tangent=True)
+        expected_force, expected_k, expected_state = element_of_points(data, u, theta, state[0], law)
+        assert force[0] == pytest.approx(expected_force, abs=1e-12 * np.abs(force).max() + 1e-15 * law.mu)
+        assert np.triu(stiffness[0]) == pytest.approx(expected_k, abs=2e-13 * np.abs(stiffness).max())
+        assert np.array_equal(stiffness[0], stiffness[0].T)
+        assert new[0] == pytest.approx(expected_state, abs=1e-13)
+        f = np.eye(3) + np.einsum("ai,gaj->gij", u[data.hexes[0]], data.gradient[0])
+        j, w = np.linalg.det(f), data.volume[0]
+        assert dilatation[0] == pytest.approx(np.full(8, np.sum(j * w) / w.sum()) if f_bar else j, rel=1e-14)
+        kinds.append(np.mean(new[0, :, LAMBDA] > state[0, :, LAMBDA]))
+        state = new
+    assert kinds == {3e-4: [0.0, 0.0], 0.01: [1.0, 1.0], 0.2: [1.0, 1.0]}.get(size, kinds)
+    assert size != 1.7e-3 or 0.0 < min(kinds) < 1.0
+
+
+def test_results_do_not_depend_on_the_number_of_threads() -> None:
+    mesh, law = block((3, 5, 3)), law_of(NOMINAL)
+    u = mesh.nodes @ PLASTIC_GRADIENT.T + 0.01 * np.random.default_rng(1).standard_normal(mesh.nodes.shape)
+    data, theta = element_data(mesh.nodes, mesh.hexes), np.full(mesh.n_nodes, 300.0)
+    before = get_num_threads()
+    try:
+        answers = []
+        for n in (1, config.NUMBA_NUM_THREADS):
+            set_threads(n)
+            answers.append(run_pass(data, u, theta, virgin_state(45), law, tangent=True))
+    finally:
+        set_threads(before)
+    assert all(np.array_equal(one, many) for one, many in zip(*answers, strict=True))
 
 
 def indentation(n: int, f_bar: bool) -> float:

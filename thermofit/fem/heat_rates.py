@@ -17,7 +17,7 @@ from thermofit.fem.element import ElementData
 from thermofit.fem.heat import Increment, PointHistory, increment_between
 from thermofit.fem.lanes import add_lanes, copy_lanes
 from thermofit.material.law import Law, dissipated_energy, thermoelastic_heat
-from thermofit.material.law_rates import LANES, NUMBERS, STEP, Directions
+from thermofit.material.law_rates import LANES, STEP, Directions, moved_law
 from thermofit.material.point import ALPHA, LAMBDA, N_STATE
 
 _ALPHA_N, _ALPHA, _D_LAMBDA = range(3)
@@ -52,16 +52,10 @@ def source_law(law: Law, directions: Directions) -> SourceLaw:
     """SourceLaw of a law and its rates along the directions."""
     c_rates = np.zeros(directions.numbers.shape[1])
     for which in np.flatnonzero(np.any(directions.numbers != 0.0, axis=1)):
-        c = _thermoelastic.py_func(1.0, 0.0, 1.0, _moved(law, int(which)))
+        c = _thermoelastic.py_func(1.0, 0.0, 1.0, moved_law(law, int(which)))
         c_rates += np.imag(c) / STEP * directions.numbers[which]
-    moved = tuple(_moved(law, int(which)) for which in (-1, *directions.in_heat))
+    moved = tuple(moved_law(law, int(which)) for which in (-1, *directions.in_heat))
     return SourceLaw(law, moved, np.ascontiguousarray(directions.numbers[directions.in_heat]), c_rates)
-
-
-def _moved(law: Law, which: int) -> Law:
-    """The law with one of its numbers moved by i h (none for -1); all numbers are complex."""
-    numbers = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
-    return law._replace(**numbers)  # type: ignore[arg-type]
 
 
 def heat_source_rates(

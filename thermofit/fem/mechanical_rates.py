@@ -4,127 +4,184 @@ At the converged end of a step f_int(u, theta, s_n, p) = f_ext, so that along a 
 
     K u' = f_ext' - f_int'|_u,      s' = S_F F_bar' + S_theta theta' + S_s s_n' + S_p,
 
-with K the consistent tangent there. `load_rates` gives f_int'|_u, `update_rates` the rates of state and dilatation from u'.
-Rates carry their direction as last, contiguous axis of length m, a multiple of LANES (material.rates).
+with K the consistent tangent there. `load_rates` gives f_int'|_u; `update_rates` gives, for u', the rates of state and dilatation and
+all of f_int', which is what a u' found with a K that is not quite exact still misses:
+
+    f_a' = sum_q M g_a + (P' - P (ln J_bar)') g_bar_a,
+    M = w (tau' - p' 1) - w (tau - p 1) l^T + (P J w / sum J w) [(ln J)' 1 - l^T],   P = sum_q w p,
+
+from the forces of fem.element, with g_a' = -l^T g_a and l = F' F^-1. Rates carry their direction as last, contiguous axis of length m, a
+multiple of LANES; each group of LANES directions goes through a point side by side.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import prange
 
 from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
-from thermofit.fem.kinematics import Kinematics, element_kinematics, kinematics_scratch, point_temperature
+from thermofit.fem.element_lanes import SHAPE_BY_POINTS, element_kinematics
+from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT, MEAN, Vector
+from thermofit.material.lanes import WIDTH, Lanes, spread
+from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row
+from thermofit.material.lanes_tensor import Tensor, full, product, tensor_scaled, transposed
 from thermofit.material.law import Law
-from thermofit.material.law_rates import LANES, N_NUMBERS, Directions
-from thermofit.material.point import LAMBDA, N_STATE
+from thermofit.material.law_rates import N_NUMBERS, Directions, pressure_gradients, pressure_values, yield_gradients
+from thermofit.material.point import ALPHA, LAMBDA
 from thermofit.material.rates import (
-    FP_INV,
+    ALPHA_BY_ALPHA,
+    ALPHA_BY_GAMMA,
+    BY_ALPHA,
+    BY_GAMMA,
+    BY_LAMBDA,
+    GRADIENTS,
+    IS_PLASTIC,
+    K_LOG_J,
     K_THETA,
-    NUMBERS,
-    STATE,
-    STRAIN,
-    TAU,
-    THETA,
-    point_response,
-    set_point,
-    state_rates,
+    NUMBER_RATES,
+    PRESSURE,
+    ROWS,
+    elastic_part,
+    flow_rates,
+    kirchhoff,
+    nine,
+    plastic_part_rates,
+    pressure_rates,
+    responses_of_points,
     stress_rates,
-    workspace_size,
+    total,
+    virgin_stress_rates,
 )
-from thermofit.material.tuples import Tensor
+from thermofit.material.tensor import Symmetric
 
 _CHUNKS = 64
+States = tuple[np.ndarray, np.ndarray]
+"""States (n_el, 8, 11) before and after the step."""
 
 
-@kernel(forceinline=True)
-def _stretched(w: Kinematics, data: ElementData, e: int, q: int, j_bar: float) -> tuple[Tensor, float]:
-    """F_bar of a point and the J that its material sees."""
-    det = w.j_weight[q] / data.volume[e, q]
-    s = (j_bar / det) ** (1.0 / 3.0) if data.f_bar == 1 else 1.0
-    f = w.f[q]
-    stretched = (
-        s * f[0, 0], s * f[0, 1], s * f[0, 2], s * f[1, 0], s * f[1, 1], s * f[1, 2], s * f[2, 0], s * f[2, 1], s * f[2, 2],
-    )  # fmt: skip
-    return stretched, j_bar if data.f_bar == 1 else det
+def responses(data: ElementData, u: np.ndarray, theta: np.ndarray, states: States, law: Law, along: Directions, out: np.ndarray) -> None:
+    """Response of all points at the converged end of a step into out (n_el, 8, n_response); u (n_np, 3) mm, theta (n_np,) K."""
+    before, after = (s.reshape(-1, s.shape[2]) for s in states)
+    flat = out.reshape(-1, out.shape[2])
+    log_j = np.empty(len(flat))
+    log_dilatations(data, u, log_j.reshape(-1, 8))
+    points = np.ascontiguousarray(theta[data.hexes] @ data.shape.T).reshape(-1)
+    pressure, by_pressure = pressure_values(log_j, points, law), pressure_gradients((log_j, points), law, along.in_pressure)
+    gamma = after[:, LAMBDA] - before[:, LAMBDA]
+    sigma, alpha = yield_gradients((before[:, ALPHA], before[:, LAMBDA], gamma), law, along.in_yield)
+    flat[:, PRESSURE] = pressure
+    flat[:, K_LOG_J], flat[:, K_THETA] = by_pressure[:2]
+    flat[:, BY_ALPHA], flat[:, BY_LAMBDA], flat[:, BY_GAMMA] = sigma[:3]
+    flat[:, ALPHA_BY_ALPHA], flat[:, ALPHA_BY_GAMMA] = alpha[0], alpha[2]
+    flat[:, GRADIENTS:] = np.concatenate([by_pressure[2:], sigma[3:], alpha[3:]]).T
+    _responses(data, u, states[0], states[1], law, out)
 
 
 @kernel(parallel=True)
-def responses(
-    data: ElementData,
-    u: np.ndarray,
-    theta: np.ndarray,
-    state_n: np.ndarray,
-    state: np.ndarray,
-    law: Law,
-    along: Directions,
-    out: np.ndarray,
-) -> None:
-    """Response of all points at the converged end of a step into out (n_el, 8, n_response): `material.rates.point_response`.
-
-    u (n_np, 3) mm, theta (n_np,) K, state_n and state (n_el, 8, 11) before and after the step.
-    """
+def log_dilatations(data: ElementData, u: np.ndarray, out: np.ndarray) -> None:
+    """ln J that the material sees at every point, out (n_el, 8)."""
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
-        w = kinematics_scratch()
-        scratch = (np.empty((6, 6)), np.empty((6, 6)), np.zeros((2, 3 + N_NUMBERS)))
-        active = (along.in_pressure, along.in_yield)
+        w = lane_workspace(ELEMENT_ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            j_bar = element_kinematics(data, e, u, w)
-            for q in range(8):
-                f, j = _stretched(w, data, e, q, j_bar)
-                t = point_temperature(data, e, q, theta)
-                point_response(f, np.log(j), t, state_n[e, q], state[e, q], law, active, scratch, out[e, q])
+            _, j = element_kinematics(data, e, u, w)
+            set_row(out, e, math.log(j))
+
+
+@kernel(parallel=True)
+def _responses(data: ElementData, u: np.ndarray, state_n: np.ndarray, state: np.ndarray, law: Law, out: np.ndarray) -> None:
+    n_el = data.hexes.shape[0]
+    for chunk in prange(_CHUNKS):
+        w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS)
+        for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
+            f, _ = element_kinematics(data, e, u, w)
+            responses_of_points(f, state_n[e], state[e], law, point, out[e])
 
 
 @kernel(forceinline=True)
-def _gather(values: np.ndarray, n: int, first: int, w: np.ndarray, row: int) -> None:
-    """n rows of `values` (n, m), lanes from `first` on, into rows of the workspace."""
-    for k in range(n):
-        for m in range(LANES):
-            w[(row + k) * LANES + m] = values[k, first + m]
+def _group(values: np.ndarray, k: int, group: int) -> Lanes:
+    """Lanes of one group of row k of rates (n, m)."""
+    return row(values, k * (values.shape[1] // WIDTH) + group)
 
 
 @kernel(forceinline=True)
-def _temperature_rates(data: ElementData, e: int, q: int, theta_rates: np.ndarray, first: int, w: np.ndarray) -> None:
-    for m in range(LANES):
-        w[THETA * LANES + m] = 0.0
+def _set_group(values: np.ndarray, k: int, group: int, value: Lanes) -> None:
+    set_row(values, k * (values.shape[1] // WIDTH) + group, value)
+
+
+@kernel(forceinline=True)
+def _group_tensor(values: np.ndarray, group: int) -> Tensor:
+    """The general tensor in the first nine rows of rates (11, m)."""
+    return (
+        _group(values, 0, group), _group(values, 1, group), _group(values, 2, group),
+        _group(values, 3, group), _group(values, 4, group), _group(values, 5, group),
+        _group(values, 6, group), _group(values, 7, group), _group(values, 8, group),
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _set_numbers(along: Directions, group: int, w: np.ndarray) -> None:
+    for k in range(N_NUMBERS):
+        set_row(w, NUMBER_RATES + k, _group(along.numbers, k, group))
+
+
+@kernel(forceinline=True)
+def _at_point(nodal: np.ndarray, nodes: np.ndarray, q: int, group: int) -> Lanes:
+    """Rates (n_np, m) of a nodal field at a Gauss point."""
+    value = spread(0.0)
     for a in range(8):
-        node, n = data.hexes[e, a], data.shape[q, a]
-        for m in range(LANES):
-            w[THETA * LANES + m] += n * theta_rates[node, first + m]
+        value = value + number(SHAPE_BY_POINTS, a, q) * _group(nodal, nodes[a], group)
+    return value
 
 
 @kernel(forceinline=True)
-def _add_force_rates(el: Kinematics, q: int, weight: float, f_bar: int, w: np.ndarray, first: int, force: np.ndarray) -> None:
-    """force += weight [tau' g_a + p' (g_bar_a - g_a)] with p' = tr tau' / 3 (0 without F-bar); force (24, m)."""
-    t = TAU * LANES
-    if f_bar == 1:
-        for m in range(LANES):
-            p = (w[t + m] + w[t + 8 + m] + w[t + 16 + m]) / 3.0
-            w[t + m] -= p
-            w[t + 8 + m] -= p
-            w[t + 16 + m] -= p
-            w[STATE * LANES + m] = p
-    else:
-        for m in range(LANES):
-            w[STATE * LANES + m] = 0.0
+def _add_nodal(w: np.ndarray, q: int, m: Tensor, group: int, force: np.ndarray) -> None:
+    """force (24, m) += M g_a of a point."""
     for a in range(8):
-        g0, g1, g2 = weight * el.g[q, a, 0], weight * el.g[q, a, 1], weight * el.g[q, a, 2]
-        h0, h1, h2 = weight * el.mean[a, 0], weight * el.mean[a, 1], weight * el.mean[a, 2]
-        for m in range(LANES):
-            t12, t23, t13, p = w[t + 24 + m], w[t + 32 + m], w[t + 40 + m], w[STATE * LANES + m]
-            force[3 * a, first + m] += w[t + m] * g0 + t12 * g1 + t13 * g2 + p * h0
-            force[3 * a + 1, first + m] += t12 * g0 + w[t + 8 + m] * g1 + t23 * g2 + p * h1
-            force[3 * a + 2, first + m] += t13 * g0 + t23 * g1 + w[t + 16 + m] * g2 + p * h2
+        g0, g1, g2 = number(w, GRADIENT + 3 * q, a), number(w, GRADIENT + 3 * q + 1, a), number(w, GRADIENT + 3 * q + 2, a)
+        for i in range(3):
+            k = 3 * a + i
+            _set_group(force, k, group, _group(force, k, group) + (m[3 * i] * g0 + m[3 * i + 1] * g1 + m[3 * i + 2] * g2))
+
+
+@kernel(forceinline=True)
+def _add_mean(w: np.ndarray, power: Lanes, group: int, force: np.ndarray) -> None:
+    """force (24, m) += P g_bar_a."""
+    for a in range(8):
+        for i in range(3):
+            k = 3 * a + i
+            _set_group(force, k, group, _group(force, k, group) + power * number(w, MEAN + i, a))
+
+
+@kernel(forceinline=True)
+def _deviator(tau: Symmetric, weight: float, f_bar: int) -> tuple[Tensor, Lanes]:
+    """w (tau - p 1) and w p; p = 0 without F-bar."""
+    p = (tau[0] + tau[1] + tau[2]) * (f_bar / 3.0)
+    return tensor_scaled(full((tau[0] - p, tau[1] - p, tau[2] - p, tau[3], tau[4], tau[5])), weight), weight * p
+
+
+@kernel(forceinline=True)
+def _stress_at_fixed_f(
+    c: np.ndarray, state_n_rates: np.ndarray, theta: Lanes, f: Tensor, fp_n: Tensor, law: Law, along: Directions, group: int, w: np.ndarray
+) -> Symmetric:
+    """tau' of a point whose F does not change: F_el' = F (F_p^-1)'."""
+    o = spread(0.0)
+    fp_rate, active = _group_tensor(state_n_rates, group), (along.in_pressure, along.in_yield)
+    if c[IS_PLASTIC] == 1.0:
+        alpha, accumulated = _group(state_n_rates, ALPHA, group), _group(state_n_rates, LAMBDA, group)
+        y, _, _ = flow_rates(c, fp_rate, alpha, accumulated, (o, o, o, o, o, o), law, active, w)
+        fp_rate = plastic_part_rates(c, fp_n, fp_rate, y)
+    return stress_rates(c, product(f, fp_rate), pressure_rates(c, theta, o, along.in_pressure, w), law, w)
 
 
 @kernel(parallel=True)
 def load_rates(
     data: ElementData,
     u: np.ndarray,
-    states: tuple[np.ndarray, np.ndarray],
+    states: States,
     law: Law,
     along: Directions,
     response: np.ndarray,
@@ -134,130 +191,200 @@ def load_rates(
 ) -> None:
     """f_int' at fixed u of every element into out (n_el, 24, m), N per unit of the direction.
 
-    states = (state_n, state) each (n_el, 8, 11); state_rates_n (n_el, 8, 11, m); theta_rates (n_np, m).
+    state_rates_n (n_el, 8, 11, m) rates of the old state; theta_rates (n_np, m).
     """
     state_n, state = states
-    n_el = data.hexes.shape[0]
-    n_groups = theta_rates.shape[1] // LANES
+    n_el, n_groups = data.hexes.shape[0], theta_rates.shape[1] // WIDTH
     for chunk in prange(_CHUNKS):
-        el = kinematics_scratch()
-        w = np.zeros(workspace_size(response.shape[2]))
+        w, point, f_rows = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(9)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            j_bar = element_kinematics(data, e, u, el)
+            f, _ = element_kinematics(data, e, u, w)
+            _keep_tensor(f_rows, f)
             out[e, :, :] = 0.0
-            for q in range(8):
-                f, _ = _stretched(el, data, e, q, j_bar)
-                set_point(f, state_n[e, q], state[e, q], response[e, q], w)
-                for group in range(n_groups):
-                    first = group * LANES
-                    _gather(along.numbers, N_NUMBERS, first, w, NUMBERS)
-                    _gather(state_rates_n[e, q], N_STATE, first, w, FP_INV)
-                    _temperature_rates(data, e, q, theta_rates, first, w)
-                    virgin = state[e, q, LAMBDA] == 0.0
-                    stress_rates(w, law, along.in_pressure, along.in_yield, along.hill[group] == 1, virgin)
-                    _add_force_rates(el, q, data.volume[e, q], data.f_bar, w, first, out[e])
+            for group in range(n_groups):
+                _set_numbers(along, group, point)
+                power = spread(0.0)
+                for q in range(8):
+                    c = response[e, q]
+                    theta = _at_point(theta_rates, data.hexes[e], q, group)
+                    if state[e, q, LAMBDA] == 0.0:
+                        tau = virgin_stress_rates(c, pressure_rates(c, theta, spread(0.0), along.in_pressure, point), point)
+                    else:
+                        f_q, fp_n = _numbers_of(f_rows, q), nine(state_n[e, q], 0)
+                        tau = _stress_at_fixed_f(c, state_rates_n[e, q], theta, f_q, fp_n, law, along, group, point)
+                    m, p = _deviator(tau, data.volume[e, q], data.f_bar)
+                    power = power + p
+                    _add_nodal(w, q, m, group, out[e])
+                if data.f_bar == 1:
+                    _add_mean(w, power, group, out[e])
+
+
+@kernel(forceinline=True)
+def _keep_tensor(w: np.ndarray, f: Tensor) -> None:
+    for k in range(9):
+        set_row(w, k, f[k])
+
+
+@kernel(forceinline=True)
+def _numbers_of(w: np.ndarray, q: int) -> Tensor:
+    """The tensor of point q."""
+    return (
+        number(w, 0, q), number(w, 1, q), number(w, 2, q), number(w, 3, q), number(w, 4, q),
+        number(w, 5, q), number(w, 6, q), number(w, 7, q), number(w, 8, q),
+    )  # fmt: skip
 
 
 @kernel(parallel=True)
 def thermal_load_rates(data: ElementData, u: np.ndarray, response: np.ndarray, theta_rates: np.ndarray, out: np.ndarray) -> None:
     """The part of `load_rates` that theta_rates (n_np, m) alone makes, out (n_el, 24, m): int dk/dtheta theta' g_bar dV."""
-    n_el = data.hexes.shape[0]
+    n_el, n_groups = data.hexes.shape[0], theta_rates.shape[1] // WIDTH
     for chunk in prange(_CHUNKS):
-        el = kinematics_scratch()
-        w = np.zeros((THETA + 1) * LANES)
+        w, o = lane_workspace(ELEMENT_ROWS), spread(0.0)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            element_kinematics(data, e, u, el)
+            element_kinematics(data, e, u, w)
             out[e, :, :] = 0.0
-            for first in range(0, theta_rates.shape[1], LANES):
+            for group in range(n_groups):
+                power = o
                 for q in range(8):
-                    _temperature_rates(data, e, q, theta_rates, first, w)
-                    factor = data.volume[e, q] * response[e, q, K_THETA]
-                    for a in range(8):
-                        for i in range(3):
-                            g = factor * (el.mean[a, i] if data.f_bar == 1 else el.g[q, a, i])
-                            for m in range(LANES):
-                                out[e, 3 * a + i, first + m] += g * w[THETA * LANES + m]
+                    k = _at_point(theta_rates, data.hexes[e], q, group) * (data.volume[e, q] * response[e, q, K_THETA])
+                    power = power + k
+                    if data.f_bar != 1:
+                        _add_nodal(w, q, (k, o, o, o, k, o, o, o, k), group, out[e])
+                if data.f_bar == 1:
+                    _add_mean(w, power, group, out[e])
 
 
 @kernel(forceinline=True)
-def _mean_dilatation_rates(data: ElementData, e: int, el: Kinematics, u_rates: np.ndarray, out: np.ndarray) -> None:
-    """(ln J_bar)' = sum_a g_bar_a . u_a' into out (m,)."""
-    out[:] = 0.0
+def _velocity_gradient(w: np.ndarray, nodes: np.ndarray, q: int, u_rates: np.ndarray, group: int) -> Tensor:
+    """l = sum_a u_a' (x) g_a of a point."""
+    o = spread(0.0)
+    lv = (o, o, o, o, o, o, o, o, o)
     for a in range(8):
-        node = data.hexes[e, a]
-        for i in range(3):
-            g = el.mean[a, i]
-            for m in range(out.shape[0]):
-                out[m] += g * u_rates[node, i, m]
+        g0, g1, g2 = number(w, GRADIENT + 3 * q, a), number(w, GRADIENT + 3 * q + 1, a), number(w, GRADIENT + 3 * q + 2, a)
+        x, y, z = _vector(u_rates, nodes[a], group)
+        lv = (
+            lv[0] + g0 * x, lv[1] + g1 * x, lv[2] + g2 * x,
+            lv[3] + g0 * y, lv[4] + g1 * y, lv[5] + g2 * y,
+            lv[6] + g0 * z, lv[7] + g1 * z, lv[8] + g2 * z,
+        )  # fmt: skip
+    return lv
 
 
 @kernel(forceinline=True)
-def _strain_rates(
-    data: ElementData, e: int, q: int, el: Kinematics, u_rates: np.ndarray, dilatation: np.ndarray, first: int, w: np.ndarray
-) -> None:
-    """l + l^T of F_bar (rows STRAIN), l = sum_a u_a' (x) g_a + 1/3 [(ln J_bar)' - tr l] 1; (ln J)' of the material in row STATE."""
-    s = STRAIN * LANES
-    for k in range(6 * LANES):
-        w[s + k] = 0.0
+def _vector(u_rates: np.ndarray, node: int, group: int) -> Vector:
+    at = 3 * (u_rates.shape[2] // WIDTH)
+    step = u_rates.shape[2] // WIDTH
+    return (row(u_rates, at * node + group), row(u_rates, at * node + step + group), row(u_rates, at * node + 2 * step + group))
+
+
+@kernel(forceinline=True)
+def _mean_dilatation(w: np.ndarray, nodes: np.ndarray, u_rates: np.ndarray, group: int) -> Lanes:
+    """(ln J_bar)' = sum_a g_bar_a . u_a'."""
+    value = spread(0.0)
     for a in range(8):
-        node = data.hexes[e, a]
-        g0, g1, g2 = el.g[q, a, 0], el.g[q, a, 1], el.g[q, a, 2]
-        for m in range(LANES):
-            u0, u1, u2 = u_rates[node, 0, first + m], u_rates[node, 1, first + m], u_rates[node, 2, first + m]
-            w[s + m] += 2.0 * u0 * g0
-            w[s + 8 + m] += 2.0 * u1 * g1
-            w[s + 16 + m] += 2.0 * u2 * g2
-            w[s + 24 + m] += u0 * g1 + u1 * g0
-            w[s + 32 + m] += u1 * g2 + u2 * g1
-            w[s + 40 + m] += u0 * g2 + u2 * g0
-    for m in range(LANES):
-        trace = 0.5 * (w[s + m] + w[s + 8 + m] + w[s + 16 + m])
-        wanted = dilatation[first + m] if data.f_bar == 1 else trace
-        spread = 2.0 / 3.0 * (wanted - trace)
-        w[s + m] += spread
-        w[s + 8 + m] += spread
-        w[s + 16 + m] += spread
-        w[STATE * LANES + m] = wanted
+        x, y, z = _vector(u_rates, nodes[a], group)
+        value = value + number(w, MEAN, a) * x + number(w, MEAN + 1, a) * y + number(w, MEAN + 2, a) * z
+    return value
+
+
+@kernel(forceinline=True)
+def _power(data: ElementData, e: int, response: np.ndarray, law: Law) -> float:
+    """P = sum_q w p of the stress at the end of the step; 0 without F-bar."""
+    value = 0.0
+    for q in range(8):
+        tau = kirchhoff(response[q], law)
+        value += data.volume[e, q] * (tau[0] + tau[1] + tau[2])
+    return value * (data.f_bar / 3.0)
 
 
 @kernel(parallel=True)
 def update_rates(
     data: ElementData,
     u: np.ndarray,
-    states: tuple[np.ndarray, np.ndarray],
+    states: States,
     law: Law,
     along: Directions,
     response: np.ndarray,
-    u_rates: np.ndarray,
-    state_rates_n: np.ndarray,
+    rates: tuple[np.ndarray, np.ndarray, np.ndarray],
     state_rates_new: np.ndarray,
     dilatation_rates: np.ndarray,
+    force: np.ndarray,
 ) -> None:
-    """Rates of the new state (n_el, 8, 11, m) and of J (n_el, 8, m) from u_rates (n_np, 3, m) and the rates of the old state."""
-    state_n, state = states
-    n_el = data.hexes.shape[0]
-    n_lanes = u_rates.shape[2]
+    """Rates of the new state (n_el, 8, 11, m), of J (n_el, 8, m) and of the internal forces, force (n_el, 24, m).
+
+    rates = (u' (n_np, 3, m), rates of the old state (n_el, 8, 11, m), theta' (n_np, m)).
+    """
+    state_n = states[0]
+    u_rates, state_rates_n, theta_rates = rates
+    n_el, n_groups = data.hexes.shape[0], theta_rates.shape[1] // WIDTH
     for chunk in prange(_CHUNKS):
-        el = kinematics_scratch()
-        w = np.zeros(workspace_size(response.shape[2]))
-        mean_rates = np.zeros(n_lanes)
+        w, point, f_rows = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(10)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            j_bar = element_kinematics(data, e, u, el)
-            _mean_dilatation_rates(data, e, el, u_rates, mean_rates)
-            for q in range(8):
-                f, j = _stretched(el, data, e, q, j_bar)
-                set_point(f, state_n[e, q], state[e, q], response[e, q], w)
-                for group in range(n_lanes // LANES):
-                    first = group * LANES
-                    _strain_rates(data, e, q, el, u_rates, mean_rates, first, w)
-                    for m in range(LANES):
-                        dilatation_rates[e, q, first + m] = j * w[STATE * LANES + m]
-                    if state[e, q, LAMBDA] == 0.0:
-                        state_rates_new[e, q, :, first : first + LANES] = state_rates_n[e, q, :, first : first + LANES]
-                        continue
-                    _gather(along.numbers, N_NUMBERS, first, w, NUMBERS)
-                    _gather(state_rates_n[e, q], N_STATE, first, w, FP_INV)
-                    state_rates(w, law, along.in_yield, len(along.in_pressure), along.hill[group] == 1)
-                    for k in range(N_STATE):
-                        for m in range(LANES):
-                            state_rates_new[e, q, k, first + m] = w[(STATE + k) * LANES + m]
+            f, j = element_kinematics(data, e, u, w)
+            _keep_tensor(f_rows, f)
+            set_row(f_rows, 9, j)
+            force[e, :, :] = 0.0
+            power, dilated = _power(data, e, response[e], law), lane_sum(row(w, J_WEIGHT))
+            for group in range(n_groups):
+                _set_numbers(along, group, point)
+                mean = _mean_dilatation(w, data.hexes[e], u_rates, group)
+                power_rate = spread(0.0)
+                for q in range(8):
+                    c = response[e, q]
+                    lv = _velocity_gradient(w, data.hexes[e], q, u_rates, group)
+                    trace = lv[0] + lv[4] + lv[8]
+                    wanted = mean if data.f_bar == 1 else trace
+                    _set_group(dilatation_rates[e], q, group, number(f_rows, 9, q) * wanted)
+                    d = (wanted - trace) * (1.0 / 3.0)
+                    l_bar = (lv[0] + d, lv[1], lv[2], lv[3], lv[4] + d, lv[5], lv[6], lv[7], lv[8] + d)
+                    f_q = _numbers_of(f_rows, q)
+                    fp_rate = _new_plastic_part(
+                        c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
+                    )
+                    f_el_rate = total(product(l_bar, elastic_part(c)), product(f_q, fp_rate))
+                    theta = _at_point(theta_rates, data.hexes[e], q, group)
+                    k = pressure_rates(c, theta, wanted, along.in_pressure, point)
+                    m, p = _deviator(stress_rates(c, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
+                    power_rate = power_rate + p
+                    stress, _ = _deviator(kirchhoff(c, law), data.volume[e, q], data.f_bar)
+                    share = power * number(w, J_WEIGHT, q) / dilated
+                    _add_nodal(w, q, _with_geometry(m, stress, lv, trace, share), group, force[e])
+                if data.f_bar == 1:
+                    _add_mean(w, power_rate - power * mean, group, force[e])
+
+
+@kernel(forceinline=True)
+def _with_geometry(m: Tensor, stress: Tensor, lv: Tensor, trace: Lanes, share: float) -> Tensor:
+    """w (tau' - p' 1) - w (tau - p 1) l^T + share [tr l 1 - l^T]."""
+    t = product(stress, transposed(lv))
+    return (
+        m[0] - t[0] + share * (trace - lv[0]), m[1] - t[1] - share * lv[3], m[2] - t[2] - share * lv[6],
+        m[3] - t[3] - share * lv[1], m[4] - t[4] + share * (trace - lv[4]), m[5] - t[5] - share * lv[7],
+        m[6] - t[6] - share * lv[2], m[7] - t[7] - share * lv[5], m[8] - t[8] + share * (trace - lv[8]),
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _new_plastic_part(
+    c: np.ndarray,
+    lv: Tensor,
+    state_n_rates: np.ndarray,
+    fp_n: Tensor,
+    law: Law,
+    along: Directions,
+    group: int,
+    w: np.ndarray,
+    out: np.ndarray,
+) -> Tensor:
+    """(F_p^-1)' at the end of the step; all rates of the new state go into out (11, m)."""
+    fp_rate = _group_tensor(state_n_rates, group)
+    alpha, accumulated = _group(state_n_rates, ALPHA, group), _group(state_n_rates, LAMBDA, group)
+    if c[IS_PLASTIC] == 1.0:
+        strain = (2.0 * lv[0], 2.0 * lv[4], 2.0 * lv[8], lv[1] + lv[3], lv[5] + lv[7], lv[2] + lv[6])
+        y, alpha, accumulated = flow_rates(c, fp_rate, alpha, accumulated, strain, law, (along.in_pressure, along.in_yield), w)
+        fp_rate = plastic_part_rates(c, fp_n, fp_rate, y)
+    for k in range(9):
+        _set_group(out, k, group, fp_rate[k])
+    _set_group(out, ALPHA, group, alpha)
+    _set_group(out, LAMBDA, group, accumulated)
+    return fp_rate

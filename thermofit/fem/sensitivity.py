@@ -34,6 +34,8 @@ from thermofit.material.point import N_STATE
 from thermofit.material.rates import response_size
 
 MAX_SWEEPS = 20
+FORCE_TOLERANCE = 1e-6
+"""Share of the force rates of a direction that may stay out of balance before the states are differentiated."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,17 @@ def volume_mean(body: Body, field: np.ndarray) -> np.ndarray:
     return np.asarray(weight @ field / weight.sum())
 
 
+@kernel
+def add_answer(equation: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
+    """u (n_np, 3, m) += x (n_eq, m) by equation numbers (n_np, 3); prescribed dofs, with negative ones, stay."""
+    for n in range(equation.shape[0]):
+        for i in range(3):
+            k = equation[n, i]
+            if k >= 0:
+                for m in range(u.shape[2]):
+                    u[n, i, m] += x[k, m]
+
+
 class Differentiator:
     """Differentiates the steps of one march; holds the buffers of two states."""
 
@@ -133,6 +146,7 @@ class Differentiator:
         self._at = 0
         self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
         self._loads = np.zeros((n_el, 24, self.m))
+        self._warming = np.zeros((n_el, 24, self.m))
         top = np.isin(body.mesh.hexes, body.loaded)
         self._top_elements = np.flatnonzero(top.any(axis=1))
         self._top_dofs = top[self._top_elements]
@@ -159,27 +173,27 @@ class Differentiator:
         """Rates of the state at rest."""
         start = self._states[1 - self._at]
         start[:] = 0.0
-        responses(self.body.data, mechanics.u, mechanics.theta, mechanics.before, mechanics.after, self.law, self.along, self._response)
-        u = self._mechanics(mechanics, start, self.resting)
-        points, dilatation = self._update(mechanics, start, u)
-        return Rates(u, self.resting, points, dilatation, self._top_force(mechanics, u))
+        self._respond(mechanics)
+        u, points, dilatation = self._mechanics(mechanics, start, self.resting)
+        return Rates(u, self.resting, points, dilatation, self._top_force(mechanics, u, None))
 
     def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
         """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree."""
-        responses(self.body.data, mechanics.u, mechanics.theta, mechanics.before, mechanics.after, self.law, self.along, self._response)
+        self._respond(mechanics)
         self._at = 1 - self._at
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
         for _ in range(MAX_SWEEPS):
             self.sweeps += 1
-            u = self._mechanics(mechanics, start.points, theta)
-            points, dilatation = self._update(mechanics, start.points, u)
+            u, points, dilatation = self._mechanics(mechanics, start.points, theta)
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
             change = found - theta
             scale = np.maximum(np.abs(found).max(axis=0), 1e-300)
             if self.one_way or np.all(np.abs(change).max(axis=0) <= self.asked.tolerance * scale):
-                u = u if self.one_way else self._warmed(mechanics, u, change)
+                before = u
+                if not self.one_way:
+                    u = self._warmed(mechanics, u.copy(), change)
                 past = ((ends.step.length, start.theta), *start.past[:1])
-                return Rates(u, found, points, dilatation, self._top_force(mechanics, u), past)
+                return Rates(u, found, points, dilatation, self._top_force(mechanics, u, before), past)
             theta = theta + self._share * change
         worst = self.asked.names[int(np.argmax(np.abs(change).max(axis=0) / scale)) % len(self.asked.names)]
         raise NumericsError(
@@ -194,49 +208,68 @@ class Differentiator:
             values.append(theta)
         return np.asarray(sum(w * v for w, v in zip(lagrange(times, dt), values, strict=True)))
 
-    def _mechanics(self, mechanics: Linearised, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """u' (n_np, 3, m) for given theta' and rates of the old state; the loads at fixed u stay in their buffer."""
+    def _respond(self, mechanics: Linearised) -> None:
+        states = (mechanics.before, mechanics.after)
+        responses(self.body.data, mechanics.u, mechanics.theta, states, self.law, self.along, self._response)
+
+    def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """u' (n_np, 3, m) and the rates of points and J for given theta' and rates of the old state; internal force rates in `_loads`.
+
+        The stiffness at hand is the symmetric neighbour of the exact one (material.point): what it leaves of the rates of the internal
+        forces is solved for again until it is negligible. NumericsError where it does not shrink.
+        """
         body, states = self.body, (mechanics.before, mechanics.after)
-        load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points, theta, self._loads)
+        load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points_n, theta, self._loads)
         u = np.zeros((body.mesh.n_nodes, 3, self.m))
         u[body.equation == LOADED] = self.prescribed
         if np.any(self.prescribed):
             e = self._top_elements
             self._loads[e] += np.einsum("eij,ejm->eim", mechanics.stiffness[e], u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
-        self._add_answer(mechanics, self._loads, u)
-        return u
+        scale = self._add_answer(mechanics, self._loads, u)
+        points, dilatation = self._states[self._at], self._dilatations[self._at]
+        for _ in range(MAX_SWEEPS):
+            rates = (u, points_n, theta)
+            update_rates(body.data, mechanics.u, states, self.law, self.along, self._response, rates, points, dilatation, self._loads)
+            if np.all(self._unbalanced() <= FORCE_TOLERANCE * scale):
+                return u, points, dilatation
+            self._add_answer(mechanics, self._loads, u)
+        raise NumericsError("sensitivities: the tangent of the converged step is too far from the exact one; use smaller steps")
 
-    def _add_answer(self, mechanics: Linearised, loads: np.ndarray, u: np.ndarray) -> None:
-        """u (n_np, 3, m) += K^-1 of minus the element loads (n_el, 24, m)."""
+    def _unbalanced(self) -> np.ndarray:
+        """Norm (m,) of the rates of the internal forces at free dofs, which equilibrium wants to vanish."""
+        right = np.zeros((self.body.n_equations, self.m))
+        assemble(self.body.element_equation, self._loads, right)
+        return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
+
+    def _add_answer(self, mechanics: Linearised, loads: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """u (n_np, 3, m) += K^-1 of minus the element loads (n_el, 24, m); returns the norm (m,) of the nodal loads."""
         body = self.body
         right = np.zeros((body.n_equations, self.m))
         assemble(body.element_equation, loads, right)
         x = mechanics.factor.solve(right)
-        free = body.equation >= 0
-        u[free] += x[body.equation[free]]
+        add_answer(body.equation, x, u)
+        return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
     def _warmed(self, mechanics: Linearised, u: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """u' after a last change of theta' (n_np, m), states held."""
-        loads = np.empty_like(self._loads)
-        thermal_load_rates(self.body.data, mechanics.u, self._response, change, loads)
-        self._add_answer(mechanics, loads, u)
-        self._loads += loads
+        """u' after a last change of theta' (n_np, m), states held, and with what the stiffness has left of the force rates."""
+        thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
+        self._loads += self._warming
+        self._add_answer(mechanics, self._loads, u)
         return u
 
-    def _top_force(self, mechanics: Linearised, u: np.ndarray) -> np.ndarray:
-        """Rate of the internal force along y on the loaded end (m,); zero where a force is prescribed."""
+    def _top_force(self, mechanics: Linearised, u: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Rate of the internal force along y on the loaded end (m,); zero where a force is prescribed.
+
+        `_loads` holds the rates of the internal forces at u' = `before`, to which the stiffness adds the rest.
+        """
         if self.body.top >= 0:
             return np.zeros(self.m)
         e = self._top_elements
-        free = np.where((self.body.equation >= 0)[:, :, None], u, 0.0)[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m)
-        nodal = self._loads[e] + np.einsum("eij,ejm->eim", mechanics.stiffness[e], free)
+        nodal = self._loads[e]
+        if before is not None:
+            change = (u - before)[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m)
+            nodal = nodal + np.einsum("eij,ejm->eim", mechanics.stiffness[e], change)
         return np.asarray(nodal.reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
-
-    def _update(self, mechanics: Linearised, points_n: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        points, dilatation = self._states[self._at], self._dilatations[self._at]
-        states = (mechanics.before, mechanics.after)
-        update_rates(self.body.data, mechanics.u, states, self.law, self.along, self._response, u, points_n, points, dilatation)
-        return points, dilatation
 
     def _heat(self, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
         """theta' (n_np, m) at the end of the step by the differentiated heat equation; theta is the estimate so far."""

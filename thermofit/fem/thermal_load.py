@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
 from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
-from thermofit.fem.kinematics import element_kinematics, kinematics_scratch, point_temperature
+from thermofit.fem.element_lanes import element_kinematics, point_temperatures
+from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, MEAN, vector_added, vector_rows
+from thermofit.material.lanes import spread
+from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row, set_vectors
 from thermofit.material.law import Law, pressure_factor
 
 _CHUNKS = 64
@@ -21,16 +26,19 @@ def thermal_forces(data: ElementData, u: np.ndarray, theta: np.ndarray, warmer: 
     """
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
-        w = kinematics_scratch()
+        w, pressure = lane_workspace(ELEMENT_ROWS), lane_workspace(1)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            force[e, :] = 0.0
-            j_bar = element_kinematics(data, e, u, w)
-            for q in range(8):
-                j = j_bar if data.f_bar == 1 else w.j_weight[q] / data.volume[e, q]
-                log_j = np.log(j)
-                after, _ = pressure_factor(log_j, j, point_temperature(data, e, q, warmer), law)
-                before, _ = pressure_factor(log_j, j, point_temperature(data, e, q, theta), law)
-                pressure = data.volume[e, q] * (after - before)
-                for a in range(8):
-                    for i in range(3):
-                        force[e, 3 * a + i] += pressure * (w.mean[a, i] if data.f_bar == 1 else w.g[q, a, i])
+            _, j = element_kinematics(data, e, u, w)
+            log_j = math.log(j)
+            after, _ = pressure_factor(log_j, j, point_temperatures(warmer, data.hexes[e]), law)
+            before, _ = pressure_factor(log_j, j, point_temperatures(theta, data.hexes[e]), law)
+            k = row(data.volume, e) * (after - before)
+            o = spread(0.0)
+            if data.f_bar == 1:
+                f = vector_added((o, o, o), vector_rows(w, MEAN), lane_sum(k))
+            else:
+                set_row(pressure, 0, k)
+                f = (o, o, o)
+                for q in range(8):
+                    f = vector_added(f, vector_rows(w, GRADIENT + 3 * q), number(pressure, 0, q))
+            set_vectors(force[e], 0, f[0], f[1], f[2])

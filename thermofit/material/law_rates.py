@@ -71,111 +71,113 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     hill = np.any(numbers[HILL : HILL + 6].reshape(6, -1, LANES) != 0.0, axis=(0, 2))
     return Directions(
         numbers,
-        _felt(yield_gradient, (0.031, 0.017, 0.007), 2, law, moved),
-        _felt(dissipation_gradient, (0.031, 0.036, 0.007), 1, law, moved),
-        _felt(pressure_gradient, (0.003, 297.3), 1, law, moved),
+        _felt(yield_gradients, (0.031, 0.017, 0.007), law, moved),
+        _felt(dissipation_gradients, (0.031, 0.036, 0.007), law, moved),
+        _felt(pressure_gradients, (0.003, 297.3), law, moved),
         hill.astype(np.int64),
     )
 
 
-def _felt(gradient: Callable[..., None], arguments: tuple[float, ...], rows: int, law: Law, moved: np.ndarray) -> np.ndarray:
-    """Numbers that a function of the law page depends on at a general point, of those that any direction moves."""
-    out = np.zeros((rows, len(arguments) + N_NUMBERS))
-    generic = law._replace(theta_ref=law.theta_ref - 1.7) if law.theta_ref == arguments[-1] else law
-    gradient(*arguments, generic, np.arange(N_NUMBERS), out)
-    return np.flatnonzero(moved & np.any(out[:, len(arguments) :] != 0.0, axis=0)).astype(np.int64)
+def moved_law(law: Law, which: int) -> Law:
+    """The law with all numbers complex and one of them moved by i h (none for a negative `which`)."""
+    return law._replace(**{name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)})
 
 
 Complex = Any
 """A complex number where the law page, written for real ones, says float."""
+Gradients = Callable[[tuple[np.ndarray, ...], Law, np.ndarray], np.ndarray]
 
 
-@kernel(forceinline=True)
-def _number(value: float, moved: bool) -> Complex:
-    return complex(value, STEP if moved else 0.0)
+def _felt(gradients: Gradients, arguments: tuple[float, ...], law: Law, moved: np.ndarray) -> np.ndarray:
+    """Numbers that a function of the law page depends on at a general point, of those that any direction moves."""
+    generic = law._replace(theta_ref=law.theta_ref - 1.7) if law.theta_ref == arguments[-1] else law
+    found = gradients(tuple(np.array([x]) for x in arguments), generic, np.arange(N_NUMBERS))
+    felt = np.any(found[..., len(arguments) :, 0].reshape(-1, N_NUMBERS) != 0.0, axis=0)
+    return np.flatnonzero(moved & felt).astype(np.int64)
 
 
-@kernel(forceinline=True)
-def _moved(law: Law, which: int) -> Law:
-    """The law with one of its numbers moved by i h (none for a negative `which`)."""
-    return Law(
-        _number(law.lame, which == 0),
-        _number(law.mu, which == 1),
-        _number(law.bulk, which == 2),
-        _number(law.M_y0, which == 3),
-        _number(law.M_yinf, which == 4),
-        _number(law.H_exp, which == 5),
-        _number(law.H_lin, which == 6),
-        _number(law.F, which == 7),
-        _number(law.G, which == 8),
-        _number(law.H, which == 9),
-        _number(law.L, which == 10),
-        _number(law.M, which == 11),
-        _number(law.N, which == 12),
-        _number(law.alpha_exp, which == 13),
-        _number(law.kappa, which == 14),
-        _number(law.c0, which == 15),
-        _number(law.beta, which == 16),
-        _number(law.theta_ref, which == 17),
-        law.model,
-        law.closed_form,
-        law.plastic,
-    )
+def _moves(n: int, law: Law, active: np.ndarray) -> list[tuple[Any, Law]]:
+    """Steps h of n arguments and the law: each argument moved alone, then each active number alone."""
+    still, none = moved_law(law, -1), (0.0,) * n
+    one = [(*none[:k], STEP, *none[k + 1 :]) for k in range(n)]
+    return [*((h, still) for h in one), *((none, moved_law(law, int(which))) for which in active)]
 
 
-@kernel
-def _yield_and_alpha(alpha_n: Complex, lambda_n: Complex, d_lambda: Complex, law: Law) -> tuple[Complex, Complex]:
-    alpha, _ = hardening_variable(alpha_n, d_lambda, law)
-    value, _, _ = yield_stress(alpha, lambda_n + d_lambda, law)
-    return value, alpha
+def yield_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    """Gradients of yield stress and alpha after an increment, (2, 3 + n_active, n): by alpha_n, Lambda_n, dLambda, then by `active`.
 
-
-@kernel
-def yield_gradient(alpha_n: float, lambda_n: float, d_lambda: float, law: Law, active: np.ndarray, out: np.ndarray) -> None:
-    """Gradients of the yield stress (row 0 of out) and of alpha (row 1) after an increment, (2, 3 + N_NUMBERS).
-
-    Columns: by alpha_n, Lambda_n, dLambda, then by the numbers listed in `active` (others are left as they are).
+    points = (alpha_n, Lambda_n, dLambda), each (n,); zero where dLambda = 0.
     """
-    still = _moved(law, -1)
-    value, alpha = _yield_and_alpha(complex(alpha_n, STEP), complex(lambda_n, 0.0), complex(d_lambda, 0.0), still)
-    out[0, 0], out[1, 0] = value.imag / STEP, alpha.imag / STEP
-    value, alpha = _yield_and_alpha(complex(alpha_n, 0.0), complex(lambda_n, STEP), complex(d_lambda, 0.0), still)
-    out[0, 1], out[1, 1] = value.imag / STEP, alpha.imag / STEP
-    value, alpha = _yield_and_alpha(complex(alpha_n, 0.0), complex(lambda_n, 0.0), complex(d_lambda, STEP), still)
-    out[0, 2], out[1, 2] = value.imag / STEP, alpha.imag / STEP
-    for which in active:
-        value, alpha = _yield_and_alpha(complex(alpha_n, 0.0), complex(lambda_n, 0.0), complex(d_lambda, 0.0), _moved(law, which))
-        out[0, 3 + which], out[1, 3 + which] = value.imag / STEP, alpha.imag / STEP
+    out = np.zeros((2, 3 + len(active), len(points[0])))
+    for k, (h, moved) in enumerate(_moves(3, law, active)):
+        _yield_derivative(points[0], points[1], points[2], h, moved, out[0, k], out[1, k])
+    return out
+
+
+def pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    """Gradient of the pressure factor k (4.8), (2 + n_active, n): by ln J and theta (= points, each (n,)), then by `active`."""
+    out = np.zeros((2 + len(active), len(points[0])))
+    for k, (h, moved) in enumerate(_moves(2, law, active)):
+        _pressure_derivative(points[0], points[1], h, moved, out[k])
+    return out
+
+
+def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    """Gradient of the dissipated energy of an increment, (3 + n_active, n): by alpha_n, alpha, dLambda (= points, each (n,)), then by
+    `active`."""
+    out = np.zeros((3 + len(active), len(points[0])))
+    for k, (h, moved) in enumerate(_moves(3, law, active)):
+        _dissipation_derivative(points[0], points[1], points[2], h, moved, out[k])
+    return out
 
 
 @kernel
-def _dissipated(alpha_n: Complex, alpha: Complex, d_lambda: Complex, law: Law) -> Complex:
-    return dissipated_energy(alpha_n, alpha, d_lambda, law)
+def pressure_values(log_j: np.ndarray, theta: np.ndarray, law: Law) -> np.ndarray:
+    """k (4.8) of all points, (n,)."""
+    out = np.empty(len(log_j))
+    for i in range(len(log_j)):
+        out[i] = pressure_factor(log_j[i], np.exp(log_j[i]), theta[i], law)[0]
+    return out
 
 
 @kernel
-def dissipation_gradient(alpha_n: float, alpha: float, d_lambda: float, law: Law, active: np.ndarray, out: np.ndarray) -> None:
-    """Gradient of the dissipated energy of an increment into out (1, 3 + N_NUMBERS): by alpha_n, alpha, dLambda, then by `active`."""
-    still = _moved(law, -1)
-    out[0, 0] = _dissipated(complex(alpha_n, STEP), complex(alpha, 0.0), complex(d_lambda, 0.0), still).imag / STEP
-    out[0, 1] = _dissipated(complex(alpha_n, 0.0), complex(alpha, STEP), complex(d_lambda, 0.0), still).imag / STEP
-    out[0, 2] = _dissipated(complex(alpha_n, 0.0), complex(alpha, 0.0), complex(d_lambda, STEP), still).imag / STEP
-    for which in active:
-        moved = _moved(law, which)
-        out[0, 3 + which] = _dissipated(complex(alpha_n, 0.0), complex(alpha, 0.0), complex(d_lambda, 0.0), moved).imag / STEP
+def _yield_derivative(
+    alpha_n: np.ndarray,
+    lambda_n: np.ndarray,
+    d_lambda: np.ndarray,
+    h: tuple[float, float, float],
+    law: Law,
+    sigma: np.ndarray,
+    alpha: np.ndarray,
+) -> None:
+    for i in range(len(d_lambda)):
+        if d_lambda[i] > 0.0:
+            gamma: Complex = complex(d_lambda[i], h[2])
+            start: Complex = complex(alpha_n[i], h[0])
+            total: Complex = complex(lambda_n[i], h[1]) + gamma
+            after: Complex = hardening_variable(start, gamma, law)[0]
+            value: Complex = yield_stress(after, total, law)[0]
+            sigma[i], alpha[i] = value.imag / STEP, after.imag / STEP
 
 
 @kernel
-def _pressure(log_j: Complex, theta: Complex, law: Law) -> Complex:
-    value, _ = pressure_factor(log_j, np.exp(log_j), theta, law)
-    return value
+def _pressure_derivative(log_j: np.ndarray, theta: np.ndarray, h: tuple[float, float], law: Law, out: np.ndarray) -> None:
+    for i in range(len(log_j)):
+        j = np.exp(log_j[i])
+        log_j_moved: Complex = complex(log_j[i], h[0])
+        j_moved: Complex = complex(j, j * h[0])
+        theta_moved: Complex = complex(theta[i], h[1])
+        value: Complex = pressure_factor(log_j_moved, j_moved, theta_moved, law)[0]
+        out[i] = value.imag / STEP
 
 
 @kernel
-def pressure_gradient(log_j: float, theta: float, law: Law, active: np.ndarray, out: np.ndarray) -> None:
-    """Gradient of k (4.8) into out (1, 2 + N_NUMBERS): by ln J and theta, then by the numbers in `active`."""
-    still = _moved(law, -1)
-    out[0, 0] = _pressure(complex(log_j, STEP), complex(theta, 0.0), still).imag / STEP
-    out[0, 1] = _pressure(complex(log_j, 0.0), complex(theta, STEP), still).imag / STEP
-    for which in active:
-        out[0, 2 + which] = _pressure(complex(log_j, 0.0), complex(theta, 0.0), _moved(law, which)).imag / STEP
+def _dissipation_derivative(
+    alpha_n: np.ndarray, alpha: np.ndarray, d_lambda: np.ndarray, h: tuple[float, float, float], law: Law, out: np.ndarray
+) -> None:
+    for i in range(len(d_lambda)):
+        start: Complex = complex(alpha_n[i], h[0])
+        end: Complex = complex(alpha[i], h[1])
+        gamma: Complex = complex(d_lambda[i], h[2])
+        value: Complex = dissipated_energy(start, end, gamma, law)
+        out[i] = value.imag / STEP

@@ -42,8 +42,12 @@ from thermofit.material.tensor import (
 N_STATE = 11
 ALPHA, LAMBDA = 9, 10
 ELASTIC, PLASTIC, NO_CONVERGENCE, INVERTED = 0, 1, -1, -2
-_MAX_ITERATIONS = 60
-_YIELD_TOLERANCE = 1e-9
+MAX_ITERATIONS = 60
+STRESS_TOLERANCE = 1e-11
+"""Distance from the yield surface, relative to the yield stress, at which the return map has converged."""
+FLOW_TOLERANCE, FLOW_ACCURACY = 1e-14, 1e-12
+"""Error of D at which it has: absolute and relative to dLambda."""
+YIELD_TOLERANCE = 1e-9
 """Relative excess over the yield stress that still counts as elastic; above the accuracy of the return map, so that a state
 left on the yield surface unloads with the elastic tangent."""
 _UNIT = np.array([[1.0 if m == n else 0.0 for n in range(6)] for m in range(6)])
@@ -141,14 +145,14 @@ def _return_map(c_trial: Symmetric, alpha_n: float, lambda_n: float, law: Law, w
     d = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     y = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
     c_elastic = c_trial
-    for _ in range(_MAX_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         flow, norm = flow_direction(c_elastic, law)
         alpha, d_alpha = hardening_variable(alpha_n, gamma, law)
         sigma_y, by_alpha, by_lambda = yield_stress(alpha, lambda_n + gamma, law)
         slope = by_alpha * d_alpha + by_lambda
         excess = law.mu * norm - sigma_y
         error = added(d, flow, -gamma)
-        if abs(excess) < 1e-11 * sigma_y and largest(error) < 1e-14 + 1e-12 * gamma:
+        if abs(excess) < STRESS_TOLERANCE * sigma_y and largest(error) < FLOW_TOLERANCE + FLOW_ACCURACY * gamma:
             s = w.scalars
             s[GAMMA], s[NORM], s[SLOPE], s[TERMS] = gamma, norm, slope, terms
             _keep(w, C_TRIAL, c_trial)
@@ -198,7 +202,7 @@ def local_update(f: np.ndarray, theta: float, state_n: np.ndarray, law: Law, w: 
         state[i] = state_n[i]
     _, norm = flow_direction(c_trial, law)
     sigma_y, _, _ = yield_stress(state_n[ALPHA], state_n[LAMBDA], law)
-    if law.plastic == 0 or law.mu * norm <= sigma_y * (1.0 + _YIELD_TOLERANCE):
+    if law.plastic == 0 or law.mu * norm <= sigma_y * (1.0 + YIELD_TOLERANCE):
         _set_cp_inv(w.fp_inv, w)
         return ELASTIC
     status = _return_map(c_trial, state_n[ALPHA], state_n[LAMBDA], law, w)

@@ -5,347 +5,336 @@ C_tr = F_tr^T F_tr, C = y C_tr y (material.point), n = |C|_G, r = gamma / n, dif
 
     C_tr' = X + X^T + F_tr^T (l + l^T) F_tr,    X = F_tr^T F (F_p(n)^-1)',    l = F' F^-1
     D'    = gamma' N + r [(G - N N) : C' + e'],    e' = G' : C - N h',    h' = C : G' : C / (2 n)
-    C'    = y C_tr' y + S : D',    S : D' = y' C_tr y + y C_tr y',    y' = Y : D'
-    mu (N : C' + h') + mu' n = sigma_y'  along  gamma', alpha_n', Lambda_n' and the numbers of the law.
+    C'    = b' + S D',    b' = y C_tr' y,    S D' = y' C_tr y + y C_tr y',    y' = Y D'
+    mu (N : C' + h') + mu' n = sigma' + sigma_gamma gamma',
 
-Eliminated: C' = A (y C_tr' y + r S e') + gamma' A S N with A = [1 - r S (G - N N)]^-1. `point_response` forms A, S, Y once per point; a
-direction then costs a few small products. All directions of a group of LANES go through the same loop side by side, in one
-flat workspace: row r of it holds one scalar for all lanes, and the numbers of the point follow behind the rows.
+sigma' the yield stress along alpha_n', Lambda_n' and the numbers of the law. With t = r [(sigma' - mu' n)/mu - h'],
+s = 1 - r sigma_gamma / mu and eta = s gamma' - t, elimination of C' leaves, for the five components of the traceless D',
+
+    [1 - r G S] D' = eta N + r q',   q' = G : b' + e',
+    eta = [mu (N : b' + h' + r v . B q') + mu' n - sigma' - sigma_gamma t / s] / (sigma_gamma / s - mu v . B N),
+
+B = [1 - r G S]^-1, v = N : S. `responses_of_points` forms B and Y once per point; a direction then costs a few small products, and
+LANES directions go side by side (material.lanes).
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.material.law import Law
-from thermofit.material.law_rates import HILL, LANES, MU, N_NUMBERS, pressure_gradient, yield_gradient
-from thermofit.material.point import ALPHA, LAMBDA, flow_direction, hill
-from thermofit.material.tensor import (
-    Symmetric,
-    added,
-    congruence,
-    double_contraction,
-    exponential,
-    exponential_derivative,
-    scaled,
-    solve_in_place,
-)
-from thermofit.material.tuples import (
+from thermofit.material.lanes import Lanes, spread, where
+from thermofit.material.lanes_memory import column, row, set_column, set_row
+from thermofit.material.lanes_tensor import (
     Tensor,
-    mixed_congruence,
+    exponential_of_traceless,
+    exponential_slopes,
+    full,
+    inner_gram,
+    outer_gram,
     product,
-    product_symmetric,
-    pulled_back,
-    square,
-    total,
+    symmetric_sum,
     transposed,
-    twice_symmetric_part,
 )
+from thermofit.material.law import Law
+from thermofit.material.law_rates import HILL, MU, N_NUMBERS
+from thermofit.material.point import LAMBDA, hill
+from thermofit.material.tensor import Symmetric, added, congruence, double_contraction, scaled
 
-# Rows of the workspace: one scalar for each lane.
-FP_INV, ALPHA_N, LAMBDA_N, THETA = 0, 9, 10, 11
-"""Given: (F_p(n)^-1)', alpha_n', Lambda_n', theta'."""
-STRAIN = 12
-"""Given: l + l^T (6)."""
-NUMBERS = 18
-"""Given: rates of the numbers of the law."""
-STATE = NUMBERS + N_NUMBERS
-"""Result: rates of the new state (11)."""
-TAU = STATE + 11
-"""Result: rate of the Kirchhoff stress at fixed F (6)."""
-_Q, _B, _E, _H, _SIGMA, _ALPHA, _K, _Y = TAU + 6, TAU + 15, TAU + 21, TAU + 27, TAU + 28, TAU + 29, TAU + 30, TAU + 31
-N_ROWS = TAU + 37
+# Places in the response of a point.
+IS_PLASTIC, NORM, RATIO, SHARE, DENOMINATOR = range(5)
+"""1 where the point flows, n, r, s and the denominator of eta."""
+PRESSURE, K_LOG_J, K_THETA = 5, 6, 7
+"""k and its derivatives by ln J and theta."""
+BY_ALPHA, BY_LAMBDA, BY_GAMMA, ALPHA_BY_ALPHA, ALPHA_BY_GAMMA = 8, 9, 10, 11, 12
+"""Derivatives of the yield stress and of alpha by alpha_n, Lambda_n and gamma."""
+_FLOW, _C, _EXP, _F_TRIAL, _F_EL, _X = 13, 19, 25, 31, 40, 49
+"""N, C, y (six each), F_tr, F_el, F_tr^T F (nine each)."""
+_B, _BN, _VB, _DY = 58, 83, 88, 93
+"""B (5, 5), B N, r v B (five each) and Y by the five components of D (5, 6)."""
+GRADIENTS = 123
+"""Gradients by the active numbers: of the pressure factor, the yield stress and alpha."""
 
-# Numbers of the point, behind the rows.
-_POINT = N_ROWS * LANES
-_F, _FP_N, _F_TRIAL, _X, _F_EL, _B_EL = _POINT, _POINT + 9, _POINT + 18, _POINT + 27, _POINT + 36, _POINT + 45
-_RESPONSE = _POINT + 51
-# Places in the response of a point, which `point_response` keeps from one pass to the next.
-IS_PLASTIC, K_THETA, NORM, RATIO, BY_ALPHA, BY_LAMBDA, ALPHA_BY_ALPHA, ALPHA_BY_GAMMA, DENOMINATOR = range(9)
-_FLOW, _ALONG, _C, _EXP = 9, 15, 21, 27
-_A, _S, _DY = 33, 69, 105
-_GRADIENTS = 141
-"""Gradients by the active numbers: pressure, yield stress, alpha."""
-_UNIT = np.eye(6)
+_PLACE = np.array([0, 1, 3, 4, 5])
+"""Which of the six components of a traceless symmetric tensor are the five unknowns."""
+# Rows of the workspace of one thread.
+NUMBER_RATES = 0
+"""Rates of the numbers of the law."""
+_S, _Y, _INVERSE = N_NUMBERS, N_NUMBERS + 30, N_NUMBERS + 60
+"""Scratch of `responses_of_points`: S and Y (5, 6), [1 - r G S | 1] (5, 10)."""
+ROWS = N_NUMBERS + 110
+
+
+@kernel(forceinline=True)
+def _five(s: Symmetric) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+    return (s[0], s[1], s[3], s[4], s[5])
+
+
+@kernel(forceinline=True)
+def _six_rows(w: np.ndarray, at: int) -> Symmetric:
+    return (row(w, at), row(w, at + 1), row(w, at + 2), row(w, at + 3), row(w, at + 4), row(w, at + 5))
+
+
+@kernel(forceinline=True)
+def six(c: np.ndarray, at: int) -> Symmetric:
+    """Symmetric tensor that lies in an array of numbers."""
+    return (c[at], c[at + 1], c[at + 2], c[at + 3], c[at + 4], c[at + 5])
+
+
+@kernel(forceinline=True)
+def nine(c: np.ndarray, at: int) -> Tensor:
+    """General tensor that lies in an array of numbers."""
+    return (c[at], c[at + 1], c[at + 2], c[at + 3], c[at + 4], c[at + 5], c[at + 6], c[at + 7], c[at + 8])
+
+
+@kernel(forceinline=True)
+def _columns(a: np.ndarray) -> Tensor:
+    """The first nine columns of (8, m) as a tensor of eight points."""
+    return (
+        column(a, 0), column(a, 1), column(a, 2), column(a, 3), column(a, 4), column(a, 5), column(a, 6), column(a, 7), column(a, 8),
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _set_columns(a: np.ndarray, at: int, t: Tensor) -> None:
+    set_column(a, at, t[0])
+    set_column(a, at + 1, t[1])
+    set_column(a, at + 2, t[2])
+    set_column(a, at + 3, t[3])
+    set_column(a, at + 4, t[4])
+    set_column(a, at + 5, t[5])
+    set_column(a, at + 6, t[6])
+    set_column(a, at + 7, t[7])
+    set_column(a, at + 8, t[8])
+
+
+@kernel(forceinline=True)
+def _set_six_columns(a: np.ndarray, at: int, s: Symmetric) -> None:
+    set_column(a, at, s[0])
+    set_column(a, at + 1, s[1])
+    set_column(a, at + 2, s[2])
+    set_column(a, at + 3, s[3])
+    set_column(a, at + 4, s[4])
+    set_column(a, at + 5, s[5])
+
+
+@kernel(forceinline=True)
+def responses_of_points(f: Tensor, state_n: np.ndarray, state: np.ndarray, law: Law, w: np.ndarray, out: np.ndarray) -> None:
+    """Responses (8, n_response) of the eight points of an element at the converged end of a step: what all directions share.
+
+    f (lanes: points) deformation gradient F_bar, state_n and state (8, 11) before and after. The derivatives of the law page must stand
+    in `out` already (K_LOG_J to ALPHA_BY_GAMMA, GRADIENTS).
+    """
+    f_el = product(f, _columns(state))
+    _set_columns(out, _F_EL, f_el)
+    gamma = column(state, LAMBDA) - column(state_n, LAMBDA)
+    flows = gamma > 0.0
+    set_column(out, IS_PLASTIC, where(flows, 1.0, 0.0))
+    f_trial = product(f, _columns(state_n))
+    _set_columns(out, _F_TRIAL, f_trial)
+    _set_columns(out, _X, product(transposed(f_trial), f))
+    c_trial, c = inner_gram(f_trial), inner_gram(f_el)
+    g = hill(c, law)
+    norm = math.sqrt(double_contraction(g, c))
+    flow = scaled(g, where(norm > 0.0, 1.0 / norm, 0.0))
+    r = where(flows, gamma / norm, 0.0)
+    minus_d = scaled(flow, -gamma)
+    y, terms = exponential_of_traceless(minus_d)
+    y_c = product(full(y), full(c_trial))
+    slopes = exponential_slopes(minus_d, terms)
+    _set_unknown(w, 0, slopes[0], y_c, r, law)
+    _set_unknown(w, 1, slopes[1], y_c, r, law)
+    _set_unknown(w, 2, slopes[2], y_c, r, law)
+    _set_unknown(w, 3, slopes[3], y_c, r, law)
+    _set_unknown(w, 4, slopes[4], y_c, r, law)
+    _invert(w)
+    _set_six_columns(out, _FLOW, flow)
+    _set_six_columns(out, _C, c)
+    _set_six_columns(out, _EXP, y)
+    n5 = _five(flow)
+    slope = column(out, BY_GAMMA)
+    share = 1.0 - r * slope / law.mu
+    v_b_n = spread(0.0)
+    for m in range(5):
+        b_n, v_b = spread(0.0), spread(0.0)
+        for k in range(5):
+            set_column(out, _B + 5 * m + k, row(w, _INVERSE + 10 * m + 5 + k))
+            v_b = v_b + double_contraction(flow, _six_rows(w, _S + 6 * k)) * row(w, _INVERSE + 10 * k + 5 + m)
+        b_n = b_n + row(w, _INVERSE + 10 * m + 5) * n5[0] + row(w, _INVERSE + 10 * m + 6) * n5[1]
+        b_n = b_n + row(w, _INVERSE + 10 * m + 7) * n5[2] + row(w, _INVERSE + 10 * m + 8) * n5[3] + row(w, _INVERSE + 10 * m + 9) * n5[4]
+        set_column(out, _BN + m, b_n)
+        set_column(out, _VB + m, r * v_b)
+        v_b_n = v_b_n + double_contraction(flow, _six_rows(w, _S + 6 * m)) * b_n
+        for k in range(6):
+            set_column(out, _DY + 6 * m + k, row(w, _Y + 6 * m + k))
+    set_column(out, NORM, norm)
+    set_column(out, RATIO, r)
+    set_column(out, SHARE, share)
+    set_column(out, DENOMINATOR, slope / share - law.mu * v_b_n)
+
+
+@kernel(forceinline=True)
+def _set_unknown(w: np.ndarray, m: int, slope: Symmetric, y_c: Tensor, r: Lanes, law: Law) -> None:
+    """Y and S for component m of D, y = exp(-D), and column m of [1 - r G S | 1]."""
+    dy = scaled(slope, -1.0)
+    s = symmetric_sum(full(dy), y_c)
+    for k in range(6):
+        set_row(w, _Y + 6 * m + k, dy[k])
+        set_row(w, _S + 6 * m + k, s[k])
+    g = hill(s, law)
+    for k in range(5):
+        unit = 1.0 if k == m else 0.0
+        set_row(w, _INVERSE + 10 * k + m, unit - r * g[_PLACE[k]])
+        set_row(w, _INVERSE + 10 * k + 5 + m, unit)
+
+
+@kernel(forceinline=True)
+def _invert(w: np.ndarray) -> None:
+    """Gauss-Jordan elimination of [1 - r G S | 1]; without pivoting, since the matrix is 1 + 2 r G up to the elastic strain."""
+    for k in range(5):
+        pivot = _INVERSE + 10 * k
+        factor = 1.0 / row(w, pivot + k)
+        for j in range(10):
+            set_row(w, pivot + j, factor * row(w, pivot + j))
+        for i in range(5):
+            if i != k:
+                other = _INVERSE + 10 * i
+                factor = row(w, other + k)
+                for j in range(10):
+                    set_row(w, other + j, row(w, other + j) - factor * row(w, pivot + j))
+
+
+@kernel(forceinline=True)
+def _hill_rates(c: np.ndarray, w: np.ndarray) -> tuple[Symmetric, Lanes]:
+    """e' = G' : C - N h' and h' = C : G' : C / (2 n)."""
+    a, flow, at = six(c, _C), six(c, _FLOW), NUMBER_RATES + HILL
+    f, g, h = row(w, at) * (a[0] - a[1]), row(w, at + 1) * (a[2] - a[0]), row(w, at + 2) * (a[1] - a[2])
+    e = (f - g, h - f, g - h, row(w, at + 3) * a[3], row(w, at + 4) * a[4], row(w, at + 5) * a[5])
+    h_rate = double_contraction(a, e) * (0.5 / c[NORM])
+    return added(e, flow, -h_rate), h_rate
+
+
+@kernel(forceinline=True)
+def _summed(c: np.ndarray, at: int, active: np.ndarray, w: np.ndarray) -> Lanes:
+    """Rate through the active numbers of the law, whose gradient stands in c from `at` on."""
+    value = spread(0.0)
+    for i in range(active.shape[0]):
+        value = value + c[at + i] * row(w, NUMBER_RATES + active[i])
+    return value
+
+
+@kernel(forceinline=True)
+def flow_rates(
+    c: np.ndarray,
+    fp_rate: Tensor,
+    alpha_n: Lanes,
+    lambda_n: Lanes,
+    strain: Symmetric,
+    law: Law,
+    active: tuple[np.ndarray, np.ndarray],
+    w: np.ndarray,
+) -> tuple[Symmetric, Lanes, Lanes]:
+    """y', alpha' and Lambda' of a flowing point by the implicit function theorem.
+
+    c (n_response,) its response; fp_rate, alpha_n, lambda_n the rates of the old state; strain l + l^T; active = numbers felt by pressure
+    and yield stress, whose rates stand in the rows NUMBER_RATES.
+    """
+    in_pressure, in_yield = active
+    flow, r, mu_rate = six(c, _FLOW), c[RATIO], row(w, NUMBER_RATES + MU)
+    e, h = _hill_rates(c, w)
+    at = GRADIENTS + in_pressure.shape[0]
+    sigma = _summed(c, at, in_yield, w) + c[BY_ALPHA] * alpha_n + c[BY_LAMBDA] * lambda_n
+    x = product(nine(c, _X), fp_rate)
+    moved = _pulled_back(nine(c, _F_TRIAL), strain)
+    c_rate = (
+        2.0 * x[0] + moved[0],
+        2.0 * x[4] + moved[1],
+        2.0 * x[8] + moved[2],
+        x[1] + x[3] + moved[3],
+        x[5] + x[7] + moved[4],
+        x[2] + x[6] + moved[5],
+    )
+    b = congruence(six(c, _EXP), c_rate)
+    q = _five(added(hill(b, law), e, 1.0))
+    t = r * ((sigma - mu_rate * c[NORM]) * (1.0 / law.mu) - h)
+    v_b_q = c[_VB] * q[0] + c[_VB + 1] * q[1] + c[_VB + 2] * q[2] + c[_VB + 3] * q[3] + c[_VB + 4] * q[4]
+    slope = c[BY_GAMMA]
+    eta = (law.mu * (double_contraction(flow, b) + h + v_b_q) + mu_rate * c[NORM] - sigma - (slope / c[SHARE]) * t) * (1.0 / c[DENOMINATOR])
+    gamma = (eta + t) * (1.0 / c[SHARE])
+    o = spread(0.0)
+    y = (o, o, o, o, o, o)
+    for m in range(5):
+        k = _B + 5 * m
+        b_q = c[k] * q[0] + c[k + 1] * q[1] + c[k + 2] * q[2] + c[k + 3] * q[3] + c[k + 4] * q[4]
+        y = added(y, six(c, _DY + 6 * m), c[_BN + m] * eta + r * b_q)
+    alpha = c[ALPHA_BY_ALPHA] * alpha_n + c[ALPHA_BY_GAMMA] * gamma + _summed(c, at + in_yield.shape[0], in_yield, w)
+    return y, alpha, lambda_n + gamma
+
+
+@kernel(forceinline=True)
+def _pulled_back(f: Tensor, s: Symmetric) -> Symmetric:
+    """f^T . s . f."""
+    t = product(transposed(f), full(s))
+    return (
+        t[0] * f[0] + t[1] * f[3] + t[2] * f[6],
+        t[3] * f[1] + t[4] * f[4] + t[5] * f[7],
+        t[6] * f[2] + t[7] * f[5] + t[8] * f[8],
+        t[0] * f[1] + t[1] * f[4] + t[2] * f[7],
+        t[3] * f[2] + t[4] * f[5] + t[5] * f[8],
+        t[0] * f[2] + t[1] * f[5] + t[2] * f[8],
+    )
+
+
+@kernel(forceinline=True)
+def total(a: Tensor, b: Tensor) -> Tensor:
+    """a + b."""
+    return (
+        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8],
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def plastic_part_rates(c: np.ndarray, fp_n: Tensor, fp_rate: Tensor, y_rate: Symmetric) -> Tensor:
+    """(F_p^-1)' = (F_p(n)^-1)' y + F_p(n)^-1 y'."""
+    return total(product(fp_rate, full(six(c, _EXP))), product(fp_n, full(y_rate)))
+
+
+@kernel(forceinline=True)
+def pressure_rates(c: np.ndarray, theta: Lanes, log_j: Lanes, in_pressure: np.ndarray, w: np.ndarray) -> Lanes:
+    """k' through theta', (ln J)' and the numbers of the law."""
+    return c[K_THETA] * theta + c[K_LOG_J] * log_j + _summed(c, GRADIENTS, in_pressure, w)
+
+
+@kernel(forceinline=True)
+def stress_rates(c: np.ndarray, f_el_rate: Tensor, k_rate: Lanes, law: Law, w: np.ndarray) -> Symmetric:
+    """tau' of tau = mu F_el F_el^T + k 1."""
+    f_el = nine(c, _F_EL)
+    tau = added(scaled(symmetric_sum(f_el_rate, f_el), law.mu), scaled(outer_gram(f_el), row(w, NUMBER_RATES + MU)), 1.0)
+    return (tau[0] + k_rate, tau[1] + k_rate, tau[2] + k_rate, tau[3], tau[4], tau[5])
+
+
+@kernel(forceinline=True)
+def virgin_stress_rates(c: np.ndarray, k_rate: Lanes, w: np.ndarray) -> Symmetric:
+    """tau' at fixed F of a point that never yielded: mu' b_el + k' 1."""
+    tau = scaled(outer_gram(nine(c, _F_EL)), row(w, NUMBER_RATES + MU))
+    return (tau[0] + k_rate, tau[1] + k_rate, tau[2] + k_rate, tau[3], tau[4], tau[5])
+
+
+@kernel(forceinline=True)
+def kirchhoff(c: np.ndarray, law: Law) -> Symmetric:
+    """tau = mu F_el F_el^T + k 1."""
+    tau = scaled(outer_gram(nine(c, _F_EL)), law.mu)
+    return (tau[0] + c[PRESSURE], tau[1] + c[PRESSURE], tau[2] + c[PRESSURE], tau[3], tau[4], tau[5])
+
+
+@kernel(forceinline=True)
+def elastic_part(c: np.ndarray) -> Tensor:
+    """F_el."""
+    return nine(c, _F_EL)
 
 
 def response_size(n_pressure: int, n_yield: int) -> int:
     """Length of a point's response for so many active numbers in pressure and yield stress."""
-    return _GRADIENTS + n_pressure + 2 * n_yield
-
-
-@kernel
-def workspace_size(n_response: int) -> int:
-    """Length of the workspace of one thread."""
-    return _RESPONSE + n_response
-
-
-@kernel(forceinline=True)
-def lane_tensor(w: np.ndarray, row: int, m: int) -> Tensor:
-    """The tensor of lane m that starts at a row."""
-    a = row * LANES + m
-    return (w[a], w[a + 8], w[a + 16], w[a + 24], w[a + 32], w[a + 40], w[a + 48], w[a + 56], w[a + 64])
-
-
-@kernel(forceinline=True)
-def lane_symmetric(w: np.ndarray, row: int, m: int) -> Symmetric:
-    """The symmetric tensor of lane m that starts at a row."""
-    a = row * LANES + m
-    return (w[a], w[a + 8], w[a + 16], w[a + 24], w[a + 32], w[a + 40])
-
-
-@kernel(forceinline=True)
-def put_lane(w: np.ndarray, row: int, m: int, s: Symmetric) -> None:
-    """Store a symmetric tensor of lane m."""
-    a = row * LANES + m
-    w[a], w[a + 8], w[a + 16], w[a + 24], w[a + 32], w[a + 40] = s
-
-
-@kernel(forceinline=True)
-def put_lane_tensor(w: np.ndarray, row: int, m: int, t: Tensor) -> None:
-    """Store a tensor of lane m."""
-    a = row * LANES + m
-    w[a], w[a + 8], w[a + 16], w[a + 24], w[a + 32], w[a + 40], w[a + 48], w[a + 56], w[a + 64] = t
-
-
-@kernel(forceinline=True)
-def _nine(w: np.ndarray, at: int) -> Tensor:
-    return (w[at], w[at + 1], w[at + 2], w[at + 3], w[at + 4], w[at + 5], w[at + 6], w[at + 7], w[at + 8])
-
-
-@kernel(forceinline=True)
-def _six(w: np.ndarray, at: int) -> Symmetric:
-    return (w[at], w[at + 1], w[at + 2], w[at + 3], w[at + 4], w[at + 5])
-
-
-@kernel(forceinline=True)
-def _put(w: np.ndarray, at: int, s: Symmetric) -> None:
-    w[at], w[at + 1], w[at + 2], w[at + 3], w[at + 4], w[at + 5] = s
-
-
-@kernel(forceinline=True)
-def _mapped(w: np.ndarray, at: int, s: Symmetric) -> Symmetric:
-    """M : s of a (6, 6) map whose rows start at `at`."""
-    return (
-        w[at] * s[0] + w[at + 1] * s[1] + w[at + 2] * s[2] + w[at + 3] * s[3] + w[at + 4] * s[4] + w[at + 5] * s[5],
-        w[at + 6] * s[0] + w[at + 7] * s[1] + w[at + 8] * s[2] + w[at + 9] * s[3] + w[at + 10] * s[4] + w[at + 11] * s[5],
-        w[at + 12] * s[0] + w[at + 13] * s[1] + w[at + 14] * s[2] + w[at + 15] * s[3] + w[at + 16] * s[4] + w[at + 17] * s[5],
-        w[at + 18] * s[0] + w[at + 19] * s[1] + w[at + 20] * s[2] + w[at + 21] * s[3] + w[at + 22] * s[4] + w[at + 23] * s[5],
-        w[at + 24] * s[0] + w[at + 25] * s[1] + w[at + 26] * s[2] + w[at + 27] * s[3] + w[at + 28] * s[4] + w[at + 29] * s[5],
-        w[at + 30] * s[0] + w[at + 31] * s[1] + w[at + 32] * s[2] + w[at + 33] * s[3] + w[at + 34] * s[4] + w[at + 35] * s[5],
-    )
-
-
-@kernel
-def point_response(
-    f: Tensor,
-    log_j: float,
-    theta: float,
-    state_n: np.ndarray,
-    state: np.ndarray,
-    law: Law,
-    active: tuple[np.ndarray, np.ndarray],
-    scratch: tuple[np.ndarray, np.ndarray, np.ndarray],
-    out: np.ndarray,
-) -> None:
-    """Response (n_response,) of one point at its converged state: what all directions share.
-
-    f deformation gradient (F_bar), state_n and state (11,) before and after, active = numbers felt by pressure and yield stress;
-    scratch = (6, 6), (6, 6) and (2, 3 + N_NUMBERS) arrays.
-    """
-    in_pressure, in_yield = active
-    lhs, inverse, gradient = scratch
-    pressure_gradient(log_j, theta, law, in_pressure, gradient)
-    out[K_THETA] = gradient[0, 1]
-    for i in range(len(in_pressure)):
-        out[_GRADIENTS + i] = gradient[0, 2 + in_pressure[i]]
-    gamma = state[LAMBDA] - state_n[LAMBDA]
-    out[IS_PLASTIC] = 1.0 if gamma > 0.0 else 0.0
-    if not gamma > 0.0:
-        return
-    yield_gradient(state_n[ALPHA], state_n[LAMBDA], gamma, law, in_yield, gradient)
-    out[BY_ALPHA], out[BY_LAMBDA], slope = gradient[0, 0], gradient[0, 1], gradient[0, 2]
-    out[ALPHA_BY_ALPHA], out[ALPHA_BY_GAMMA] = gradient[1, 0], gradient[1, 2]
-    at = _GRADIENTS + len(in_pressure)
-    for i in range(len(in_yield)):
-        out[at + i] = gradient[0, 3 + in_yield[i]]
-        out[at + len(in_yield) + i] = gradient[1, 3 + in_yield[i]]
-    f_trial = transposed(product(f, _nine(state_n, 0)))
-    f_el = transposed(product(f, _nine(state, 0)))
-    c_trial, c = square(f_trial), square(f_el)
-    flow, norm = flow_direction(c, law)
-    d = scaled(flow, -gamma)
-    y, terms = exponential(d)
-    r = gamma / norm
-    out[NORM], out[RATIO] = norm, r
-    for m in range(6):
-        e = (_UNIT[m, 0], _UNIT[m, 1], _UNIT[m, 2], _UNIT[m, 3], _UNIT[m, 4], _UNIT[m, 5])
-        dy = exponential_derivative(d, scaled(e, -1.0), terms)
-        s = mixed_congruence(dy, c_trial, y)
-        for n in range(6):
-            out[_DY + 6 * n + m] = dy[n]
-            out[_S + 6 * n + m] = s[n]
-    for m in range(6):
-        e = (_UNIT[m, 0], _UNIT[m, 1], _UNIT[m, 2], _UNIT[m, 3], _UNIT[m, 4], _UNIT[m, 5])
-        turned = _mapped(out, _S, added(hill(e, law), flow, -double_contraction(flow, e)))
-        for n in range(6):
-            lhs[n, m] = _UNIT[n, m] - r * turned[n]
-            inverse[n, m] = _UNIT[n, m]
-    solve_in_place(lhs, inverse)
-    for n in range(6):
-        for m in range(6):
-            out[_A + 6 * n + m] = inverse[n, m]
-    along = _mapped(out, _A, _mapped(out, _S, flow))
-    out[DENOMINATOR] = slope - law.mu * double_contraction(flow, along)
-    _put(out, _FLOW, flow)
-    _put(out, _ALONG, along)
-    _put(out, _C, c)
-    _put(out, _EXP, y)
-
-
-@kernel(forceinline=True)
-def set_point(f: Tensor, state_n: np.ndarray, state: np.ndarray, response: np.ndarray, w: np.ndarray) -> None:
-    """Numbers of the point into the workspace: F, F_p(n)^-1, F_tr, F_tr^T F, F_el, b_el = F_el F_el^T, and its response."""
-    fp_n = _nine(state_n, 0)
-    f_trial, f_el = product(f, fp_n), product(f, _nine(state, 0))
-    x = product(transposed(f_trial), f)
-    for i in range(9):
-        w[_F + i], w[_FP_N + i], w[_F_TRIAL + i], w[_X + i], w[_F_EL + i] = f[i], fp_n[i], f_trial[i], x[i], f_el[i]
-    _put(w, _B_EL, square(f_el))
-    for i in range(response.shape[0]):
-        w[_RESPONSE + i] = response[i]
-
-
-@kernel(forceinline=True)
-def _law_rates(w: np.ndarray, in_yield: np.ndarray, n_pressure: int) -> None:
-    """Rates of yield stress and alpha through the numbers of the law alone: rows _SIGMA, _ALPHA."""
-    for m in range(LANES):
-        w[_SIGMA * LANES + m] = 0.0
-        w[_ALPHA * LANES + m] = 0.0
-    at = _RESPONSE + _GRADIENTS + n_pressure
-    for i in range(len(in_yield)):
-        sigma, alpha = w[at + i], w[at + len(in_yield) + i]
-        row = (NUMBERS + in_yield[i]) * LANES
-        for m in range(LANES):
-            w[_SIGMA * LANES + m] += sigma * w[row + m]
-            w[_ALPHA * LANES + m] += alpha * w[row + m]
-
-
-@kernel(forceinline=True)
-def _hill_rates(w: np.ndarray) -> None:
-    """Rows _E and _H: e' = G' : C - N h', h' = C : G' : C / (2 n)."""
-    c, flow, norm = _six(w, _RESPONSE + _C), _six(w, _RESPONSE + _FLOW), w[_RESPONSE + NORM]
-    for m in range(LANES):
-        a = (NUMBERS + HILL) * LANES + m
-        f, g, h = w[a] * (c[0] - c[1]), w[a + 8] * (c[2] - c[0]), w[a + 16] * (c[1] - c[2])
-        e = (f - g, h - f, g - h, w[a + 24] * c[3], w[a + 32] * c[4], w[a + 40] * c[5])
-        h_rate = 0.5 * double_contraction(c, e) / norm
-        w[_H * LANES + m] = h_rate
-        put_lane(w, _E, m, added(e, flow, -h_rate))
-
-
-@kernel(forceinline=True)
-def _no_hill_rates(w: np.ndarray) -> None:
-    for k in range(6 * LANES):
-        w[_E * LANES + k] = 0.0
-    for m in range(LANES):
-        w[_H * LANES + m] = 0.0
-
-
-@kernel(forceinline=True)
-def _trial_rates(w: np.ndarray, moving: bool) -> None:
-    """Rows _Q = F (F_p(n)^-1)' and _B = y C_tr' y; the strain rate takes part if `moving`."""
-    f, x, y = _nine(w, _F), _nine(w, _X), _six(w, _RESPONSE + _EXP)
-    f_trial = _nine(w, _F_TRIAL)
-    for m in range(LANES):
-        fp_rate = lane_tensor(w, FP_INV, m)
-        if not moving:
-            put_lane_tensor(w, _Q, m, product(f, fp_rate))
-        t = product(x, fp_rate)
-        c_rate = (2.0 * t[0], 2.0 * t[4], 2.0 * t[8], t[1] + t[3], t[5] + t[7], t[2] + t[6])
-        if moving:
-            c_rate = added(c_rate, pulled_back(f_trial, lane_symmetric(w, STRAIN, m)), 1.0)
-        put_lane(w, _B, m, congruence(y, c_rate))
-
-
-@kernel(forceinline=True)
-def _flow_rates(w: np.ndarray, law: Law) -> None:
-    """Rows _Y = y', STATE + ALPHA and STATE + LAMBDA: D' and gamma' by the implicit function theorem."""
-    at = _RESPONSE
-    flow, along, r = _six(w, at + _FLOW), _six(w, at + _ALONG), w[at + RATIO]
-    for m in range(LANES):
-        e = lane_symmetric(w, _E, m)
-        b = added(lane_symmetric(w, _B, m), _mapped(w, at + _S, e), r)
-        x = _mapped(w, at + _A, b)
-        alpha_n, lambda_n = w[ALPHA_N * LANES + m], w[LAMBDA_N * LANES + m]
-        sigma = w[_SIGMA * LANES + m] + w[at + BY_ALPHA] * alpha_n + w[at + BY_LAMBDA] * lambda_n
-        pull = law.mu * (double_contraction(flow, x) + w[_H * LANES + m]) + w[(NUMBERS + MU) * LANES + m] * w[at + NORM]
-        gamma = (pull - sigma) / w[at + DENOMINATOR]
-        c = added(x, along, gamma)
-        turned = added(added(hill(c, law), flow, -double_contraction(flow, c)), e, 1.0)
-        put_lane(w, _Y, m, _mapped(w, at + _DY, added(scaled(flow, gamma), turned, r)))
-        w[(STATE + ALPHA) * LANES + m] = w[at + ALPHA_BY_ALPHA] * alpha_n + w[at + ALPHA_BY_GAMMA] * gamma + w[_ALPHA * LANES + m]
-        w[(STATE + LAMBDA) * LANES + m] = lambda_n + gamma
-
-
-@kernel(forceinline=True)
-def _plastic_rates(w: np.ndarray, law: Law, in_yield: np.ndarray, n_pressure: int, hill_moves: bool, moving: bool) -> None:
-    _law_rates(w, in_yield, n_pressure)
-    if hill_moves:
-        _hill_rates(w)
-    else:
-        _no_hill_rates(w)
-    _trial_rates(w, moving)
-    _flow_rates(w, law)
-
-
-@kernel(forceinline=True)
-def state_rates(w: np.ndarray, law: Law, in_yield: np.ndarray, n_pressure: int, hill_moves: bool) -> None:
-    """Rates of the new state (rows STATE) from those of the old one, of the strain and of the law."""
-    if w[_RESPONSE + IS_PLASTIC] == 0.0:
-        for k in range(11 * LANES):
-            w[STATE * LANES + k] = w[FP_INV * LANES + k]
-        return
-    _plastic_rates(w, law, in_yield, n_pressure, hill_moves, True)
-    fp_n, y = _nine(w, _FP_N), _six(w, _RESPONSE + _EXP)
-    for m in range(LANES):
-        first = product_symmetric(lane_tensor(w, FP_INV, m), y)
-        second = product_symmetric(fp_n, lane_symmetric(w, _Y, m))
-        put_lane_tensor(w, STATE, m, total(first, second))
-
-
-@kernel(forceinline=True)
-def stress_rates(w: np.ndarray, law: Law, in_pressure: np.ndarray, in_yield: np.ndarray, hill_moves: bool, virgin: bool) -> None:
-    """Rate of tau = mu b_el + k 1 at fixed F (rows TAU): b_el' = 2 sym (F (F_p^-1)' F_el^T), k' through theta and the law.
-
-    `virgin`: the point never yielded, so that its F_p does not change along any direction.
-    """
-    plastic = w[_RESPONSE + IS_PLASTIC] == 1.0
-    if plastic:
-        _plastic_rates(w, law, in_yield, len(in_pressure), hill_moves, False)
-    for m in range(LANES):
-        w[_K * LANES + m] = w[_RESPONSE + K_THETA] * w[THETA * LANES + m]
-    for i in range(len(in_pressure)):
-        slope, row = w[_RESPONSE + _GRADIENTS + i], (NUMBERS + in_pressure[i]) * LANES
-        for m in range(LANES):
-            w[_K * LANES + m] += slope * w[row + m]
-    f, f_el, b_el = _nine(w, _F), _nine(w, _F_EL), _six(w, _B_EL)
-    if virgin:
-        for m in range(LANES):
-            tau, k = scaled(b_el, w[(NUMBERS + MU) * LANES + m]), w[_K * LANES + m]
-            put_lane(w, TAU, m, (tau[0] + k, tau[1] + k, tau[2] + k, tau[3], tau[4], tau[5]))
-        return
-    f_trial, y = _nine(w, _F_TRIAL), _six(w, _RESPONSE + _EXP)
-    if plastic:
-        for m in range(LANES):
-            rate = total(product_symmetric(lane_tensor(w, _Q, m), y), product_symmetric(f_trial, lane_symmetric(w, _Y, m)))
-            put_lane_tensor(w, _Q, m, rate)
-    else:
-        for m in range(LANES):
-            put_lane_tensor(w, _Q, m, product(f, lane_tensor(w, FP_INV, m)))
-    for m in range(LANES):
-        b_rate = twice_symmetric_part(lane_tensor(w, _Q, m), f_el)
-        tau = added(scaled(b_rate, law.mu), b_el, w[(NUMBERS + MU) * LANES + m])
-        k = w[_K * LANES + m]
-        put_lane(w, TAU, m, (tau[0] + k, tau[1] + k, tau[2] + k, tau[3], tau[4], tau[5]))
+    return GRADIENTS + n_pressure + 2 * n_yield

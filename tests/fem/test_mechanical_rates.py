@@ -83,7 +83,7 @@ def rates(history: Path, base: Parameters, model: int, f_bar: bool) -> list[np.n
         dilatation = np.zeros((n_el, 8, m))
         load_rates(data, u, (state, new), law, along, response, state_rates, theta_rates, loads)
         rates_n = (u_rates, state_rates, theta_rates)
-        update_rates(data, u, (state, new), law, along, response, rates_n, new_rates, dilatation, forces)
+        update_rates(data, u, (state, new), law, along, response, rates_n, new_rates, dilatation, True, forces)
         by_stiffness = loads + np.einsum("eij,ejm->eim", stiffness, u_rates[MESH.hexes].reshape(n_el, 24, m))
         assert np.abs(by_stiffness - forces).max() < 1e-3 * np.abs(forces).max()
         state, state_rates = new, new_rates

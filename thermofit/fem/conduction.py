@@ -64,11 +64,16 @@ class HeatStep:
 def exchange(geometry: ThermalGeometry, conditions: HeatConditions) -> tuple[np.ndarray, np.ndarray]:
     """E = kappa K + sum alpha S (n_slots,) in mW/K and q = sum alpha theta_M int N da (n_np,) in mW."""
     matrix = conditions.kappa * geometry.conduction
+    for name, (alpha, _) in conditions.films.items():
+        _add(matrix, FILM_UNIT * alpha, geometry.film[name])
+    return matrix, _inflow(geometry, conditions)
+
+
+def _inflow(geometry: ThermalGeometry, conditions: HeatConditions) -> np.ndarray:
     inflow = np.zeros_like(next(iter(geometry.film_area.values())))
     for name, (alpha, theta_medium) in conditions.films.items():
-        _add(matrix, FILM_UNIT * alpha, geometry.film[name])
         _add(inflow, FILM_UNIT * alpha * theta_medium, geometry.film_area[name])
-    return matrix, inflow
+    return inflow
 
 
 @kernel
@@ -94,23 +99,29 @@ def heat_step(
     Schemes: "sdirk2" (order 2, L-stable) or "backward-euler". `geometry` is that of the step (mean of both ends).
     """
     dt, scheme = step
-    matrix, inflow = exchange(geometry, conditions)
-    gamma = GAMMA if scheme == "sdirk2" else 1.0
-    pattern = body.thermal
-    matrix *= gamma * dt
+    matrix, _ = exchange(geometry, conditions)
+    matrix *= dt * (GAMMA if scheme == "sdirk2" else 1.0)
     _add(matrix, conditions.c0, body.capacity)
-    factor = Factor(pattern, matrix)
-    supply = gamma * (heat + dt * inflow)
-    weights = (gamma,) if scheme != "sdirk2" else (1.0 - gamma, gamma)
+    blank = HeatStep(
+        theta_n, {}, theta_n, (theta_n,) * (2 if scheme == "sdirk2" else 1), Factor(body.thermal, matrix), geometry, conditions, dt
+    )
+    return same_step(body, blank, heat)
+
+
+def same_step(body: Body, solved: HeatStep, heat: np.ndarray) -> HeatStep:
+    """A step that was solved, with another nodal heat (n_np,) mJ."""
+    dt, geometry, conditions, theta_n = solved.length, solved.geometry, solved.conditions, solved.start
+    gamma, weights = (1.0, (1.0,)) if len(solved.stages) == 1 else (GAMMA, (1.0 - GAMMA, GAMMA))
+    pattern, supply = body.thermal, gamma * (heat + dt * _inflow(geometry, conditions))
     start, stages = theta_n, []
     outflow = dict.fromkeys(conditions.films, 0.0)
     for weight in weights:
-        theta = factor.solve(conditions.c0 * multiply_symmetric(pattern.row, pattern.column, body.capacity, start) + supply)
+        theta = solved.factor.solve(conditions.c0 * multiply_symmetric(pattern.row, pattern.column, body.capacity, start) + supply)
         for name, power in _film_power(geometry, conditions, theta).items():
             outflow[name] += dt * weight * power
         start = theta_n + (1.0 - gamma) / gamma * (theta - theta_n)
         stages.append(theta)
-    return HeatStep(theta, outflow, theta_n, tuple(stages), factor, geometry, conditions, dt)
+    return replace(solved, theta=theta, outflow=outflow, stages=tuple(stages))
 
 
 def steady_temperature(body: Body, geometry: ThermalGeometry, conditions: HeatConditions) -> np.ndarray:

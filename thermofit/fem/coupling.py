@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
 from thermofit.fem.body import Body, thermal_geometry
-from thermofit.fem.conduction import HeatConditions, heat_step, stored_heat
+from thermofit.fem.conduction import HeatConditions, HeatStep, heat_step, same_step, stored_heat
 from thermofit.fem.heat import heat_of_increment, smallest_dissipation
 from thermofit.fem.history import Balance, State, point_history, top_displacement
 from thermofit.fem.newton import Equilibrium
@@ -31,30 +32,40 @@ class HeatOfStep:
         self._length = float(np.ptp(body.mesh.nodes[:, 1]))
         self._u: np.ndarray | None = None
         self._geometry = self._mean = start.geometry
+        self._step: HeatStep | None = None
 
     def __call__(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, float]:
         """Temperature (n_np,) K for the mechanics after an iterate, and how far it still is from the heat equation's answer, K."""
-        self.solve(u, points, dilatation, theta)
-        change = self._step.theta - theta
+        change = self.solve(u, points, dilatation, theta) - theta
         return theta + self._share * change, float(np.max(np.abs(change)))
 
     def solve(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Temperature (n_np,) at the end of the step; theta (n_np,) K is the latest estimate of it."""
         body, start = self._body, self._start
-        if self._u is None or float(np.max(np.abs(u - self._u))) > _MOVED * self._length:
+        moved = self._u is None or float(np.max(np.abs(u - self._u))) > _MOVED * self._length
+        if moved:
             self._u, self._geometry = u, thermal_geometry(body, u)
             self._mean = start.geometry.mean_with(self._geometry)
         heat = np.zeros(body.mesh.n_nodes)
         after = point_history(points, dilatation)
         self._middle = 0.5 * (start.theta + theta)
         self._released = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
-        how = (self._t - start.time, self._scheme)
-        self._step = heat_step(body, self._mean, self._conditions, start.theta, heat, how)
+        if moved or self._step is None:
+            how = (self._t - start.time, self._scheme)
+            self._step = heat_step(body, self._mean, self._conditions, start.theta, heat, how)
+        else:
+            self._step = same_step(body, self._step, heat)
         return self._step.theta
+
+    @property
+    def _solved(self) -> HeatStep:
+        if self._step is None:
+            raise NumericsError("heat: the step ended before its heat equation was solved; use smaller steps")
+        return self._step
 
     def finish(self, found: Equilibrium, load: float) -> tuple[State, Balance]:
         """State and energies at the end of the step."""
-        body, start, step, s = self._body, self._start, self._step, self._body.symmetry
+        body, start, step, s = self._body, self._start, self._solved, self._body.symmetry
         theta, geometry = step.theta, self._geometry
         state = State(self._t, load, found.u, theta, found.state, found.dilatation, geometry, found.top_force, found.direction)
         work = 0.5 * (start.top_force + found.top_force) * (top_displacement(body, found.u) - top_displacement(body, start.u))
@@ -73,4 +84,4 @@ class HeatOfStep:
         """What the differentiation of the step needs of its heat equation."""
         start = self._start
         after = point_history(found.state, found.dilatation)
-        return StepEnds(self._before, after, (start.u, found.u), self._middle, self._step)
+        return StepEnds(self._before, after, (start.u, found.u), self._middle, self._solved)

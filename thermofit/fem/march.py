@@ -26,6 +26,7 @@ from thermofit.fem.history import Balance as Balance
 from thermofit.fem.history import History as History
 from thermofit.fem.history import MarchSettings as MarchSettings
 from thermofit.fem.history import Watch as Watch
+from thermofit.fem.linear import Factor
 from thermofit.fem.loading import Loading as Loading
 from thermofit.fem.loading import solution_times
 from thermofit.fem.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
@@ -95,6 +96,7 @@ class _Run:
         self.resting_temperature = np.empty(0)
         self.rest_displacement = 0.0
         self.rates: Differentiator | None = None
+        self.elastic: Factor | None = None
 
     def differentiate(self, parameters: Parameters, asked: Sensitivities) -> None:
         """Differentiate every step from now on. StudyError under arc control, where no load is given that could be held."""
@@ -222,5 +224,15 @@ class _Run:
         raise NumericsError(f"coupling: temperature still changes by {change:.1e} K after {self.settings.max_coupling} sweeps")
 
     def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> Linearised:
+        """The tangent of a converged step under force control: elastic steps in a row share one factor, since their stiffness hardly
+        changes, and a factor with which equilibrium was just found at once is good enough; otherwise a fresh one.
+        """
+        flows = bool(np.any(found.state[:, :, LAMBDA] > before[:, :, LAMBDA]))
+        here = Linearised(found.u, theta, before, found.state)
+        if self.body.top >= 0:
+            kept = self.solver.good_factor() if flows else self.elastic
+            if kept is not None:
+                return replace(here, factor=kept, kept=True)
         factor, stiffness = self.solver.linearise(found.u, theta, before)
-        return Linearised(found.u, theta, before, found.state, factor, stiffness)
+        self.elastic = None if flows else factor
+        return replace(here, factor=factor, stiffness=stiffness)

@@ -308,9 +308,10 @@ def update_rates(
     rates: tuple[np.ndarray, np.ndarray, np.ndarray],
     state_rates_new: np.ndarray,
     dilatation_rates: np.ndarray,
+    forces: bool,
     force: np.ndarray,
 ) -> None:
-    """Rates of the new state (n_el, 8, 11, m), of J (n_el, 8, m) and of the internal forces, force (n_el, 24, m).
+    """Rates of the new state (n_el, 8, 11, m), of J (n_el, 8, m) and, if `forces`, of the internal forces, force (n_el, 24, m).
 
     rates = (u' (n_np, 3, m), rates of the old state (n_el, 8, 11, m), theta' (n_np, m)).
     """
@@ -323,7 +324,8 @@ def update_rates(
             f, j = element_kinematics(data, e, u, w)
             _keep_tensor(f_rows, f)
             set_row(f_rows, 9, j)
-            force[e, :, :] = 0.0
+            if forces:
+                force[e, :, :] = 0.0
             power, dilated = _power(data, e, response[e], law), lane_sum(row(w, J_WEIGHT))
             for group in range(n_groups):
                 _set_numbers(along, group, point)
@@ -341,6 +343,8 @@ def update_rates(
                     fp_rate = _new_plastic_part(
                         c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
                     )
+                    if not forces:
+                        continue
                     f_el_rate = total(product(l_bar, elastic_part(c)), product(f_q, fp_rate))
                     theta = _at_point(theta_rates, data.hexes[e], q, group)
                     k = pressure_rates(c, theta, wanted, along.in_pressure, point)
@@ -349,7 +353,7 @@ def update_rates(
                     stress, _ = _deviator(kirchhoff(c, law), data.volume[e, q], data.f_bar)
                     share = power * number(w, J_WEIGHT, q) / dilated
                     _add_nodal(w, q, _with_geometry(m, stress, lv, trace, share), group, force[e])
-                if data.f_bar == 1:
+                if forces and data.f_bar == 1:
                     _add_mean(w, power_rate - power * mean, group, force[e])
 
 

@@ -1,7 +1,7 @@
 """Equilibrium of one load level: Newton with a kept factor, line search, and a clear failure.
 
-The factor of an earlier iteration or step is used again while the residual falls by a factor of four; otherwise the tangent
-is formed at the current iterate. In a coupled step the temperature follows every iterate: the heat equation is solved on the
+The factor of an earlier iteration or step is used again while the residual falls fast enough with it; otherwise the tangent is
+formed at the current iterate. In a coupled step the temperature follows every iterate: the heat equation is solved on the
 deformation and the sources of that iterate, and the forces of the change of temperature are added to the residual, so that both
 fields converge together. Nothing here commits state: old state in, new state out.
 """
@@ -21,8 +21,11 @@ from thermofit.fem.thermal_load import thermal_forces
 from thermofit.material.law import Law
 from thermofit.material.point import N_STATE
 
-_KEEP = 0.25
+_PATIENCE = 4.0
+"""Iterations with a kept factor that cost as much as a fresh tangent, its factor and the iterations that still follow."""
 _KEPT_DECREASE = 0.9
+_GOOD_RATE = 2e-3
+"""Remaining share of the residual after a step with a kept factor that is as good as a fresh one."""
 _UPHILL = 100.0
 """Factor by which the residual may rise in a full step that leads from the elastic tangent to the plastic one."""
 _MAX_UPHILL = 3
@@ -107,6 +110,7 @@ class Equilibrator:
         size = float(body.data.volume.sum()) ** (2.0 / 3.0) / n_el ** (1.0 / 6.0)
         self._floor = _FLOOR_STRESS * size
         self._uphill_steps = 0
+        self._rate = 1.0
         self.factorisations = 0
         self.passes = 0
 
@@ -162,7 +166,8 @@ class Equilibrator:
             if there is None:
                 self._factor = None
                 continue
-            if there.norm > _KEEP * here.norm:
+            self._rate = there.norm / here.norm
+            if self._too_slow(here, there, tolerance):
                 self._factor = None
             exact, here = False, there
             norms.append(here.norm)
@@ -170,6 +175,10 @@ class Equilibrator:
             f"equilibrium: no convergence in {self.settings.max_iterations} iterations, relative residual {here.norm / here.scale:.1e}, "
             f"expected {tolerance:.0e}"
         )
+
+    def good_factor(self) -> Factor | None:
+        """The kept factor, if its last step left next to nothing of the residual: then it is nearly that of the equilibrium found."""
+        return self._factor if self._rate < _GOOD_RATE else None
 
     def linearise(self, u: np.ndarray, theta: np.ndarray, state_n: np.ndarray) -> tuple[Factor, np.ndarray]:
         """Factor and element stiffness (n_el, 24, 24) of the consistent tangent at an equilibrium; the factor is kept for the next step.
@@ -181,6 +190,14 @@ class Equilibrator:
         if self._factor is None or not np.isfinite(here.norm):
             raise NumericsError("equilibrium: the converged state has no tangent")
         return self._factor, self._stiffness
+
+    def _too_slow(self, here: _Iterate, there: _Iterate, tolerance: float) -> bool:
+        """Whether the kept factor, at the rate of its last step, needs more iterations than a fresh one is worth."""
+        target = tolerance * there.scale
+        if there.norm <= target:
+            return False
+        rate = there.norm / here.norm
+        return rate >= 1.0 or bool(np.log(target / there.norm) < _PATIENCE * np.log(rate))
 
     def _warmed(self, here: _Iterate, level: Level, theta: np.ndarray) -> _Iterate:
         """The iterate at another temperature: the forces of the change enter its residual."""
@@ -223,7 +240,7 @@ class Equilibrator:
         if tangent:
             data = np.zeros(body.mechanical.n_slots)
             scatter(self._stiffness, body.mechanical_slot, data)
-            self._factor = Factor(body.mechanical, data)
+            self._factor, self._rate = Factor(body.mechanical, data), 1.0
             self.factorisations += 1
         return _Iterate(u, residual, float(np.linalg.norm(residual)), max(float(np.linalg.norm(self._force)), self._floor))
 

@@ -29,26 +29,30 @@ from thermofit.fem.heat_rates import PointRates, heat_source_rates, source_law
 from thermofit.fem.linear import Factor, multiply_symmetric
 from thermofit.fem.mechanical_rates import load_rates, responses, thermal_load_rates, update_rates
 from thermofit.material.law import Law
-from thermofit.material.law_rates import ALPHA_EXP, THETA_REF, directions, padded
-from thermofit.material.point import N_STATE
+from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
+from thermofit.material.point import LAMBDA, N_STATE
 from thermofit.material.rates import response_size
 
 MAX_SWEEPS = 20
-FORCE_TOLERANCE = 1e-6
-"""Share of the force rates of a direction that may stay out of balance before the states are differentiated."""
+_FORCE_SHARE = 2e-3
+"""Share of the force rates of a direction, per tolerance of theta', that may stay out of balance when its states are differentiated."""
+_ASYMMETRY = 4e-4
+"""What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
+_ROUND_OFF = 1e-11
+"""Forces of round-off, in units of elastic modulus times facet area."""
 
 
 @dataclass(frozen=True)
 class Sensitivities:
     """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
 
-    `tolerance`: relative change of theta' at which mechanics and heat of a step agree; what is left of it in u' is taken out by one
-    more solve, so that only the plastic rates of the step carry it, and they feel temperature through thermal strain alone.
+    `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
+    fifty times, and what is left of it in u' is taken out by one more solve.
     """
 
     names: tuple[str, ...]
     collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 3e-3
+    tolerance: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -80,14 +84,36 @@ class Rates:
 
 @dataclass(frozen=True)
 class Linearised:
-    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor and stiffness there."""
+    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor of its tangent and, under displacement
+    control, the stiffness (n_el, 24, 24) itself.
+
+    `kept`: the factor was formed near the state, not at it.
+    """
 
     u: np.ndarray
     theta: np.ndarray
     before: np.ndarray
     after: np.ndarray
-    factor: Factor
-    stiffness: np.ndarray
+    factor: Factor | None = None
+    stiffness: np.ndarray | None = None
+    kept: bool = False
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """K^-1 of nodal loads (n_eq, m)."""
+        if self.factor is None:
+            raise NumericsError("sensitivities: a step came without the factor of its tangent")
+        return self.factor.solve(right)
+
+    def elements(self, which: np.ndarray) -> np.ndarray:
+        """Stiffness (n, 24, 24) of some elements."""
+        if self.stiffness is None:
+            raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
+        return self.stiffness[which]
+
+    @property
+    def largest_increment(self) -> float:
+        """Largest dLambda of the step."""
+        return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))
 
 
 @dataclass(frozen=True)
@@ -147,12 +173,16 @@ class Differentiator:
         self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
         self._loads = np.zeros((n_el, 24, self.m))
         self._warming = np.zeros((n_el, 24, self.m))
+        # A body without stress feels a change of its moduli by round-off alone.
+        facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
+        self._round_off = _ROUND_OFF * facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
         top = np.isin(body.mesh.hexes, body.loaded)
         self._top_elements = np.flatnonzero(top.any(axis=1))
         self._top_dofs = top[self._top_elements]
         self.resting = np.zeros((body.mesh.n_nodes, self.m))
         self.prescribed = np.zeros(self.m)
         self.sweeps = 0
+        self._scale = self._top_rate = np.zeros(self.m)
         self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
     def collect(self, n: int, rates: Rates) -> None:
@@ -174,27 +204,31 @@ class Differentiator:
         start = self._states[1 - self._at]
         start[:] = 0.0
         self._respond(mechanics)
-        u, points, dilatation = self._mechanics(mechanics, start, self.resting)
-        return Rates(u, self.resting, points, dilatation, self._top_force(mechanics, u, None))
+        u = self._mechanics(mechanics, start, self.resting)
+        points, dilatation = self._update(mechanics, start, self.resting, u)
+        return Rates(u, self.resting, points, dilatation, self._top_rate.copy())
 
     def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
         """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree."""
         self._respond(mechanics)
         self._at = 1 - self._at
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
-        for _ in range(MAX_SWEEPS):
+        for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
-            u, points, dilatation = self._mechanics(mechanics, start.points, theta)
+            if sweep == 0:
+                u = self._mechanics(mechanics, start.points, theta)
+            points, dilatation = self._update(mechanics, start.points, theta, u)
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
             change = found - theta
             scale = np.maximum(np.abs(found).max(axis=0), 1e-300)
-            if self.one_way or np.all(np.abs(change).max(axis=0) <= self.asked.tolerance * scale):
-                before = u
-                if not self.one_way:
-                    u = self._warmed(mechanics, u.copy(), change)
+            settled = self.one_way or bool(np.all(np.abs(change).max(axis=0) <= self.asked.tolerance * scale))
+            if not self.one_way:
+                change = change if settled else self._share * change
+                self._warm(mechanics, u, change)
+                theta = theta + change
+            if settled:
                 past = ((ends.step.length, start.theta), *start.past[:1])
-                return Rates(u, found, points, dilatation, self._top_force(mechanics, u, before), past)
-            theta = theta + self._share * change
+                return Rates(u, found, points, dilatation, self._top_rate.copy(), past)
         worst = self.asked.names[int(np.argmax(np.abs(change).max(axis=0) / scale)) % len(self.asked.names)]
         raise NumericsError(
             f"sensitivities: temperature and displacement still disagree after {MAX_SWEEPS} sweeps, most for {worst}; use smaller steps"
@@ -212,26 +246,40 @@ class Differentiator:
         states = (mechanics.before, mechanics.after)
         responses(self.body.data, mechanics.u, mechanics.theta, states, self.law, self.along, self._response)
 
-    def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """u' (n_np, 3, m) and the rates of points and J for given theta' and rates of the old state; internal force rates in `_loads`.
-
-        The stiffness at hand is the symmetric neighbour of the exact one (material.point): what it leaves of the rates of the internal
-        forces is solved for again until it is negligible. NumericsError where it does not shrink.
-        """
+    def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """u' (n_np, 3, m) for given theta' and rates of the old state."""
         body, states = self.body, (mechanics.before, mechanics.after)
         load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points_n, theta, self._loads)
         u = np.zeros((body.mesh.n_nodes, 3, self.m))
         u[body.equation == LOADED] = self.prescribed
+        self._top_rate = self._on_top(self._loads)
         if np.any(self.prescribed):
             e = self._top_elements
-            self._loads[e] += np.einsum("eij,ejm->eim", mechanics.stiffness[e], u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
-        scale = self._add_answer(mechanics, self._loads, u)
+            self._loads[e] += np.einsum("eij,ejm->eim", mechanics.elements(e), u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
+        self._scale = self._add_answer(mechanics, self._loads, u)
+        return u
+
+    def _update(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of points and J for u', which is mended where it leaves the rates of the internal forces out of balance.
+
+        The stiffness at hand is the symmetric neighbour of the exact one, off by `_ASYMMETRY` dLambda (material.point), or that of an
+        earlier elastic step. NumericsError where mending does not help.
+        """
+        body, states = self.body, (mechanics.before, mechanics.after)
         points, dilatation = self._states[self._at], self._dilatations[self._at]
+        allowed = _FORCE_SHARE * self.asked.tolerance
+        forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
         for _ in range(MAX_SWEEPS):
             rates = (u, points_n, theta)
-            update_rates(body.data, mechanics.u, states, self.law, self.along, self._response, rates, points, dilatation, self._loads)
-            if np.all(self._unbalanced() <= FORCE_TOLERANCE * scale):
-                return u, points, dilatation
+            update_rates(
+                body.data, mechanics.u, states, self.law, self.along, self._response, rates, points, dilatation, forces, self._loads
+            )
+            if not forces:
+                self._top_rate += self._by_stiffness(mechanics, u)
+                return points, dilatation
+            if np.all(self._unbalanced() <= allowed * self._scale + self._round_off):
+                self._top_rate = self._on_top(self._loads)
+                return points, dilatation
             self._add_answer(mechanics, self._loads, u)
         raise NumericsError("sensitivities: the tangent of the converged step is too far from the exact one; use smaller steps")
 
@@ -246,29 +294,30 @@ class Differentiator:
         body = self.body
         right = np.zeros((body.n_equations, self.m))
         assemble(body.element_equation, loads, right)
-        x = mechanics.factor.solve(right)
+        x = mechanics.solve(right)
         add_answer(body.equation, x, u)
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
-    def _warmed(self, mechanics: Linearised, u: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """u' after a last change of theta' (n_np, m), states held, and with what the stiffness has left of the force rates."""
-        thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
-        self._loads += self._warming
-        self._add_answer(mechanics, self._loads, u)
-        return u
+    def _warm(self, mechanics: Linearised, u: np.ndarray, change: np.ndarray) -> None:
+        """u' follows a change of theta' (n_np, m), states held."""
+        thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._loads)
+        before = u.copy()
+        self._scale = np.maximum(self._scale, self._add_answer(mechanics, self._loads, u))
+        self._top_rate += self._on_top(self._loads) + self._by_stiffness(mechanics, u - before)
 
-    def _top_force(self, mechanics: Linearised, u: np.ndarray, before: np.ndarray | None) -> np.ndarray:
-        """Rate of the internal force along y on the loaded end (m,); zero where a force is prescribed.
-
-        `_loads` holds the rates of the internal forces at u' = `before`, to which the stiffness adds the rest.
-        """
+    def _on_top(self, loads: np.ndarray) -> np.ndarray:
+        """Part (m,) of element loads (n_el, 24, m) that pulls on the loaded end along y; zero where a force is prescribed."""
         if self.body.top >= 0:
             return np.zeros(self.m)
         e = self._top_elements
-        nodal = self._loads[e]
-        if before is not None:
-            change = (u - before)[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m)
-            nodal = nodal + np.einsum("eij,ejm->eim", mechanics.stiffness[e], change)
+        return np.asarray(loads[e].reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
+
+    def _by_stiffness(self, mechanics: Linearised, u: np.ndarray) -> np.ndarray:
+        """The same part of K u' (n_np, 3, m)."""
+        if self.body.top >= 0:
+            return np.zeros(self.m)
+        e = self._top_elements
+        nodal = np.einsum("eij,ejm->eim", mechanics.elements(e), u[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m))
         return np.asarray(nodal.reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
 
     def _heat(self, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:

@@ -26,6 +26,7 @@ NUMBERS: tuple[str, ...] = tuple(name for name in Law._fields if name not in ("m
 """Names of the real numbers of a Law, in the order of its fields."""
 N_NUMBERS = len(NUMBERS)
 MU, BULK = NUMBERS.index("mu"), NUMBERS.index("bulk")
+ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
 ALPHA_EXP, THETA_REF = NUMBERS.index("alpha_exp"), NUMBERS.index("theta_ref")
 HILL = NUMBERS.index("F")
 """Place of F among the numbers; G, H, L, M, N follow."""
@@ -80,7 +81,8 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
 
 def moved_law(law: Law, which: int) -> Law:
     """The law with all numbers complex and one of them moved by i h (none for a negative `which`)."""
-    return law._replace(**{name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)})
+    moved: dict[str, Any] = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
+    return law._replace(**moved)
 
 
 Complex = Any

@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.material.lanes import Lanes, spread, where
+from thermofit.material.lanes import Lanes, any_lane, spread, where
 from thermofit.material.lanes_memory import column, row, set_column, set_row
 from thermofit.material.lanes_tensor import (
     Tensor,
@@ -132,6 +132,8 @@ def responses_of_points(f: Tensor, state_n: np.ndarray, state: np.ndarray, law: 
     gamma = column(state, LAMBDA) - column(state_n, LAMBDA)
     flows = gamma > 0.0
     set_column(out, IS_PLASTIC, where(flows, 1.0, 0.0))
+    if not any_lane(flows):
+        return
     f_trial = product(f, _columns(state_n))
     _set_columns(out, _F_TRIAL, f_trial)
     _set_columns(out, _X, product(transposed(f_trial), f))

@@ -78,7 +78,7 @@ def rates(history: Path, base: Parameters, model: int, f_bar: bool) -> list[np.n
         u_rates, theta_rates = np.pad(du, filled), np.pad(dtheta, filled[1:])
         _, stiffness, new, _ = run_pass(data, u, theta, state, law, tangent=True)
         response = np.zeros((n_el, 8, response_size(len(along.in_pressure), len(along.in_yield))))
-        responses(data, u, theta, (state, new), law, along, response)
+        responses(data, (u, theta), (state, new), law, along, response)
         loads, forces, new_rates = np.zeros((n_el, 24, m)), np.zeros((n_el, 24, m)), np.full_like(state_rates, np.nan)
         dilatation = np.zeros((n_el, 8, m))
         load_rates(data, u, (state, new), law, along, response, state_rates, theta_rates, loads)

@@ -62,8 +62,11 @@ States = tuple[np.ndarray, np.ndarray]
 """States (n_el, 8, 11) before and after the step."""
 
 
-def responses(data: ElementData, u: np.ndarray, theta: np.ndarray, states: States, law: Law, along: Directions, out: np.ndarray) -> None:
-    """Response of all points at the converged end of a step into out (n_el, 8, n_response); u (n_np, 3) mm, theta (n_np,) K."""
+def responses(
+    data: ElementData, fields: tuple[np.ndarray, np.ndarray], states: States, law: Law, along: Directions, out: np.ndarray
+) -> None:
+    """Response of all points at the converged end of a step into out (n_el, 8, n_response); fields = (u (n_np, 3) mm, theta (n_np,) K)."""
+    u, theta = fields
     before, after = (s.reshape(-1, s.shape[2]) for s in states)
     flat = out.reshape(-1, out.shape[2])
     log_j = np.empty(len(flat))

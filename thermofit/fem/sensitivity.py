@@ -182,7 +182,7 @@ class Differentiator:
         self.resting = np.zeros((body.mesh.n_nodes, self.m))
         self.prescribed = np.zeros(self.m)
         self.sweeps = 0
-        self._scale = self._top_rate = np.zeros(self.m)
+        self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
     def collect(self, n: int, rates: Rates) -> None:
@@ -206,7 +206,7 @@ class Differentiator:
         self._respond(mechanics)
         u = self._mechanics(mechanics, start, self.resting)
         points, dilatation = self._update(mechanics, start, self.resting, u)
-        return Rates(u, self.resting, points, dilatation, self._top_rate.copy())
+        return Rates(u, self.resting, points, dilatation, self._top_rate)
 
     def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
         """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree."""
@@ -228,7 +228,7 @@ class Differentiator:
                 theta = theta + change
             if settled:
                 past = ((ends.step.length, start.theta), *start.past[:1])
-                return Rates(u, found, points, dilatation, self._top_rate.copy(), past)
+                return Rates(u, found, points, dilatation, self._top_rate, past)
         worst = self.asked.names[int(np.argmax(np.abs(change).max(axis=0) / scale)) % len(self.asked.names)]
         raise NumericsError(
             f"sensitivities: temperature and displacement still disagree after {MAX_SWEEPS} sweeps, most for {worst}; use smaller steps"
@@ -244,7 +244,7 @@ class Differentiator:
 
     def _respond(self, mechanics: Linearised) -> None:
         states = (mechanics.before, mechanics.after)
-        responses(self.body.data, mechanics.u, mechanics.theta, states, self.law, self.along, self._response)
+        responses(self.body.data, (mechanics.u, mechanics.theta), states, self.law, self.along, self._response)
 
     def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """u' (n_np, 3, m) for given theta' and rates of the old state."""
@@ -252,7 +252,7 @@ class Differentiator:
         load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points_n, theta, self._loads)
         u = np.zeros((body.mesh.n_nodes, 3, self.m))
         u[body.equation == LOADED] = self.prescribed
-        self._top_rate = self._on_top(self._loads)
+        self._held = self._on_top(self._loads)
         if np.any(self.prescribed):
             e = self._top_elements
             self._loads[e] += np.einsum("eij,ejm->eim", mechanics.elements(e), u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
@@ -275,7 +275,7 @@ class Differentiator:
                 body.data, mechanics.u, states, self.law, self.along, self._response, rates, points, dilatation, forces, self._loads
             )
             if not forces:
-                self._top_rate += self._by_stiffness(mechanics, u)
+                self._top_rate = self._held + self._by_stiffness(mechanics, u)
                 return points, dilatation
             if np.all(self._unbalanced() <= allowed * self._scale + self._round_off):
                 self._top_rate = self._on_top(self._loads)
@@ -303,7 +303,9 @@ class Differentiator:
         thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._loads)
         before = u.copy()
         self._scale = np.maximum(self._scale, self._add_answer(mechanics, self._loads, u))
-        self._top_rate += self._on_top(self._loads) + self._by_stiffness(mechanics, u - before)
+        warming = self._on_top(self._loads)
+        self._held = self._held + warming
+        self._top_rate = self._top_rate + warming + self._by_stiffness(mechanics, u - before)
 
     def _on_top(self, loads: np.ndarray) -> np.ndarray:
         """Part (m,) of element loads (n_el, 24, m) that pulls on the loaded end along y; zero where a force is prescribed."""

@@ -10,8 +10,9 @@ from small_bodies import NOMINAL, bar_mesh, run_pass
 
 from thermofit.core.parameters import Parameters
 from thermofit.fem.element import element_data
-from thermofit.fem.mechanical_rates import load_rates, responses, update_rates
+from thermofit.fem.mechanical_rates import load_rates, update_rates
 from thermofit.fem.newton import virgin_state
+from thermofit.fem.responses import responses
 from thermofit.material.law import law_of
 from thermofit.material.law_rates import directions, padded
 from thermofit.material.point import LAMBDA

@@ -92,6 +92,7 @@ class _Run:
         self.factor = body.symmetry if loading.control == "force" else 1.0
         self.length = float(np.ptp(body.mesh.nodes[:, 1]))
         self.iterations = 0
+        self.fallbacks = body.mechanical.fallbacks.total() + body.thermal.fallbacks.total()
         self.cuts = 0
         self.resting_temperature = np.empty(0)
         self.rest_displacement = 0.0
@@ -171,6 +172,7 @@ class _Run:
             "factorisations": self.solver.factorisations,
             "element_passes": self.solver.passes,
             "bisections": self.cuts,
+            "solver_changes": self.body.mechanical.fallbacks.total() + self.body.thermal.fallbacks.total() - self.fallbacks,
             **({} if self.rates is None else {"sensitivity_sweeps": self.rates.sweeps}),
         }
 

@@ -16,8 +16,6 @@ multiple of LANES; each group of LANES directions goes through a point side by s
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import prange
 
@@ -25,24 +23,17 @@ from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
 from thermofit.fem.element_lanes import SHAPE_BY_POINTS, element_kinematics
 from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT, MEAN, Vector
+from thermofit.fem.responses import States
 from thermofit.material.lanes import WIDTH, Lanes, spread
 from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row
 from thermofit.material.lanes_tensor import Tensor, full, product, tensor_scaled, transposed
 from thermofit.material.law import Law
-from thermofit.material.law_rates import N_NUMBERS, Directions, pressure_gradients, pressure_values, yield_gradients
+from thermofit.material.law_rates import N_NUMBERS, Directions
 from thermofit.material.point import ALPHA, LAMBDA
 from thermofit.material.rates import (
-    ALPHA_BY_ALPHA,
-    ALPHA_BY_GAMMA,
-    BY_ALPHA,
-    BY_GAMMA,
-    BY_LAMBDA,
-    GRADIENTS,
     IS_PLASTIC,
-    K_LOG_J,
     K_THETA,
     NUMBER_RATES,
-    PRESSURE,
     ROWS,
     elastic_part,
     flow_rates,
@@ -50,7 +41,6 @@ from thermofit.material.rates import (
     nine,
     plastic_part_rates,
     pressure_rates,
-    responses_of_points,
     stress_rates,
     total,
     virgin_stress_rates,
@@ -58,50 +48,6 @@ from thermofit.material.rates import (
 from thermofit.material.tensor import Symmetric
 
 _CHUNKS = 64
-States = tuple[np.ndarray, np.ndarray]
-"""States (n_el, 8, 11) before and after the step."""
-
-
-def responses(
-    data: ElementData, fields: tuple[np.ndarray, np.ndarray], states: States, law: Law, along: Directions, out: np.ndarray
-) -> None:
-    """Response of all points at the converged end of a step into out (n_el, 8, n_response); fields = (u (n_np, 3) mm, theta (n_np,) K)."""
-    u, theta = fields
-    before, after = (s.reshape(-1, s.shape[2]) for s in states)
-    flat = out.reshape(-1, out.shape[2])
-    log_j = np.empty(len(flat))
-    log_dilatations(data, u, log_j.reshape(-1, 8))
-    points = np.ascontiguousarray(theta[data.hexes] @ data.shape.T).reshape(-1)
-    pressure, by_pressure = pressure_values(log_j, points, law), pressure_gradients((log_j, points), law, along.in_pressure)
-    gamma = after[:, LAMBDA] - before[:, LAMBDA]
-    sigma, alpha = yield_gradients((before[:, ALPHA], before[:, LAMBDA], gamma), law, along.in_yield)
-    flat[:, PRESSURE] = pressure
-    flat[:, K_LOG_J], flat[:, K_THETA] = by_pressure[:2]
-    flat[:, BY_ALPHA], flat[:, BY_LAMBDA], flat[:, BY_GAMMA] = sigma[:3]
-    flat[:, ALPHA_BY_ALPHA], flat[:, ALPHA_BY_GAMMA] = alpha[0], alpha[2]
-    flat[:, GRADIENTS:] = np.concatenate([by_pressure[2:], sigma[3:], alpha[3:]]).T
-    _responses(data, u, states[0], states[1], law, out)
-
-
-@kernel(parallel=True)
-def log_dilatations(data: ElementData, u: np.ndarray, out: np.ndarray) -> None:
-    """ln J that the material sees at every point, out (n_el, 8)."""
-    n_el = data.hexes.shape[0]
-    for chunk in prange(_CHUNKS):
-        w = lane_workspace(ELEMENT_ROWS)
-        for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            _, j = element_kinematics(data, e, u, w)
-            set_row(out, e, math.log(j))
-
-
-@kernel(parallel=True)
-def _responses(data: ElementData, u: np.ndarray, state_n: np.ndarray, state: np.ndarray, law: Law, out: np.ndarray) -> None:
-    n_el = data.hexes.shape[0]
-    for chunk in prange(_CHUNKS):
-        w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS)
-        for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            f, _ = element_kinematics(data, e, u, w)
-            responses_of_points(f, state_n[e], state[e], law, point, out[e])
 
 
 @kernel(forceinline=True)
@@ -316,9 +262,10 @@ def update_rates(
 ) -> None:
     """Rates of the new state (n_el, 8, 11, m), of J (n_el, 8, m) and, if `forces`, of the internal forces, force (n_el, 24, m).
 
-    rates = (u' (n_np, 3, m), rates of the old state (n_el, 8, 11, m), theta' (n_np, m)).
+    rates = (u' (n_np, 3, m), rates of the old state (n_el, 8, 11, m), theta' (n_np, m)). A point that never yielded has none of its state:
+    they stay the zeros that they are.
     """
-    state_n = states[0]
+    state_n, state = states
     u_rates, state_rates_n, theta_rates = rates
     n_el, n_groups = data.hexes.shape[0], theta_rates.shape[1] // WIDTH
     for chunk in prange(_CHUNKS):
@@ -336,19 +283,24 @@ def update_rates(
                 power_rate = spread(0.0)
                 for q in range(8):
                     c = response[e, q]
+                    virgin = state[e, q, LAMBDA] == 0.0
+                    if virgin and not forces and data.f_bar == 1:
+                        _set_group(dilatation_rates[e], q, group, number(f_rows, 9, q) * mean)
+                        continue
                     lv = _velocity_gradient(w, data.hexes[e], q, u_rates, group)
                     trace = lv[0] + lv[4] + lv[8]
                     wanted = mean if data.f_bar == 1 else trace
                     _set_group(dilatation_rates[e], q, group, number(f_rows, 9, q) * wanted)
                     d = (wanted - trace) * (1.0 / 3.0)
                     l_bar = (lv[0] + d, lv[1], lv[2], lv[3], lv[4] + d, lv[5], lv[6], lv[7], lv[8] + d)
-                    f_q = _numbers_of(f_rows, q)
-                    fp_rate = _new_plastic_part(
-                        c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
-                    )
+                    f_el_rate = product(l_bar, elastic_part(c))
+                    if not virgin:
+                        fp_rate = _new_plastic_part(
+                            c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
+                        )
+                        f_el_rate = total(f_el_rate, product(_numbers_of(f_rows, q), fp_rate))
                     if not forces:
                         continue
-                    f_el_rate = total(product(l_bar, elastic_part(c)), product(f_q, fp_rate))
                     theta = _at_point(theta_rates, data.hexes[e], q, group)
                     k = pressure_rates(c, theta, wanted, along.in_pressure, point)
                     m, p = _deviator(stress_rates(c, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)

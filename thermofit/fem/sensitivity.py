@@ -19,7 +19,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions, HeatStep
 from thermofit.fem.conduction_rates import ConditionRates, heat_step_rates, steady_rates
@@ -27,7 +27,8 @@ from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.heat import PointHistory
 from thermofit.fem.heat_rates import PointRates, heat_source_rates, source_law
 from thermofit.fem.linear import Factor, multiply_symmetric
-from thermofit.fem.mechanical_rates import load_rates, responses, thermal_load_rates, update_rates
+from thermofit.fem.mechanical_rates import load_rates, thermal_load_rates, update_rates
+from thermofit.fem.responses import responses
 from thermofit.material.law import Law
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.material.point import LAMBDA, N_STATE
@@ -36,6 +37,8 @@ from thermofit.material.rates import response_size
 MAX_SWEEPS = 20
 _FORCE_SHARE = 2e-3
 """Share of the force rates of a direction, per tolerance of theta', that may stay out of balance when its states are differentiated."""
+_NEGLIGIBLE = 1e-3
+"""K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
 _ASYMMETRY = 4e-4
 """What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
 _ROUND_OFF = 1e-11
@@ -183,6 +186,8 @@ class Differentiator:
         self.prescribed = np.zeros(self.m)
         self.sweeps = 0
         self._scale = self._held = self._top_rate = np.zeros(self.m)
+        self._parameter_scale = np.ones(self.m)
+        self._parameter_scale[: len(asked.names)] = [param(name).scale for name in asked.names]
         self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
     def collect(self, n: int, rates: Rates) -> None:
@@ -221,7 +226,9 @@ class Differentiator:
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
             change = found - theta
             scale = np.maximum(np.abs(found).max(axis=0), 1e-300)
-            settled = self.one_way or bool(np.all(np.abs(change).max(axis=0) <= self.asked.tolerance * scale))
+            open_change = np.abs(change).max(axis=0)
+            small = open_change <= self.asked.tolerance * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale)
+            settled = self.one_way or bool(np.all(small))
             if not self.one_way:
                 change = change if settled else self._share * change
                 self._warm(mechanics, u, change)

@@ -17,9 +17,8 @@ from thermofit.fem.newton import virgin_state
 from thermofit.material.law import law_of
 
 PASS_FLOPS = 67e3
-"""Operations of one plastic element with residual and tangent, estimated from its loops: sums of the stiffness 8 x 8 x 27 multiply-adds on 8
-lanes (28e3), their products (7e3), tangent of the points (24e3), kinematics and update (8e3). The usual B^T D B form takes three times as
-many."""
+"""Operations of one plastic element with residual and tangent, estimated from its loops: sums of the stiffness on lanes (28e3), their
+products (7e3), tangent of the points (24e3), kinematics and update (8e3). The usual B^T D B form takes three times as many."""
 N_RIGHT = 16
 
 

@@ -24,7 +24,7 @@ from thermofit.material.point import N_STATE
 _PATIENCE = 4.0
 """Iterations with a kept factor that cost as much as a fresh tangent, its factor and the iterations that still follow."""
 _KEPT_DECREASE = 0.9
-_GOOD_RATE = 2e-3
+_GOOD_RATE = 5e-3
 """Remaining share of the residual after a step with a kept factor that is as good as a fresh one."""
 _UPHILL = 100.0
 """Factor by which the residual may rise in a full step that leads from the elastic tangent to the plastic one."""

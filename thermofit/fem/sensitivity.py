@@ -35,7 +35,9 @@ from thermofit.material.point import LAMBDA, N_STATE
 from thermofit.material.rates import response_size
 
 MAX_SWEEPS = 20
-_FORCE_SHARE = 2e-3
+_RESOLVED = 2e-3
+"""Last relative change of theta' that is not worth another solve for u'."""
+_FORCE_SHARE = 0.02
 """Share of the force rates of a direction, per tolerance of theta', that may stay out of balance when its states are differentiated."""
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
@@ -185,6 +187,7 @@ class Differentiator:
         self.resting = np.zeros((body.mesh.n_nodes, self.m))
         self.prescribed = np.zeros(self.m)
         self.sweeps = 0
+        self._exact_forces = False
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
         self._parameter_scale[: len(asked.names)] = [param(name).scale for name in asked.names]
@@ -231,7 +234,8 @@ class Differentiator:
             settled = self.one_way or bool(np.all(small))
             if not self.one_way:
                 change = change if settled else self._share * change
-                self._warm(mechanics, u, change)
+                if not settled or np.any(open_change > _RESOLVED * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale)):
+                    self._warm(mechanics, u, change)
                 theta = theta + change
             if settled:
                 past = ((ends.step.length, start.theta), *start.past[:1])
@@ -275,7 +279,7 @@ class Differentiator:
         body, states = self.body, (mechanics.before, mechanics.after)
         points, dilatation = self._states[self._at], self._dilatations[self._at]
         allowed = _FORCE_SHARE * self.asked.tolerance
-        forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
+        forces = self._exact_forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
         for _ in range(MAX_SWEEPS):
             rates = (u, points_n, theta)
             update_rates(
@@ -306,11 +310,15 @@ class Differentiator:
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
     def _warm(self, mechanics: Linearised, u: np.ndarray, change: np.ndarray) -> None:
-        """u' follows a change of theta' (n_np, m), states held."""
-        thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._loads)
+        """u' follows a change of theta' (n_np, m), and mends what `_update` has left of the force rates; states held."""
+        thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
+        warming = self._on_top(self._warming)
+        if self._exact_forces:
+            self._loads += self._warming
+        else:
+            self._loads[:] = self._warming
         before = u.copy()
         self._scale = np.maximum(self._scale, self._add_answer(mechanics, self._loads, u))
-        warming = self._on_top(self._loads)
         self._held = self._held + warming
         self._top_rate = self._top_rate + warming + self._by_stiffness(mechanics, u - before)
 

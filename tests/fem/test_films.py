@@ -12,7 +12,7 @@ from thermofit.core.errors import StudyError
 from thermofit.fem.body import Body, tension_body
 from thermofit.fem.films import conditions_of
 from thermofit.fem.loading import solution_times
-from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 
 AREA, LENGTH = 2.0 * 1.0, 20.0
 
@@ -90,7 +90,7 @@ def test_solution_steps_between_recorded_times() -> None:
     loading = Loading(np.array([0.0, 1.0, 2.0]), np.array([0.0, 170.0 * AREA, 0.0]))
     seen: list[int] = []
     fine = march(what, NOMINAL, loading, np.linspace(0.0, 2.0, 41))
-    some = march(what, NOMINAL, loading, np.linspace(0.0, 2.0, 11), MarchSettings(max_step=0.05), seen.append)
+    some = march(what, NOMINAL, loading, np.linspace(0.0, 2.0, 11), MarchSettings(max_step=0.05), Watch(step=seen.append))
     assert np.array_equal(some.time, np.linspace(0.0, 2.0, 11)) and seen == list(range(1, 11))
     assert some.u == pytest.approx(fine.u[::4], abs=1e-9) and some.theta == pytest.approx(fine.theta[::4], abs=1e-6)
     for name in ("work", "dissipated", "thermoelastic", "stored", "internal", "first_law_defect"):

@@ -17,7 +17,7 @@ ROW = np.array([0, 1, 2, 0, 1, 0])
 """First index of the six components of a symmetric tensor."""
 COLUMN = np.array([0, 1, 2, 1, 2, 2])
 """Second index of the six components of a symmetric tensor."""
-MAX_TERMS = 20
+MAX_TERMS = 26
 _NEGLIGIBLE = 1e-17
 
 

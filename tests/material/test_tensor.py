@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from thermofit.material.tensor import (
-    MAX_TERMS,
     COLUMN,
+    MAX_TERMS,
     ROW,
     added,
     commuting_product,

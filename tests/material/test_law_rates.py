@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from point_tools import ANISOTROPIC
 
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Parameters
 from thermofit.material.law import Law, dissipated_energy, hardening_variable, law_of, pressure_factor, yield_stress
 from thermofit.material.law_rates import (
-    LANES,
     N_NUMBERS,
     NUMBERS,
     directions,
@@ -117,10 +115,3 @@ def test_only_what_the_law_feels_is_differentiated(model: int, heat: list[str]) 
     assert [NUMBERS[i] for i in along.in_heat] == heat
     assert [NUMBERS[i] for i in along.in_pressure] == ["lame", "mu", "bulk", "alpha_exp", "theta_ref"]
     assert along.numbers.shape == (N_NUMBERS, padded(len(names))) and not along.numbers[:, len(names) :].any()
-
-
-def test_groups_know_whether_a_hill_parameter_moves() -> None:
-    names = ("E", "nu", "M_y0", "M_yinf", "H_exp", "beta", "kappa", "c0", "F")
-    assert LANES == 8
-    assert directions(PARAMETERS, names, law_of(PARAMETERS)).hill.tolist() == [0, 1]
-    assert directions(Parameters.of(PARAMETERS.values), names[:2], law_of(PARAMETERS)).hill.tolist() == [0]

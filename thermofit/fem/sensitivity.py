@@ -175,6 +175,7 @@ class Differentiator:
         self._states = (np.zeros((n_el, 8, N_STATE, self.m)), np.zeros((n_el, 8, N_STATE, self.m)))
         self._dilatations = (np.zeros((n_el, 8, self.m)), np.zeros((n_el, 8, self.m)))
         self._at = 0
+        self._clean = True
         self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
         self._loads = np.zeros((n_el, 24, self.m))
         self._warming = np.zeros((n_el, 24, self.m))
@@ -219,7 +220,7 @@ class Differentiator:
     def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
         """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree."""
         self._respond(mechanics)
-        self._at = 1 - self._at
+        self._take_buffer(start)
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
@@ -232,18 +233,32 @@ class Differentiator:
             open_change = np.abs(change).max(axis=0)
             small = open_change <= self.asked.tolerance * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale)
             settled = self.one_way or bool(np.all(small))
-            if not self.one_way:
-                change = change if settled else self._share * change
-                if not settled or np.any(open_change > _RESOLVED * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale)):
-                    self._warm(mechanics, u, change)
-                theta = theta + change
+            if self.one_way:
+                change = np.zeros_like(theta)
+            elif not settled:
+                change = self._share * change
+            matters = np.any(open_change > _RESOLVED * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale))
+            if not settled or self._exact_forces or (matters and not self.one_way):
+                self._warm(mechanics, u, change)
+            theta = theta + change
             if settled:
+                self._clean = True
                 past = ((ends.step.length, start.theta), *start.past[:1])
                 return Rates(u, found, points, dilatation, self._top_rate, past)
-        worst = self.asked.names[int(np.argmax(np.abs(change).max(axis=0) / scale)) % len(self.asked.names)]
+        worst = self.asked.names[int(np.argmax((open_change / scale)[: len(self.asked.names)]))]
         raise NumericsError(
             f"sensitivities: temperature and displacement still disagree after {MAX_SWEEPS} sweeps, most for {worst}; use smaller steps"
         )
+
+    def _take_buffer(self, start: Rates) -> None:
+        """The buffers of the new state: those that do not hold its start, cleared where a step failed that had begun to fill them.
+
+        Points that never yielded are not written, so that their zeros must be true.
+        """
+        self._at = 1 if start.points is self._states[0] else 0
+        if not self._clean:
+            self._states[self._at][:] = 0.0
+        self._clean = False
 
     def _guess(self, start: Rates, dt: float) -> np.ndarray:
         """theta' at the end of the step, extrapolated from the last three states at most."""

@@ -38,14 +38,13 @@ class Directions(NamedTuple):
     """Rates of the law's numbers and of parameters outside it, for n directions filled up to m, a multiple of LANES.
 
     `numbers` (N_NUMBERS, m); `in_yield`, `in_heat`, `in_pressure`: which numbers the yield stress with its hardening variable, the
-    dissipation and the pressure factor depend on; `hill` (m / LANES,) is 1 for groups of LANES directions that move a Hill parameter.
+    dissipation and the pressure factor depend on.
     """
 
     numbers: np.ndarray
     in_yield: np.ndarray
     in_heat: np.ndarray
     in_pressure: np.ndarray
-    hill: np.ndarray
 
 
 def padded(n: int) -> int:
@@ -69,13 +68,11 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     numbers = np.zeros((N_NUMBERS, padded(len(names))))
     numbers[:, : len(names)] = number_rates(parameters, names, law)
     moved = np.any(numbers != 0.0, axis=1)
-    hill = np.any(numbers[HILL : HILL + 6].reshape(6, -1, LANES) != 0.0, axis=(0, 2))
     return Directions(
         numbers,
         _felt(yield_gradients, (0.031, 0.017, 0.007), law, moved),
         _felt(dissipation_gradients, (0.031, 0.036, 0.007), law, moved),
         _felt(pressure_gradients, (0.003, 297.3), law, moved),
-        hill.astype(np.int64),
     )
 
 

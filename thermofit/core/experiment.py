@@ -90,3 +90,23 @@ class Experiment:
     landmarks: Landmarks | None
     programme: tuple[str, ...] = ()
     repairs: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class CouponRecord:
+    """One uniaxial test of a coupon, nominal quantities, tension positive, rows in increasing time.
+
+    `time` s (n,), `strain` (n,) elongation over gauge length, `stress` MPa (n,) force over initial area, `temperature` K (n,) of a sensor
+    on the specimen, None where there is none. `noise`: standard deviation of "strain", "stress", "theta" as estimated or declared.
+    `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended.
+    """
+
+    name: str
+    time: np.ndarray
+    strain: np.ndarray
+    stress: np.ndarray
+    temperature: np.ndarray | None
+    theta_air: float
+    noise: dict[str, float] = field(default_factory=dict)
+    phases: tuple[tuple[float, float, str], ...] = ()
+    remarks: tuple[str, ...] = ()

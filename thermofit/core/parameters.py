@@ -24,6 +24,10 @@ class Param:
     upper: float
     scale: float
     meaning: str
+    probe: float | None = None
+    """A value at which the effect of this Param is plainly visible; None for those of the base law."""
+    scan: tuple[float, ...] = ()
+    """Values tried for a Param that cannot be felt while its effect is off (an exponent, a time); empty for an amplitude."""
 
 
 _INF = float("inf")
@@ -54,19 +58,47 @@ LAW: tuple[Param, ...] = (
 
 NAMES: tuple[str, ...] = tuple(param.name for param in LAW)
 _BY_NAME = {param.name: param for param in LAW}
+_OF_EFFECTS: dict[str, Param] = {}
+
+
+def declare(params: Iterable[Param]) -> None:
+    """Make the Params of an effect known, named <effect>.<param>. StudyError for a name without a dot, or declared with other content."""
+    for one in params:
+        if "." not in one.name or one.name in _BY_NAME:
+            raise StudyError(f"parameter '{one.name}' of an effect: expected a name of the form <effect>.<param>")
+        if _OF_EFFECTS.setdefault(one.name, one) != one:
+            raise StudyError(f"parameter '{one.name}' is declared twice with different content; give the effect another name")
+
+
+def effect_names() -> tuple[str, ...]:
+    """Names of the Params of all effects that are known, in the order of their declaration."""
+    return tuple(_OF_EFFECTS)
+
+
+def known_names() -> tuple[str, ...]:
+    """Names of all Params: those of the base law, then those of the effects."""
+    return (*NAMES, *_OF_EFFECTS)
+
+
+def is_known(name: str) -> bool:
+    """True for the name of a Param."""
+    return name in _BY_NAME or name in _OF_EFFECTS
 
 
 def param(name: str) -> Param:
     """The Param of that name; StudyError where there is none."""
-    try:
-        return _BY_NAME[name]
-    except KeyError:
-        raise StudyError(f"parameter '{name}' is not known; known are {', '.join(NAMES)}") from None
+    found = _BY_NAME.get(name) or _OF_EFFECTS.get(name)
+    if found is None:
+        raise StudyError(f"parameter '{name}' is not known; known are {', '.join(known_names())}")
+    return found
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Named vector of all Params and which are free. Immutable: `replace` returns a new one."""
+    """Named vector of all Params and which are free. Immutable: `replace` returns a new one.
+
+    `values` holds every Param of the base law and those of effects that are not neutral; any other Param reads as its neutral value.
+    """
 
     values: Mapping[str, float]
     free: tuple[str, ...] = ()
@@ -77,10 +109,16 @@ class Parameters:
         for name in (*values, *free):
             param(name)
         full = {p.name: float(values.get(p.name, p.neutral)) for p in LAW}
+        full |= {name: float(v) for name, v in values.items() if name not in full and v != param(name).neutral}
         return Parameters(full, tuple(free))
 
     def __getitem__(self, name: str) -> float:
-        return self.values[name]
+        return self.values[name] if name in self.values else param(name).neutral
+
+    def given(self) -> tuple[str, ...]:
+        """Names of the base law, then of the Params of effects that are free or not neutral."""
+        extra = [name for name in (*self.values, *self.free) if name not in _BY_NAME]
+        return (*NAMES, *dict.fromkeys(extra))
 
     def replace(self, **changes: float) -> Parameters:
         """A copy with some values changed."""
@@ -92,7 +130,7 @@ class Parameters:
 
     def vector(self) -> np.ndarray:
         """Values of the free parameters, in the order of `free`, shape (n_free,)."""
-        return np.array([self.values[name] for name in self.free])
+        return np.array([self[name] for name in self.free])
 
     def with_vector(self, x: np.ndarray) -> Parameters:
         """A copy with the free values taken from x, shape (n_free,)."""

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
 
+from thermofit.core.parameters import param
 from thermofit.core.study_errors import content_error
 from thermofit.core.study_section import (
-    LAW_BY_NAME,
     Count,
     Mesh,
     NonNegative,
@@ -283,7 +283,7 @@ def bounds_of(name: str, setting: float | ParameterStart | None) -> tuple[float,
     """Bounds of a parameter: the study's, else the physical ones."""
     if isinstance(setting, ParameterStart) and setting.bounds is not None:
         return setting.bounds
-    return LAW_BY_NAME[name].lower, LAW_BY_NAME[name].upper
+    return param(name).lower, param(name).upper
 
 
 def check_starts(settings: StageSettings, given: Container[str]) -> str | None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Strict, Tag, model_validator
 
 from thermofit.core.experiment import CELSIUS
-from thermofit.core.parameters import LAW, NAMES, Param
+from thermofit.core.parameters import NAMES, is_known, known_names, param
 from thermofit.core.study_errors import content_error, near_miss, unknown_key
 
 Number = Annotated[float, Strict()]
@@ -18,8 +18,6 @@ Whole = Annotated[int, Strict()]
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[Whole, Field(ge=1)]
-
-LAW_BY_NAME: Mapping[str, Param] = {p.name: p for p in LAW}
 
 
 class Section(BaseModel):
@@ -62,18 +60,21 @@ def section_or_number(value: Any) -> str:
 
 
 def _known_parameter(name: str) -> str:
-    if name not in LAW_BY_NAME:
-        raise content_error(f"names no parameter: '{name}' is not known{near_miss(name, NAMES)}")
+    if not is_known(name):
+        raise content_error(f"names no parameter: '{name}' is not known{near_miss(name, known_names())}")
     return name
 
 
-ParameterName = Annotated[str, AfterValidator(_known_parameter), Field(json_schema_extra={"enum": list(NAMES)})]
-"""A name of `core.parameters.LAW`."""
+_EFFECT_PARAM = r"^[A-Za-z0-9_]+\.[A-Za-z0-9_]+$"
+ParameterName = Annotated[
+    str, AfterValidator(_known_parameter), Field(json_schema_extra={"anyOf": [{"enum": list(NAMES)}, {"pattern": _EFFECT_PARAM}]})
+]
+"""A name of `core.parameters.LAW`, or <effect>.<param> of an effect."""
 
 
 def physical_error(name: str, value: float) -> str | None:
     """What is wrong with the value of a parameter (outside its physical bounds, degC for K), None where nothing is."""
-    law = LAW_BY_NAME[name]
+    law = param(name)
     if law.lower <= value <= law.upper:
         return None
     unit = "" if law.unit == "1" else f" {law.unit}"
@@ -87,7 +88,7 @@ def physical_error(name: str, value: float) -> str | None:
 
 def hardening_error(values: Mapping[str, float]) -> str | None:
     """What is wrong with the hardening limits: M_yinf > M_y0 is needed, else h = b (M_yinf - M_y0) <= 0 (4.28)."""
-    yield_0, yield_inf = (values.get(name, LAW_BY_NAME[name].neutral) for name in ("M_y0", "M_yinf"))
+    yield_0, yield_inf = (values.get(name, param(name).neutral) for name in ("M_y0", "M_yinf"))
     if yield_inf > yield_0:
         return None
     return f"is {yield_inf:g} MPa; expected more than M_y0 = {yield_0:g} MPa (the material must harden, 4.28)"

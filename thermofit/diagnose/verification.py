@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.artefact import ParameterResult, Record, open_record
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import NAMES, Parameters, param
+from thermofit.core.parameters import Parameters, param
 from thermofit.core.progress import progress
 from thermofit.core.staging import artefact_path
 from thermofit.core.study import Study
@@ -56,7 +56,7 @@ def identified_stages(study: Study) -> tuple[str, ...]:
 def fitted_parameters(study: Study, parameters: Parameters, stages: Sequence[str]) -> dict[str, ParameterResult]:
     """All parameters of the verified model: those that a stage identified as it left them, the others as prescribed."""
     results = {}
-    for name in NAMES:
+    for name in parameters.given():
         value = parameters[name]
         results[name] = ParameterResult(value, None, param(name).unit, False, False, value, *study.bounds(name))
     for stage in stages:

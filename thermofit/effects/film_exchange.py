@@ -10,6 +10,8 @@ from thermofit.core.jit import kernel
 
 SLOT = "surface_flux"
 PARAMS = ("alpha_air", "theta_air", "alpha_clamp", "theta_clamp")
+FORMULA = "q_0 = -alpha_con (theta_M - theta)"
+SOURCE = "thesis (4.13)"
 
 FILM_UNIT = 1e-3
 """1 W/(m^2 K) in mW/(mm^2 K)."""

@@ -6,6 +6,8 @@ from thermofit.core.jit import kernel
 
 SLOT = "yield_stress"
 PARAMS = ("H_lin",)
+FORMULA = "K_bar += H_lin Lambda"
+SOURCE = "thesis (4.6)"
 
 
 @kernel(inline="always")

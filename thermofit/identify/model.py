@@ -25,6 +25,15 @@ THERMAL = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "thet
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter before the test: value and standard error."""
+
+    name: str
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class StageModel:
     """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them.
 
@@ -38,17 +47,26 @@ class StageModel:
     remark: str
     one_way: bool = False
     linearise: Linearise | None = None
+    priors: tuple[Prior, ...] = ()
 
     def residual(self, parameters: Parameters) -> np.ndarray:
-        """Whitened residual (n,) of all channels, one after the other (2.24), (2.27)."""
-        return self.assemble(self.errors(parameters))
+        """Whitened residual (n,) of all channels, one after the other (2.24), (2.27); then one entry for each prior."""
+        return np.append(self.assemble(self.errors(parameters)), self.departures(parameters))
+
+    def departures(self, parameters: Parameters) -> np.ndarray:
+        """Departure of the parameters from their priors in standard errors (n_priors,)."""
+        return np.array([(parameters[prior.name] - prior.value) / prior.sigma for prior in self.priors])
 
     def linearised(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """The residual (n,) and its Jacobian (n, n_p) from one forward run. ValueError where the model has no exact derivatives."""
         if self.linearise is None:
             raise ValueError("this model has no exact derivatives")
         errors, slopes = self.linearise(parameters, names)
-        return self.assemble(errors), self.assemble_jacobian(slopes)
+        of_priors = np.array([[float(name == prior.name) / prior.sigma for name in names] for prior in self.priors])
+        jacobian = self.assemble_jacobian(slopes)
+        if self.priors:
+            jacobian = np.concatenate([jacobian, of_priors])
+        return np.append(self.assemble(errors), self.departures(parameters)), jacobian
 
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""
@@ -72,6 +90,7 @@ class StageModel:
             part = slice(at, at + c.n)
             out[part] = v[part] if c.noise is None else c.noise(v[part])
             at += c.n
+        out[at:] = v[at:]
         return out
 
 

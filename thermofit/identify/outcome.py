@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.artefact import Dataset, ParameterResult
-from thermofit.core.parameters import NAMES, Parameters, param
+from thermofit.core.parameters import Parameters, param
 from thermofit.core.staging import Made
 from thermofit.core.study import Study
 from thermofit.identify.inputs import field_datasets
@@ -26,7 +26,7 @@ def parameter_results(study: Study, start: Parameters, solved: Solved) -> dict[s
     free = solved.fit.names
     sigma = None if solved.covariance is None else solved.covariance.sigma
     results = {}
-    for name in NAMES:
+    for name in solved.parameters.given():
         low, high = study.bounds(name)
         is_free = name in free
         index = free.index(name) if is_free else -1

@@ -1,0 +1,133 @@
+"""Data that the fit did not see: folds of whole load phases, else buffered blocks of space and time; never random pixels.
+
+A fold is predicted from the others by the linearised model: the parameters move by the Gauss-Newton step of the rows that are seen,
+J_seen x = -r_seen, and the rows that are not seen change to r + J x. So a proof costs linear algebra only; what is accepted is refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where every residual row is from (n,): channel number, time s, point position mm (n, 2), load phase number."""
+
+    channel: np.ndarray
+    time: np.ndarray
+    xy: np.ndarray
+    phase: np.ndarray
+
+
+@dataclass(frozen=True)
+class Split:
+    """Folds: True where a row is held out, and where it is too near to that to be seen; `by` says in words what was held out."""
+
+    held_out: tuple[np.ndarray, ...]
+    buffer: tuple[np.ndarray, ...]
+    by: str
+
+
+def split_by_phase(rows: Rows, names: Sequence[str], buffer_s: float) -> Split | None:
+    """One fold per load phase in which every channel is compared; None where there are fewer than two."""
+    phases = [k for k in range(len(names)) if np.any(rows.phase == k)]
+    if len(phases) < 2:
+        return None
+    held, near = [], []
+    for k in phases:
+        out = rows.phase == k
+        t0, t1 = float(rows.time[out].min()), float(rows.time[out].max())
+        held.append(out)
+        near.append(~out & (rows.time > t0 - buffer_s) & (rows.time < t1 + buffer_s))
+    return Split(tuple(held), tuple(near), "load phases " + ", ".join(names[k] for k in phases))
+
+
+def split_by_blocks(rows: Rows, shape: tuple[int, int], buffer: tuple[float, float], folds: int = 5) -> Split:
+    """Blocks of time and of length along the load, `shape` = (in time, in y), dealt out to folds as on a chess board with a shift.
+
+    `buffer` = (s, mm): rows nearer than that to a held-out block are not seen either.
+    """
+    n_t, n_y = shape
+    t_edges = np.quantile(rows.time, np.linspace(0.0, 1.0, n_t + 1))
+    y = rows.xy[:, 1]
+    y_edges = np.linspace(y.min() - 1e-9, y.max() + 1e-9, n_y + 1)
+    i = np.clip(np.searchsorted(t_edges, rows.time, side="right") - 1, 0, n_t - 1)
+    j = np.clip(np.searchsorted(y_edges, y, side="right") - 1, 0, n_y - 1)
+    held, near = [], []
+    for fold in range(folds):
+        out = (i + 2 * j) % folds == fold
+        close = np.zeros(len(out), dtype=bool)
+        for a, b in {(int(a), int(b)) for a, b in zip(i[out], j[out], strict=True)}:
+            in_time = (rows.time > t_edges[a] - buffer[0]) & (rows.time < t_edges[a + 1] + buffer[0])
+            close |= in_time & (y > y_edges[b] - buffer[1]) & (y < y_edges[b + 1] + buffer[1])
+        held.append(out)
+        near.append(close & ~out)
+    return Split(
+        tuple(held),
+        tuple(near),
+        f"{n_t} x {n_y} blocks of time and length, {folds} folds, buffers {buffer[0]:.3g} s and {buffer[1]:.3g} mm",
+    )
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Held-out mean squares of whitened residuals without and with an effect: overall, per channel, and the gain with its spread.
+
+    `gain` is the mean over folds of (without - with) / without; `sigma` the standard error of the gain from groups of rows.
+    """
+
+    without: float
+    with_effect: float
+    by_channel: dict[int, tuple[float, float]]
+    gain: float
+    sigma: float
+    folds: int
+
+
+def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split) -> np.ndarray:
+    """Residual (n,) of every row when its fold is predicted from the others; nan in rows that no fold holds out."""
+    out = np.full(len(residual), np.nan)
+    size = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(size > 0.0, size, 1.0)
+    gram, right = scaled.T @ scaled, scaled.T @ residual
+    for held, near in zip(split.held_out, split.buffer, strict=True):
+        hidden = held | near
+        a = scaled[hidden]
+        seen_gram, seen_right = gram - a.T @ a, right - a.T @ residual[hidden]
+        # A direction that only the hidden rows feel stays where it is.
+        step = -np.linalg.pinv(seen_gram, rcond=1e-9, hermitian=True) @ seen_right
+        out[held] = residual[held] + scaled[held] @ step
+    return out
+
+
+def proof(residual: np.ndarray, fitted: np.ndarray, effect: np.ndarray, rows: Rows, split: Split) -> Proof:
+    """Held-out error with and without an effect; `fitted` (n, p), `effect` (n, k) columns."""
+    before = held_out_residual(residual, fitted, split)
+    after = held_out_residual(residual, np.concatenate([fitted, effect], axis=1), split)
+    used = np.isfinite(before)
+    without, with_effect = before[used] ** 2, after[used] ** 2
+    groups = _groups(rows, used)
+    count = int(groups.max()) + 1
+    a = np.bincount(groups, without, count)
+    b = np.bincount(groups, with_effect, count)
+    gain = float(1.0 - b.sum() / a.sum())
+    spread = (a - b) - gain * a
+    sigma = float(np.sqrt(count / max(count - 1, 1) * (spread**2).sum()) / a.sum())
+    by_channel = {
+        int(c): (float(without[rows.channel[used] == c].mean()), float(with_effect[rows.channel[used] == c].mean()))
+        for c in np.unique(rows.channel[used])
+    }
+    return Proof(float(without.mean()), float(with_effect.mean()), by_channel, gain, sigma, len(split.held_out))
+
+
+def _groups(rows: Rows, used: np.ndarray, n_t: int = 12, n_y: int = 3) -> np.ndarray:
+    """Blocks of rows that may be taken as independent: by time and by place along the load."""
+    t, y = rows.time[used], rows.xy[used, 1]
+    edges = np.unique(np.quantile(t, np.linspace(0.0, 1.0, n_t + 1)))
+    i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
+    j = np.zeros(len(y), dtype=int) if np.ptp(y) == 0.0 else np.minimum((n_y * (y - y.min()) / np.ptp(y)).astype(int), n_y - 1)
+    _, group = np.unique(i * n_y + j, return_inverse=True)
+    return np.asarray(group)

@@ -1,0 +1,184 @@
+"""Score of dormant effects: what the residual at the optimum says about Params that the model holds at neutral (design section 8).
+
+Everything is whitened: r (n,) residual, J (n, p) columns of all fitted parameters and nuisances, S (n, k) those of a dormant effect. With
+J = Q R only s = (I - Q Q^T) S can be told from a change of the fitted parameters. One Gauss-Newton step of the effect is
+
+    a = -(s^T s)^-1 s^T r,   var a = (s^T s)^-1 s^T C s (s^T s)^-1,   predicted drop of r.r = r^T s (s^T s)^-1 s^T r,
+
+C the correlation of the noise. For one Param z = a / sd(a) = -s.r / |s| where C = 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from thermofit.core.errors import UntrustworthyError
+from thermofit.core.parameters import param
+
+ALIKE = 0.9
+"""|cos| of two effects above which a test cannot tell them apart."""
+LEVEL = 0.05
+"""Chance that any effect at all passes the threshold where there is none."""
+_UNFELT = 1e-6
+"""Part of a column, relative to its length, below which the fitted parameters take it up entirely."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Linearised problem at the optimum: residual (n,), fitted (n, p), and per effect its names and columns (n, k), per unit of the Params.
+
+    `noise` applies the correlation matrix of the noise to columns (n, k), None for independent noise; `inflation` >= 1 is the factor on
+    the variance by which the residual remembers its neighbours more than the noise does.
+    """
+
+    residual: np.ndarray
+    fitted: np.ndarray
+    dormant: Mapping[str, tuple[tuple[str, ...], np.ndarray]]
+    noise: Callable[[np.ndarray], np.ndarray] | None = None
+    inflation: float = 1.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """What the residual says of one effect.
+
+    `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
+    r.r; `detectability` |s| / |S| in 0..1; `detectable` the smallest amplitude that would pass the threshold; `vetoed` says in words why
+    the estimate cannot be, empty where it can.
+    """
+
+    effect: str
+    z: float
+    predicted_drop: float
+    estimate: Mapping[str, float]
+    sigma: Mapping[str, float]
+    detectability: float
+    detectable: float
+    vetoed: str
+    family: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Scores, the strongest first; `threshold` of |z| for all effects together; effects that this test does not feel at all."""
+
+    scores: tuple[Score, ...]
+    threshold: float
+    unfelt: tuple[str, ...]
+
+
+def ranked(columns: Columns) -> Ranking:
+    """Ranking of all dormant effects. UntrustworthyError where the fitted parameters already use up all data."""
+    n, p = columns.fitted.shape
+    if n <= p:
+        raise UntrustworthyError(
+            f"diagnosis: {n} residuals and {p} fitted parameters leave nothing to judge; fix parameters or use more data"
+        )
+    basis = _orthonormal(columns.fitted)
+    left = columns.residual - basis @ (basis.T @ columns.residual)
+    own: dict[str, np.ndarray] = {}
+    unfelt = []
+    for effect, (_, block) in columns.dormant.items():
+        s = block - basis @ (basis.T @ block)
+        felt = np.linalg.norm(s, axis=0) > _UNFELT * np.maximum(np.linalg.norm(block, axis=0), 1e-300)
+        if felt.any():
+            own[effect] = s[:, felt]
+        else:
+            unfelt.append(effect)
+    threshold = _threshold(list(own.values()))
+    alike = likeness(own)
+    scores = [_score(columns, effect, own[effect], left, threshold, _family(effect, alike)) for effect in own]
+    scores.sort(key=lambda s: (bool(s.vetoed), -s.z))
+    return Ranking(tuple(scores), threshold, tuple(unfelt))
+
+
+def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
+    """Largest |cos| between any two effects after projection: the cosine of the smallest angle between their column spaces."""
+    bases = {effect: _orthonormal(s) for effect, s in own.items()}
+    found = {}
+    for one, a in bases.items():
+        for other, b in bases.items():
+            found[one, other] = float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0)) if one != other else 1.0
+    return found
+
+
+def _family(effect: str, alike: Mapping[tuple[str, str], float]) -> tuple[str, ...]:
+    others = [other for (one, other), cos in alike.items() if one == effect and other != effect and cos > ALIKE]
+    return (effect, *sorted(others, key=lambda other: -alike[effect, other]))
+
+
+def _orthonormal(a: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns of a; columns are scaled to one, directions below 1e-10 are dropped."""
+    size = np.linalg.norm(a, axis=0)
+    kept = a[:, size > 0.0] / size[size > 0.0]
+    if kept.shape[1] == 0:
+        return np.zeros((len(a), 0))
+    u, s, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(u[:, s > 1e-10 * s.max()])
+
+
+def _threshold(blocks: Sequence[np.ndarray]) -> float:
+    """|z| that the largest of all effects exceeds by chance with probability LEVEL: Sidak with the effective number of directions."""
+    if not blocks:
+        return float(norm.isf(LEVEL / 2.0))
+    a = np.concatenate([b / np.linalg.norm(b, axis=0) for b in blocks], axis=1)
+    values = np.linalg.eigvalsh(a.T @ a)
+    count = float(values.sum() ** 2 / (values**2).sum())
+    return float(norm.isf(0.5 * (1.0 - (1.0 - LEVEL) ** (1.0 / max(count, 1.0)))))
+
+
+def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, threshold: float, family: tuple[str, ...]) -> Score:
+    names, block = columns.dormant[effect]
+    gram = s.T @ s
+    right = s.T @ left
+    step = -np.linalg.solve(gram, right)
+    spread = s if columns.noise is None else columns.noise(s)
+    inverse = np.linalg.inv(gram)
+    covariance = columns.inflation * inverse @ (0.5 * (s.T @ spread + spread.T @ s)) @ inverse
+    size = float(step @ np.linalg.solve(covariance, step))
+    felt = _felt_names(names, block, s)
+    sd = np.sqrt(np.diag(covariance))
+    estimate = {name: float(param(name).neutral + a) for name, a in zip(felt, step, strict=True)}
+    whole = float(np.linalg.norm(block))
+    return Score(
+        effect=effect,
+        z=_normal_quantile(size, len(step)),
+        predicted_drop=float(-right @ step),
+        estimate=estimate,
+        sigma=dict(zip(felt, sd.tolist(), strict=True)),
+        detectability=float(np.linalg.norm(s)) / whole,
+        detectable=float(threshold * sd[0]),
+        vetoed=_veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
+        family=family,
+    )
+
+
+def _felt_names(names: tuple[str, ...], block: np.ndarray, s: np.ndarray) -> tuple[str, ...]:
+    """Names of the columns that remained; a block keeps the order of its names."""
+    if s.shape[1] == len(names):
+        return names
+    kept = [name for name, column in zip(names, block.T, strict=True) if np.any(np.abs(s.T @ column) > 0.0)]
+    return tuple(kept[: s.shape[1]])
+
+
+def _normal_quantile(size: float, degrees: int) -> float:
+    """The |z| of a normal number as unlikely as this chi-square."""
+    if degrees == 1:
+        return float(np.sqrt(size))
+    log_p = float(chi2.logsf(size, degrees))
+    if log_p > -600.0:
+        return float(norm.isf(0.5 * np.exp(log_p)))
+    return float(np.sqrt(max(size - 2.0 * degrees * np.log(max(size / degrees, 1.0)), 0.0)))
+
+
+def _veto(estimate: Mapping[str, float], sigma: Mapping[str, float]) -> str:
+    """Why an estimate cannot be: outside the physical bounds by more than two standard errors."""
+    for name, value in estimate.items():
+        p = param(name)
+        if value < p.lower - 2.0 * sigma[name] or value > p.upper + 2.0 * sigma[name]:
+            return f"{name} would be {value:.3g} {p.unit}, outside {p.lower:g} to {p.upper:g}"
+    return ""

@@ -1,0 +1,126 @@
+"""All effects: one file each, found by themselves; files of a user take part in the same way.
+
+An effect is a module with SLOT, PARAMS, FORMULA, SOURCE and one function named like the slot. PARAMS holds its Params, called
+<effect>.<param>, the amplitude first: at its neutral value the effect is exactly off, whatever the others are. Modules whose PARAMS are
+names (text) belong to the base model.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from thermofit.core.errors import StudyError
+from thermofit.core.parameters import Param, declare
+
+MATERIAL = ("free_energy", "yield_stress", "backstress", "flow", "dissipation")
+HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
+KINEMATICS = ("kinematics",)
+MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
+"""Stations of the measuring chain in their physical order; `camera` is that of the displacements."""
+SLOTS = (*MATERIAL, *HEAT, *KINEMATICS, *MEASUREMENT)
+_NO_EFFECTS = ("catalogue", "scene")
+_REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One mechanism: its slot, its Params (amplitude first), formula and source in words, and the function that acts in the slot."""
+
+    name: str
+    slot: str
+    params: tuple[Param, ...]
+    formula: str
+    source: str
+    act: Callable[..., Any]
+
+    @property
+    def amplitude(self) -> Param:
+        """The Param that switches the effect."""
+        return self.params[0]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the Params."""
+        return tuple(p.name for p in self.params)
+
+
+_EFFECTS: dict[str, Effect] = {}
+
+
+def effects(slots: tuple[str, ...] = SLOTS) -> tuple[Effect, ...]:
+    """Effects of the given slots, in the order of the slots, then by name."""
+    found = [effect for effect in _EFFECTS.values() if effect.slot in slots]
+    return tuple(sorted(found, key=lambda effect: (slots.index(effect.slot), effect.name)))
+
+
+def effect(name: str) -> Effect:
+    """The effect of that name; StudyError where there is none."""
+    if name not in _EFFECTS:
+        raise StudyError(f"effect '{name}' is not known; known are {', '.join(sorted(_EFFECTS))}")
+    return _EFFECTS[name]
+
+
+def effect_of(module: ModuleType, name: str) -> Effect | None:
+    """The effect that a module declares, None for a module of the base model. StudyError that names what is missing or wrong."""
+    where = module.__file__ or name
+    if missing := [key for key in _REQUIRED if not hasattr(module, key)]:
+        raise StudyError(
+            f"{where}: {missing[0]} is missing; an effect file gives {', '.join(_REQUIRED)} and a function named like its slot"
+        )
+    slot, params = module.SLOT, module.PARAMS
+    if slot not in SLOTS:
+        raise StudyError(f"{where}: SLOT is {slot!r}; expected one of {', '.join(SLOTS)}")
+    if params and all(isinstance(p, str) for p in params):
+        return None
+    for p in params:
+        if not isinstance(p, Param) or p.name.partition(".")[0] != name:
+            raise StudyError(f"{where}: PARAMS holds {p!r}; expected Param('{name}.<param>', unit, neutral, lower, upper, scale, meaning)")
+    if not params or params[0].probe is None:
+        raise StudyError(f"{where}: the first of PARAMS is the amplitude and needs a probe, a value at which the effect is plainly visible")
+    act = getattr(module, slot, None)
+    if act is None:
+        raise StudyError(f"{where}: no function '{slot}' found; expected one that acts in the slot {slot}")
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act)
+
+
+def load_effect(path: Path) -> Effect:
+    """Take in the effect of a user's file; its name is that of the file. StudyError where the file does not hold one."""
+    name = path.stem
+    spec = importlib.util.spec_from_file_location(f"thermofit_user_effect_{name}", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise StudyError(f"{path}: no Python file found; expected an effect file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise StudyError(f"{path}: the effect file does not run ({type(error).__name__}: {error}); mend it") from error
+    found = effect_of(module, name)
+    if found is None:
+        raise StudyError(f"{path}: PARAMS holds names; expected Param objects called {name}.<param>")
+    _take(found)
+    return found
+
+
+def _take(found: Effect) -> None:
+    declare(found.params)
+    _EFFECTS[found.name] = found
+
+
+def _discover() -> None:
+    package = importlib.import_module("thermofit.effects")
+    for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
+        if info.name in _NO_EFFECTS:
+            continue
+        found = effect_of(importlib.import_module(f"thermofit.effects.{info.name}"), info.name)
+        if found is not None:
+            _take(found)
+
+
+_discover()

@@ -11,7 +11,19 @@ from hypothesis import strategies as st
 from point_tools import ANISOTROPIC
 
 from thermofit.core.errors import StudyError
-from thermofit.material.law import Law, dissipated_energy, hardening_variable, law_of, pressure_factor, yield_stress
+from thermofit.effects.catalogue import Effect
+from thermofit.material.composition import law_effects, number_of
+from thermofit.material.law import (
+    Law,
+    dissipated_energy,
+    flow_stress,
+    hardening_variable,
+    law_in_step,
+    law_of,
+    pressure_factor,
+    released_energy,
+    yield_stress,
+)
 from thermofit.material.law_rates import (
     N_NUMBERS,
     NUMBERS,
@@ -25,6 +37,9 @@ from thermofit.material.law_rates import (
 
 EVERY = np.arange(N_NUMBERS)
 PARAMETERS = ANISOTROPIC.replace(H_lin=35.0, alpha_exp=2e-5, theta_ref=296.7)
+PROBES = {p.name: p.probe if p.probe is not None else p.neutral for effect in law_effects() for p in effect.params}
+EFFECTIVE = PARAMETERS.replace(**PROBES)
+"""Every effect of the law at its probe."""
 
 
 def central(f: Callable[[float], float], x: float) -> float:
@@ -51,35 +66,54 @@ def agree(found: np.ndarray, expected: np.ndarray) -> None:
 def test_gradient_of_yield_stress_and_hardening_variable(
     model: int, closed_form: bool, alpha: float, accumulated: float, gamma: float
 ) -> None:
-    law = law_of(PARAMETERS, model, closed_form=closed_form)
-    out = yield_gradients(points(alpha, accumulated, gamma), law, EVERY)[:, :, 0]
+    law = law_in_step(law_of(EFFECTIVE, model, closed_form=closed_form), 2.5)
+    out = yield_gradients(points(alpha, accumulated, gamma, 303.0), law, EVERY)[:, :, 0]
 
-    def both(a: float, total: float, g: float, law: Law) -> tuple[float, float]:
+    def both(a: float, total: float, g: float, law: Law, theta: float = 303.0) -> tuple[float, float]:
         after, _ = hardening_variable(a, g, law)
-        return yield_stress(after, total + g, law)[0], after
+        return flow_stress(after, total + g, g, theta, law)[0], after
 
     for row in (0, 1):
         by_arguments = [
             central(lambda x, r=row: both(x, accumulated, gamma, law)[r], alpha),
             central(lambda x, r=row: both(alpha, x, gamma, law)[r], accumulated),
             central(lambda x, r=row: both(alpha, accumulated, x, law)[r], gamma),
+            central(lambda x, r=row: both(alpha, accumulated, gamma, law, x)[r], 303.0),
         ]
-        agree(out[row, :3], np.array(by_arguments))
-        agree(out[row, 3:], along_numbers(lambda moved, r=row: both(alpha, accumulated, gamma, moved)[r], law))
+        agree(out[row, :4], np.array(by_arguments))
+        agree(out[row, 4:], along_numbers(lambda moved, r=row: both(alpha, accumulated, gamma, moved)[r], law))
 
 
 @pytest.mark.parametrize("model", [1, 2])
 @pytest.mark.parametrize("closed_form", [True, False])
 def test_gradient_of_the_dissipation(model: int, closed_form: bool) -> None:
-    law = law_of(PARAMETERS, model, closed_form=closed_form)
-    out = dissipation_gradients(points(0.02, 0.027, 0.012), law, EVERY).T
-    arguments = [
-        central(lambda x: dissipated_energy(x, 0.027, 0.012, law), 0.02),
-        central(lambda x: dissipated_energy(0.02, x, 0.012, law), 0.027),
-        central(lambda x: dissipated_energy(0.02, 0.027, x, law), 0.012),
-    ]
-    agree(out[0, :3], np.array(arguments))
-    agree(out[0, 3:], along_numbers(lambda moved: dissipated_energy(0.02, 0.027, 0.012, moved), law))
+    law = law_in_step(law_of(EFFECTIVE, model, closed_form=closed_form), 2.5)
+    at = (0.02, 0.027, 0.012, 0.031, 303.0)
+    out = dissipation_gradients(points(*at), law, EVERY).T
+    arguments = [central(lambda x, k=k: released_energy(*at[:k], x, *at[k + 1 :], law), at[k]) for k in range(5)]
+    agree(out[0, :5], np.array(arguments))
+    agree(out[0, 5:], along_numbers(lambda moved: released_energy(*at, moved), law))
+
+
+@pytest.mark.parametrize("effect", law_effects(), ids=lambda e: e.name)
+def test_an_effect_at_neutral_is_off_and_its_amplitude_is_still_felt(effect: Effect) -> None:
+    """Exactly the base law whatever the other Params of the effect are; the derivative by the amplitude is that of a difference."""
+    others = {p.name: p.scan[-1] if p.scan else p.neutral for p in effect.params[1:]}
+    off = law_in_step(law_of(PARAMETERS.replace(**others, **{effect.amplitude.name: effect.amplitude.neutral}), 2), 2.5)
+    assert flow_stress(0.04, 0.05, 0.012, 303.0, off)[0] == yield_stress(0.04, 0.05, off)[0]
+    assert released_energy(0.03, 0.04, 0.012, 0.05, 303.0, off) == dissipated_energy(0.03, 0.04, 0.012, off)
+    number = NUMBERS.index(number_of(effect.amplitude.name))
+    h = 1e-4 * effect.amplitude.scale
+    on = off._replace(**{NUMBERS[number]: effect.amplitude.neutral + h}, effective=1)
+    heat = dissipation_gradients(points(0.03, 0.04, 0.012, 0.05, 303.0), off, np.array([number]))[5, 0]
+    expected = (released_energy(0.03, 0.04, 0.012, 0.05, 303.0, on) - released_energy(0.03, 0.04, 0.012, 0.05, 303.0, off)) / h
+    assert heat == pytest.approx(expected, rel=2e-3, abs=1e-6)
+    stress = yield_gradients(points(0.03, 0.038, 0.012, 303.0), off, np.array([number]))[0, 4, 0]
+    alpha, _ = hardening_variable(0.03, 0.012, off)
+    assert stress == pytest.approx(
+        (flow_stress(alpha, 0.05, 0.012, 303.0, on)[0] - flow_stress(alpha, 0.05, 0.012, 303.0, off)[0]) / h, rel=2e-3, abs=1e-9
+    )
+    assert abs(stress) + abs(heat) > 0.0
 
 
 def test_gradient_of_the_pressure_factor() -> None:

@@ -19,7 +19,7 @@ from typing import Any
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, declare
 
-MATERIAL = ("free_energy", "yield_stress", "backstress", "flow", "dissipation")
+MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 KINEMATICS = ("kinematics",)
 MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
@@ -39,6 +39,8 @@ class Effect:
     formula: str
     source: str
     act: Callable[..., Any]
+    stored: bool = False
+    """True for hardening whose work is stored in the material, not dissipated (slot yield_stress)."""
 
     @property
     def amplitude(self) -> Param:
@@ -87,7 +89,7 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     act = getattr(module, slot, None)
     if act is None:
         raise StudyError(f"{where}: no function '{slot}' found; expected one that acts in the slot {slot}")
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act)
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, bool(getattr(module, "STORED", False)))
 
 
 def load_effect(path: Path) -> Effect:

@@ -1,6 +1,6 @@
 """Lanes: eight numbers that the processor handles as one, for instance the same component at the eight Gauss points of an element.
 
-Kernels calculate with lanes as with numbers: `+ - * /`, `** 2`, comparisons, sqrt, exp, log of `math` and exp, log of numpy. A formula
+Kernels calculate with lanes as with numbers: `+ - * /`, `** 2`, comparisons, sqrt, exp, log of `math` and of numpy. A formula
 of the law page or of `tensor` therefore serves a number and lanes alike; a number among lanes stands for eight equal ones. A comparison
 gives a mask, which no `if` takes: `where` chooses lane by lane, `any_lane` and `all_lanes` answer for all.
 
@@ -283,9 +283,13 @@ def _exp(x: Any) -> Any:
     return (lambda x: _exponential(x)) if x is LANES else None
 
 
+def _sqrt(x: Any) -> Any:
+    return (lambda x: math.sqrt(x)) if x is LANES else None
+
+
 def _log(x: Any) -> Any:
     return (lambda x: _logarithm(x)) if x is LANES else None
 
 
-for _function, _of_lanes in ((math.exp, _exp), (np.exp, _exp), (math.log, _log), (np.log, _log)):
+for _function, _of_lanes in ((math.exp, _exp), (np.exp, _exp), (math.log, _log), (np.log, _log), (np.sqrt, _sqrt)):
     extending.overload(_function, strict=False)(_of_lanes)

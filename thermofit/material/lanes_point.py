@@ -35,7 +35,7 @@ from thermofit.material.lanes_tensor import (
     symmetric_sum,
     tensor_rows,
 )
-from thermofit.material.law import Law, hardening_variable, pressure_factor, yield_stress
+from thermofit.material.law import Law, flow_stress, hardening_variable, pressure_factor
 from thermofit.material.point import (
     ALPHA,
     ELASTIC,
@@ -103,11 +103,12 @@ def _apply_inverse(v: Symmetric, w: Symmetric, k: Lanes, law: Law) -> tuple[Symm
 
 
 @kernel(forceinline=True)
-def _return_map(c_trial: Symmetric, alpha_n: Lanes, lambda_n: Lanes, plastic: Mask, law: Law, w: np.ndarray) -> int:
-    """`point._return_map` of the lanes `plastic`. Other lanes, and each one once it has converged, keep their D.
+def _return_map(c_trial: Symmetric, theta: Lanes, plastic: Mask, law: Law, w: np.ndarray) -> int:
+    """`point._return_map` of the lanes `plastic`, the old state in w. Other lanes, and each one once it has converged, keep their D.
 
     Leaves the solution in w and returns the number of terms of exp(-D), or NO_CONVERGENCE.
     """
+    alpha_n, lambda_n = row(w, STATE + ALPHA), row(w, STATE + LAMBDA)
     c = (c_trial[0] + c_trial[1] + c_trial[2]) * (1.0 / 3.0)
     zero, one = spread(0.0), spread(1.0)
     gamma, terms = zero, 1
@@ -117,7 +118,7 @@ def _return_map(c_trial: Symmetric, alpha_n: Lanes, lambda_n: Lanes, plastic: Ma
     for _ in range(MAX_ITERATIONS):
         flow, norm = _flow_direction(c_elastic, law)
         alpha, d_alpha = hardening_variable(alpha_n, gamma, law)
-        sigma_y, by_alpha, by_lambda = yield_stress(alpha, lambda_n + gamma, law)
+        sigma_y, by_alpha, by_lambda = flow_stress(alpha, lambda_n + gamma, gamma, theta, law)
         slope = by_alpha * d_alpha + by_lambda
         excess = law.mu * norm - sigma_y
         error = added(d, flow, -gamma)
@@ -168,11 +169,11 @@ def update_lanes(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: np.n
     f_trial = product(f, fp_inv)
     c_trial = inner_gram(f_trial)
     _, norm = _flow_direction(c_trial, law)
-    sigma_y, _, _ = yield_stress(alpha_n, lambda_n, law)
+    sigma_y, _, _ = flow_stress(alpha_n, lambda_n, spread(0.0), theta, law)
     plastic = law.mu * norm > sigma_y * (1.0 + YIELD_TOLERANCE)
     status, f_elastic = ELASTIC, f_trial
     if law.plastic == 1 and any_lane(plastic):
-        status = _return_map(c_trial, alpha_n, lambda_n, plastic, law, w)
+        status = _return_map(c_trial, theta, plastic, law, w)
         if status == NO_CONVERGENCE:
             return NO_CONVERGENCE
         y, gamma = full(symmetric_rows(w, EXPONENTIAL)), row(w, GAMMA)

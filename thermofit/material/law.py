@@ -17,18 +17,27 @@ d alpha = (1 - b alpha) d Lambda, psi_pl = h alpha^2 / 2, with b = H_exp, h = b 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import kernel
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
+from thermofit.material.composition import (
+    EFFECT_NUMBERS,
+    EFFECT_PARAMS,
+    added_yield_stress,
+    dissipation_factor,
+    stored_yield_stress,
+    yield_factor,
+)
 
 
-class Law(NamedTuple):
-    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa."""
+class BaseLaw(NamedTuple):
+    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa. Those of effects follow in `Law`."""
 
     lame: float
     mu: float
@@ -53,6 +62,16 @@ class Law(NamedTuple):
     """1: alpha integrated in closed form (errata 2); 0: backward Euler as in the thesis."""
     plastic: int
     """0: plasticity never starts (identification of the elastic stage)."""
+    effective: int
+    """1: at least one effect is on (or asked for its influence); 0: none is looked at."""
+    per_second: float
+    """1 / dt of the step in 1/s: rate of Lambda = dLambda / dt."""
+
+
+if TYPE_CHECKING:
+    Law = BaseLaw
+else:
+    Law = namedtuple("Law", (*BaseLaw._fields, *EFFECT_NUMBERS))
 
 
 def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
@@ -62,6 +81,7 @@ def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, 
     lame = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     mu = E / (2.0 * (1.0 + nu))
     names = ("M_y0", "M_yinf", "H_exp", "H_lin", "F", "G", "H", "L", "M", "N", "alpha_exp", "kappa", "c0", "beta", "theta_ref")
+    of_effects: dict[str, Any] = dict(zip(EFFECT_NUMBERS, (parameters[name] for name in EFFECT_PARAMS), strict=True))
     return Law(
         lame=lame,
         mu=mu,
@@ -69,8 +89,16 @@ def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, 
         model=int(model),
         closed_form=int(closed_form),
         plastic=int(plastic),
+        effective=int(any(parameters[name] != param(name).neutral for name in EFFECT_PARAMS)),
+        per_second=0.0,
         **{name: v[name] for name in names},
+        **of_effects,
     )
+
+
+def law_in_step(law: Law, dt: float) -> Law:
+    """The law in a step of dt s: the rate of plastic flow is dLambda / dt."""
+    return law._replace(per_second=1.0 / dt)
 
 
 def in_model_axes(parameters: Parameters, angle: float) -> Parameters:
@@ -114,6 +142,42 @@ def yield_stress(alpha: float, accumulated: float, law: Law) -> tuple[float, flo
         by_alpha = law.H_exp * (law.M_yinf - law.M_y0)
         value = law.M_y0 + by_alpha * alpha
     return value + linear_hardening(accumulated, law.H_lin), by_alpha, law.H_lin
+
+
+@kernel(inline="always")
+def flow_stress(alpha: float, accumulated: float, d_lambda: float, theta: float, law: Law) -> tuple[float, float, float]:
+    """Yield stress with all effects: (base + sum of terms) * product of factors, MPa, at the rate d_lambda / dt and theta K.
+
+    Then its derivatives by alpha, and by Lambda and d_lambda together; the latter, of effects, by a difference: it guides Newton only.
+    """
+    value, by_alpha, by_lambda = yield_stress(alpha, accumulated, law)
+    if law.effective == 0:
+        return value, by_alpha, by_lambda
+    rate = d_lambda * law.per_second
+    total = (value + added_yield_stress(accumulated, rate, theta, law)) * yield_factor(accumulated, rate, theta, law)
+    h = 1e-7 + 1e-5 * d_lambda
+    more, faster = accumulated + h, (d_lambda + h) * law.per_second
+    factor = yield_factor(more, faster, theta, law)
+    ahead = (value + by_lambda * h + added_yield_stress(more, faster, theta, law)) * factor
+    return total, by_alpha * factor, (ahead - total) / h
+
+
+@kernel(inline="always")
+def released_energy(alpha_n: float, alpha: float, d_lambda: float, accumulated: float, theta: float, law: Law) -> float:
+    """Mechanical dissipation of one increment with all effects, mJ/mm^3; `accumulated` and theta at its end.
+
+    To that of the base law comes what the effects add to the yield stress times d_lambda, less what their hardening stores; then the
+    factors of slot dissipation.
+    """
+    base = dissipated_energy(alpha_n, alpha, d_lambda, law)
+    if law.effective == 0:
+        return base
+    rate = d_lambda * law.per_second
+    plain, _, _ = yield_stress(alpha, accumulated, law)
+    added = added_yield_stress(accumulated, rate, theta, law)
+    total = (plain + added) * yield_factor(accumulated, rate, theta, law)
+    extra = (total - plain - stored_yield_stress(accumulated, rate, theta, law)) * d_lambda
+    return (base + extra) * dissipation_factor(accumulated, rate, theta, law)
 
 
 @kernel(inline="always")

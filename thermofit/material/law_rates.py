@@ -17,12 +17,14 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
-from thermofit.material.law import Law, dissipated_energy, hardening_variable, law_of, pressure_factor, yield_stress
+from thermofit.material.composition import EFFECT_NUMBERS
+from thermofit.material.law import Law, flow_stress, hardening_variable, law_of, pressure_factor, released_energy
 
 LANES = 8
 """Directions that are treated side by side; their number is filled up to a multiple of it with zero directions."""
 
-NUMBERS: tuple[str, ...] = tuple(name for name in Law._fields if name not in ("model", "closed_form", "plastic"))
+_FLAGS = ("model", "closed_form", "plastic", "effective", "per_second")
+NUMBERS: tuple[str, ...] = tuple(name for name in Law._fields if name not in _FLAGS)
 """Names of the real numbers of a Law, in the order of its fields."""
 N_NUMBERS = len(NUMBERS)
 MU, BULK = NUMBERS.index("mu"), NUMBERS.index("bulk")
@@ -70,16 +72,20 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     moved = np.any(numbers != 0.0, axis=1)
     return Directions(
         numbers,
-        _felt(yield_gradients, (0.031, 0.017, 0.007), law, moved),
-        _felt(dissipation_gradients, (0.031, 0.036, 0.007), law, moved),
+        _felt(yield_gradients, (0.031, 0.017, 0.007, 297.3), law, moved),
+        _felt(dissipation_gradients, (0.031, 0.036, 0.007, 0.017, 297.3), law, moved),
         _felt(pressure_gradients, (0.003, 297.3), law, moved),
     )
 
 
 def moved_law(law: Law, which: int) -> Law:
-    """The law with all numbers complex and one of them moved by i h (none for a negative `which`)."""
+    """The law with all numbers complex and one of them moved by i h (none for a negative `which`).
+
+    One of an effect is looked at although the law may have none.
+    """
     moved: dict[str, Any] = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
-    return law._replace(**moved)
+    asked = which >= 0 and NUMBERS[which] in EFFECT_NUMBERS
+    return law._replace(effective=1 if asked else law.effective, **moved)
 
 
 Complex = Any
@@ -89,7 +95,7 @@ Gradients = Callable[[tuple[np.ndarray, ...], Law, np.ndarray], np.ndarray]
 
 def _felt(gradients: Gradients, arguments: tuple[float, ...], law: Law, moved: np.ndarray) -> np.ndarray:
     """Numbers that a function of the law page depends on at a general point, of those that any direction moves."""
-    generic = law._replace(theta_ref=law.theta_ref - 1.7) if law.theta_ref == arguments[-1] else law
+    generic = law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == arguments[-1] else law.theta_ref, per_second=0.3)
     found = gradients(tuple(np.array([x]) for x in arguments), generic, np.arange(N_NUMBERS))
     felt = np.any(found[..., len(arguments) :, 0].reshape(-1, N_NUMBERS) != 0.0, axis=0)
     return np.flatnonzero(moved & felt).astype(np.int64)
@@ -103,13 +109,14 @@ def _moves(n: int, law: Law, active: np.ndarray) -> list[tuple[Any, Law]]:
 
 
 def yield_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
-    """Gradients of yield stress and alpha after an increment, (2, 3 + n_active, n): by alpha_n, Lambda_n, dLambda, then by `active`.
+    """Gradients of yield stress and alpha after an increment, (2, 4 + n_active, n): by alpha_n, Lambda_n, dLambda, theta, then by `active`.
 
-    points = (alpha_n, Lambda_n, dLambda), each (n,); zero where dLambda = 0.
+    points = (alpha_n, Lambda_n, dLambda, theta), each (n,); zero where dLambda = 0.
     """
-    out = np.zeros((2, 3 + len(active), len(points[0])))
-    for k, (h, moved) in enumerate(_moves(3, law, active)):
-        _yield_derivative(points[0], points[1], points[2], h, moved, out[0, k], out[1, k])
+    out = np.zeros((2, 4 + len(active), len(points[0])))
+    for k, (h, moved) in enumerate(_moves(4, law, active)):
+        if k != 3 or law.effective == 1:
+            _yield_derivative(points, h, moved, out[0, k], out[1, k])
     return out
 
 
@@ -122,11 +129,11 @@ def pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndar
 
 
 def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
-    """Gradient of the dissipated energy of an increment, (3 + n_active, n): by alpha_n, alpha, dLambda (= points, each (n,)), then by
-    `active`."""
-    out = np.zeros((3 + len(active), len(points[0])))
-    for k, (h, moved) in enumerate(_moves(3, law, active)):
-        _dissipation_derivative(points[0], points[1], points[2], h, moved, out[k])
+    """Gradient of the released energy of an increment, (5 + n_active, n): by alpha_n, alpha, dLambda, Lambda and theta at its end, then by
+    `active`. points = the first five, each (n,); zero where dLambda = 0."""
+    out = np.zeros((5 + len(active), len(points[0])))
+    for k, (h, moved) in enumerate(_moves(5, law, active)):
+        _dissipation_derivative(points, h, moved, out[k])
     return out
 
 
@@ -141,21 +148,21 @@ def pressure_values(log_j: np.ndarray, theta: np.ndarray, law: Law) -> np.ndarra
 
 @kernel
 def _yield_derivative(
-    alpha_n: np.ndarray,
-    lambda_n: np.ndarray,
-    d_lambda: np.ndarray,
-    h: tuple[float, float, float],
+    points: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    h: tuple[float, float, float, float],
     law: Law,
     sigma: np.ndarray,
     alpha: np.ndarray,
 ) -> None:
+    alpha_n, lambda_n, d_lambda, theta = points
     for i in range(len(d_lambda)):
         if d_lambda[i] > 0.0:
             gamma: Complex = complex(d_lambda[i], h[2])
             start: Complex = complex(alpha_n[i], h[0])
             total: Complex = complex(lambda_n[i], h[1]) + gamma
             after: Complex = hardening_variable(start, gamma, law)[0]
-            value: Complex = yield_stress(after, total, law)[0]
+            warm: Complex = complex(theta[i], h[3])
+            value: Complex = flow_stress(after, total, gamma, warm, law)[0]
             sigma[i], alpha[i] = value.imag / STEP, after.imag / STEP
 
 
@@ -172,11 +179,17 @@ def _pressure_derivative(log_j: np.ndarray, theta: np.ndarray, h: tuple[float, f
 
 @kernel
 def _dissipation_derivative(
-    alpha_n: np.ndarray, alpha: np.ndarray, d_lambda: np.ndarray, h: tuple[float, float, float], law: Law, out: np.ndarray
+    points: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    h: tuple[float, float, float, float, float],
+    law: Law,
+    out: np.ndarray,
 ) -> None:
-    for i in range(len(d_lambda)):
-        start: Complex = complex(alpha_n[i], h[0])
-        end: Complex = complex(alpha[i], h[1])
-        gamma: Complex = complex(d_lambda[i], h[2])
-        value: Complex = dissipated_energy(start, end, gamma, law)
-        out[i] = value.imag / STEP
+    for i in range(len(points[0])):
+        if points[2][i] > 0.0:
+            start: Complex = complex(points[0][i], h[0])
+            end: Complex = complex(points[1][i], h[1])
+            gamma: Complex = complex(points[2][i], h[2])
+            total: Complex = complex(points[3][i], h[3])
+            warm: Complex = complex(points[4][i], h[4])
+            value: Complex = released_energy(start, end, gamma, total, warm, law)
+            out[i] = value.imag / STEP

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.material.law import Law, hardening_variable, hill_gradient, pressure_factor, yield_stress
+from thermofit.material.law import Law, flow_stress, hardening_variable, hill_gradient, pressure_factor
 from thermofit.material.tensor import (
     COLUMN,
     ROW,
@@ -134,12 +134,13 @@ def _apply_inverse(v: Symmetric, k: float, law: Law) -> Symmetric:
 
 
 @kernel(forceinline=True)
-def _return_map(c_trial: Symmetric, alpha_n: float, lambda_n: float, law: Law, w: PointWork) -> int:
+def _return_map(c_trial: Symmetric, theta: float, state_n: np.ndarray, law: Law, w: PointWork) -> int:
     """Solve D = dLambda N(C_el(D)), mu |C_el|_G = sigma_y (4.18) for D and dLambda; the solution is kept in w.
 
     Newton with dC_el replaced by -2 c dD, c = tr C_tr / 3: exact up to the elastic strain, so that an iteration gains two to
     three digits; the converged answer is exact.
     """
+    alpha_n, lambda_n = state_n[ALPHA], state_n[LAMBDA]
     c = (c_trial[0] + c_trial[1] + c_trial[2]) / 3.0
     gamma, terms = 0.0, 1
     d = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -148,7 +149,7 @@ def _return_map(c_trial: Symmetric, alpha_n: float, lambda_n: float, law: Law, w
     for _ in range(MAX_ITERATIONS):
         flow, norm = flow_direction(c_elastic, law)
         alpha, d_alpha = hardening_variable(alpha_n, gamma, law)
-        sigma_y, by_alpha, by_lambda = yield_stress(alpha, lambda_n + gamma, law)
+        sigma_y, by_alpha, by_lambda = flow_stress(alpha, lambda_n + gamma, gamma, theta, law)
         slope = by_alpha * d_alpha + by_lambda
         excess = law.mu * norm - sigma_y
         error = added(d, flow, -gamma)
@@ -201,11 +202,11 @@ def local_update(f: np.ndarray, theta: float, state_n: np.ndarray, law: Law, w: 
     for i in range(N_STATE):
         state[i] = state_n[i]
     _, norm = flow_direction(c_trial, law)
-    sigma_y, _, _ = yield_stress(state_n[ALPHA], state_n[LAMBDA], law)
+    sigma_y, _, _ = flow_stress(state_n[ALPHA], state_n[LAMBDA], 0.0, theta, law)
     if law.plastic == 0 or law.mu * norm <= sigma_y * (1.0 + YIELD_TOLERANCE):
         _set_cp_inv(w.fp_inv, w)
         return ELASTIC
-    status = _return_map(c_trial, state_n[ALPHA], state_n[LAMBDA], law, w)
+    status = _return_map(c_trial, theta, state_n, law, w)
     if status != PLASTIC:
         return status
     multiply_symmetric(w.fp_inv, _kept(w, EXPONENTIAL), w.t1)  # F_p^-1 = F_p(n)^-1 exp(-D)

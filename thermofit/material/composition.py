@@ -1,0 +1,105 @@
+"""How effects enter the law: within a slot additive terms are summed, then factors multiplied, so that order cannot matter.
+
+The effects are files of their own (thermofit.effects, or a user's). Their formulas are joined here, once per process, in a module that is
+written beside the compiled kernels, so that it is cached with them:
+
+    added_yield_stress = sum of the effects of slot yield_stress,  stored_yield_stress = those of them that store what they take (STORED)
+    yield_factor       = product of the effects of slot yield_factor,   dissipation_factor = product of those of slot dissipation
+
+Every Param of such an effect is a number of the law, called <effect>__<param>. At the neutral value of its amplitude an effect is skipped,
+not evaluated to zero: exactly off, at no cost.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+from thermofit.core.jit import CACHE_FOLDER
+from thermofit.effects.catalogue import Effect, effects
+
+SUMS = ("yield_stress",)
+FACTORS = ("yield_factor", "dissipation")
+_HEAD = '''"""Joined formulas of effects; written by thermofit.material.composition."""
+from thermofit.core.jit import kernel
+from thermofit.effects.catalogue import effect
+'''
+
+
+def number_of(param_name: str) -> str:
+    """Name of a Param of an effect among the numbers of the law."""
+    return param_name.replace(".", "__")
+
+
+def law_effects() -> tuple[Effect, ...]:
+    """Effects that act in the law of a point, in a fixed order."""
+    return effects((*SUMS, *FACTORS))
+
+
+EFFECT_PARAMS: tuple[str, ...] = tuple(name for e in law_effects() for name in e.names)
+"""Names of all Params of effects in the law."""
+EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAMS)
+"""The same as numbers of the law."""
+
+
+def _call(e: Effect) -> str:
+    numbers = ", ".join(f"law.{number_of(name)}" for name in e.names)
+    return f"_{e.name}(accumulated, rate, theta, law, {numbers})"
+
+
+def _function(name: str, members: list[Effect], product: bool) -> str:
+    lines = [
+        "@kernel(forceinline=True)",
+        f"def {name}(accumulated, rate, theta, law):",
+        f"    value = {'1.0 + ' if product else ''}0.0 * accumulated",
+    ]
+    for e in members:
+        operation = "*" if product else "+"
+        lines += [
+            f"    if law.{number_of(e.amplitude.name)} != {e.amplitude.neutral!r}:",
+            f"        value = value {operation} {_call(e)}",
+        ]
+    return "\n".join([*lines, "    return value", "", ""])
+
+
+def source() -> str:
+    """The joined formulas as Python text."""
+    members = law_effects()
+    parts = [_HEAD]
+    parts += [f"_{e.name} = kernel(forceinline=True)(effect({e.name!r}).act)\n" for e in members]
+    parts.append("\n\n")
+    parts.append(_function("added_yield_stress", [e for e in members if e.slot == "yield_stress"], False))
+    parts.append(_function("stored_yield_stress", [e for e in members if e.slot == "yield_stress" and e.stored], False))
+    parts.append(_function("yield_factor", [e for e in members if e.slot == "yield_factor"], True))
+    parts.append(_function("dissipation_factor", [e for e in members if e.slot == "dissipation"], True))
+    return "".join(parts)
+
+
+def _written() -> ModuleType:
+    """The module of `source`, from a file beside the compiled kernels."""
+    text = source()
+    name = f"composition_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    path = Path(CACHE_FOLDER) / f"{name}.py"
+    if not path.exists():
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".py")
+        with os.fdopen(handle, "w", encoding="ascii") as file:
+            file.write(text)
+        os.replace(temporary, path)
+    spec = importlib.util.spec_from_file_location(f"thermofit_{name}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # compiled kernels name it when they are read from the cache
+    spec.loader.exec_module(module)
+    return module
+
+
+_module = _written()
+added_yield_stress = _module.added_yield_stress
+stored_yield_stress = _module.stored_yield_stress
+yield_factor = _module.yield_factor
+dissipation_factor = _module.dissipation_factor

@@ -13,13 +13,17 @@ from thermofit.fem.element import element_data
 from thermofit.fem.mechanical_rates import load_rates, update_rates
 from thermofit.fem.newton import virgin_state
 from thermofit.fem.responses import responses
-from thermofit.material.law import law_of
+from thermofit.material.composition import law_effects
+from thermofit.material.law import law_in_step, law_of
 from thermofit.material.law_rates import directions, padded
 from thermofit.material.point import LAMBDA
 from thermofit.material.rates import response_size
 
-NAMES = ("E", "nu", "M_y0", "M_yinf", "H_exp", "H_lin", "F", "G", "H", "L", "M", "N", "alpha_exp", "theta_ref")
-BASE = NOMINAL.replace(H_lin=20.0)
+EFFECTS = {p.name: p.probe if p.probe is not None else p.neutral for e in law_effects() if e.slot != "dissipation" for p in e.params}
+OF_EFFECTS = tuple(name for name, value in EFFECTS.items() if value != 0.0)
+NAMES = ("E", "nu", "M_y0", "M_yinf", "H_exp", "H_lin", "F", "G", "H", "L", "M", "N", "alpha_exp", "theta_ref", *OF_EFFECTS)
+BASE = NOMINAL.replace(H_lin=20.0, **EFFECTS)
+"""Every effect of the law is on."""
 MESH = bar_mesh((2, 2, 1), (2.0, 3.0, 1.0), distortion=0.3)
 SCALE = np.array([BASE[name] for name in NAMES])
 
@@ -55,7 +59,7 @@ def differences(history: Path, base: Parameters, model: int, k: int, f_bar: bool
     data = element_data(MESH.nodes, MESH.hexes, f_bar=f_bar)
 
     def end(h: float) -> list[np.ndarray]:
-        law = law_of(base.replace(**{NAMES[k]: base[NAMES[k]] + h * SCALE[k]}), model)
+        law = law_in_step(law_of(base.replace(**{NAMES[k]: base[NAMES[k]] + h * SCALE[k]}), model), 2.0)
         state = virgin_state(MESH.n_elements)
         for u, theta in history.moved(k, h):
             force, _, state, dilatation = run_pass(data, u, theta, state, law)
@@ -70,7 +74,7 @@ def differences(history: Path, base: Parameters, model: int, k: int, f_bar: bool
 def rates(history: Path, base: Parameters, model: int, f_bar: bool) -> list[np.ndarray]:
     """The same by direct differentiation, all parameters at once; last axis m >= 14."""
     data = element_data(MESH.nodes, MESH.hexes, f_bar=f_bar)
-    law, n_el, m = law_of(base, model), MESH.n_elements, padded(len(NAMES))
+    law, n_el, m = law_in_step(law_of(base, model), 2.0), MESH.n_elements, padded(len(NAMES))
     along = directions(base, NAMES, law)
     along = along._replace(numbers=along.numbers * np.append(SCALE, np.zeros(m - len(NAMES))))
     state, state_rates = virgin_state(n_el), np.zeros((n_el, 8, 11, m))

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
-from thermofit.material.law import Law, law_of
+from thermofit.material.composition import law_effects
+from thermofit.material.law import Law, law_in_step, law_of
 from thermofit.material.point import local_tangent, local_update, piola_stress, point_work
 
 NOMINAL = Parameters.of(
@@ -22,6 +23,8 @@ NOMINAL = Parameters.of(
     }
 )
 ANISOTROPIC = NOMINAL.replace(F=0.31, G=0.62, H=0.45, L=1.2, M=1.9, N=1.45)
+PROBES = {p.name: p.probe if p.probe is not None else p.neutral for effect in law_effects() for p in effect.params}
+"""Every effect of the law at its probe."""
 VIRGIN = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0])
 WORK = point_work()
 """Scratch: filled anew by every update."""
@@ -59,6 +62,7 @@ def laws(parameters: Parameters = ANISOTROPIC) -> list[Any]:
         pytest.param(law_of(parameters.replace(H_lin=35.0), 1), id="model1"),
         pytest.param(law_of(parameters, 2), id="model2"),
         pytest.param(law_of(parameters, 2, closed_form=False), id="model2-euler"),
+        pytest.param(law_in_step(law_of(parameters.replace(**PROBES), 2), 2.5), id="model2-effects"),
     ]
 
 

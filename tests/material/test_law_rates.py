@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from point_tools import ANISOTROPIC
+from point_tools import ANISOTROPIC, PROBES
 
 from thermofit.core.errors import StudyError
 from thermofit.effects.catalogue import Effect
@@ -37,7 +37,6 @@ from thermofit.material.law_rates import (
 
 EVERY = np.arange(N_NUMBERS)
 PARAMETERS = ANISOTROPIC.replace(H_lin=35.0, alpha_exp=2e-5, theta_ref=296.7)
-PROBES = {p.name: p.probe if p.probe is not None else p.neutral for effect in law_effects() for p in effect.params}
 EFFECTIVE = PARAMETERS.replace(**PROBES)
 """Every effect of the law at its probe."""
 

@@ -12,7 +12,7 @@ from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, la
 from scipy.linalg import logm, sqrtm
 from scipy.spatial.transform import Rotation
 
-from thermofit.material.law import Law, dissipated_energy, law_of, thermoelastic_heat, yield_stress
+from thermofit.material.law import Law, dissipated_energy, flow_stress, law_of, thermoelastic_heat
 from thermofit.material.point import ALPHA, ELASTIC, INVERTED, LAMBDA, NO_CONVERGENCE, PLASTIC
 
 HILL_PAIRS = {"L": (0, 1), "M": (1, 2), "N": (0, 2)}
@@ -86,7 +86,7 @@ def test_return_map_ends_on_the_yield_surface_with_the_flow_of_its_end(law: Law,
     c = fe.T @ fe
     g = hill_tensor(law, c)
     norm = math.sqrt(float(np.sum(g * c)))
-    sigma_y = yield_stress(answer.state[ALPHA], answer.state[LAMBDA], law)[0]
+    sigma_y = flow_stress(answer.state[ALPHA], answer.state[LAMBDA], answer.state[LAMBDA] - old[LAMBDA], 296.7, law)[0]
     assert law.mu * norm == pytest.approx(sigma_y, rel=1e-9)
     increment = np.real(logm(np.linalg.inv(answer.fp_inv) @ old[:9].reshape(3, 3)))
     d_lambda = answer.state[LAMBDA] - old[LAMBDA]

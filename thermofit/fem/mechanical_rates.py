@@ -35,6 +35,7 @@ from thermofit.material.rates import (
     K_THETA,
     NUMBER_RATES,
     ROWS,
+    THETA_RATE,
     elastic_part,
     flow_rates,
     kirchhoff,
@@ -121,6 +122,7 @@ def _stress_at_fixed_f(
     fp_rate, active = _group_tensor(state_n_rates, group), (along.in_pressure, along.in_yield)
     if c[IS_PLASTIC] == 1.0:
         alpha, accumulated = _group(state_n_rates, ALPHA, group), _group(state_n_rates, LAMBDA, group)
+        set_row(w, THETA_RATE, theta)
         y, _, _ = flow_rates(c, fp_rate, alpha, accumulated, (o, o, o, o, o, o), law, active, w)
         fp_rate = plastic_part_rates(c, fp_n, fp_rate, y)
     return stress_rates(c, product(f, fp_rate), pressure_rates(c, theta, o, along.in_pressure, w), law, w)
@@ -294,14 +296,15 @@ def update_rates(
                     d = (wanted - trace) * (1.0 / 3.0)
                     l_bar = (lv[0] + d, lv[1], lv[2], lv[3], lv[4] + d, lv[5], lv[6], lv[7], lv[8] + d)
                     f_el_rate = product(l_bar, elastic_part(c))
+                    theta = _at_point(theta_rates, data.hexes[e], q, group)
                     if not virgin:
+                        set_row(point, THETA_RATE, theta)
                         fp_rate = _new_plastic_part(
                             c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
                         )
                         f_el_rate = total(f_el_rate, product(_numbers_of(f_rows, q), fp_rate))
                     if not forces:
                         continue
-                    theta = _at_point(theta_rates, data.hexes[e], q, group)
                     k = pressure_rates(c, theta, wanted, along.in_pressure, point)
                     m, p = _deviator(stress_rates(c, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
                     power_rate = power_rate + p

@@ -21,6 +21,7 @@ from thermofit.material.rates import (
     BY_ALPHA,
     BY_GAMMA,
     BY_LAMBDA,
+    BY_THETA,
     GRADIENTS,
     K_LOG_J,
     K_THETA,
@@ -46,12 +47,13 @@ def responses(
     points = np.ascontiguousarray(theta[data.hexes] @ data.shape.T).reshape(-1)
     pressure, by_pressure = pressure_values(log_j, points, law), pressure_gradients((log_j, points), law, along.in_pressure)
     gamma = after[:, LAMBDA] - before[:, LAMBDA]
-    sigma, alpha = yield_gradients((before[:, ALPHA], before[:, LAMBDA], gamma), law, along.in_yield)
+    sigma, alpha = yield_gradients((before[:, ALPHA], before[:, LAMBDA], gamma, points), law, along.in_yield)
     flat[:, PRESSURE] = pressure
     flat[:, K_LOG_J], flat[:, K_THETA] = by_pressure[:2]
     flat[:, BY_ALPHA], flat[:, BY_LAMBDA], flat[:, BY_GAMMA] = sigma[:3]
     flat[:, ALPHA_BY_ALPHA], flat[:, ALPHA_BY_GAMMA] = alpha[0], alpha[2]
-    flat[:, GRADIENTS:] = np.concatenate([by_pressure[2:], sigma[3:], alpha[3:]]).T
+    flat[:, BY_THETA] = sigma[3]
+    flat[:, GRADIENTS:] = np.concatenate([by_pressure[2:], sigma[4:], alpha[4:]]).T
     _responses(data, u, states[0], states[1], law, out)
 
 

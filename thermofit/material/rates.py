@@ -8,7 +8,7 @@ C_tr = F_tr^T F_tr, C = y C_tr y (material.point), n = |C|_G, r = gamma / n, dif
     C'    = b' + S D',    b' = y C_tr' y,    S D' = y' C_tr y + y C_tr y',    y' = Y D'
     mu (N : C' + h') + mu' n = sigma' + sigma_gamma gamma',
 
-sigma' the yield stress along alpha_n', Lambda_n' and the numbers of the law. With t = r [(sigma' - mu' n)/mu - h'],
+sigma' the yield stress along alpha_n', Lambda_n', theta' and the numbers of the law. With t = r [(sigma' - mu' n)/mu - h'],
 s = 1 - r sigma_gamma / mu and eta = s gamma' - t, elimination of C' leaves, for the five components of the traceless D',
 
     [1 - r G S] D' = eta N + r q',   q' = G : b' + e',
@@ -48,13 +48,13 @@ IS_PLASTIC, NORM, RATIO, SHARE, DENOMINATOR = range(5)
 """1 where the point flows, n, r, s and the denominator of eta."""
 PRESSURE, K_LOG_J, K_THETA = 5, 6, 7
 """k and its derivatives by ln J and theta."""
-BY_ALPHA, BY_LAMBDA, BY_GAMMA, ALPHA_BY_ALPHA, ALPHA_BY_GAMMA = 8, 9, 10, 11, 12
-"""Derivatives of the yield stress and of alpha by alpha_n, Lambda_n and gamma."""
-_FLOW, _C, _EXP, _F_TRIAL, _F_EL, _X = 13, 19, 25, 31, 40, 49
+BY_ALPHA, BY_LAMBDA, BY_GAMMA, ALPHA_BY_ALPHA, ALPHA_BY_GAMMA, BY_THETA = 8, 9, 10, 11, 12, 13
+"""Derivatives of the yield stress and of alpha by alpha_n, Lambda_n and gamma, of the yield stress by theta."""
+_FLOW, _C, _EXP, _F_TRIAL, _F_EL, _X = 14, 20, 26, 32, 41, 50
 """N, C, y (six each), F_tr, F_el, F_tr^T F (nine each)."""
-_B, _BN, _VB, _DY = 58, 83, 88, 93
+_B, _BN, _VB, _DY = 59, 84, 89, 94
 """B (5, 5), B N, r v B (five each) and Y by the five components of D (5, 6)."""
-GRADIENTS = 123
+GRADIENTS = 124
 """Gradients by the active numbers: of the pressure factor, the yield stress and alpha."""
 
 _PLACE = np.array([0, 1, 3, 4, 5])
@@ -62,9 +62,11 @@ _PLACE = np.array([0, 1, 3, 4, 5])
 # Rows of the workspace of one thread.
 NUMBER_RATES = 0
 """Rates of the numbers of the law."""
-_S, _Y, _INVERSE = N_NUMBERS, N_NUMBERS + 30, N_NUMBERS + 60
+THETA_RATE = N_NUMBERS
+"""theta' at the point that `flow_rates` is called for."""
+_S, _Y, _INVERSE = N_NUMBERS + 1, N_NUMBERS + 31, N_NUMBERS + 61
 """Scratch of `responses_of_points`: S and Y (5, 6), [1 - r G S | 1] (5, 10)."""
-ROWS = N_NUMBERS + 110
+ROWS = N_NUMBERS + 111
 
 
 @kernel(forceinline=True)
@@ -241,13 +243,13 @@ def flow_rates(
     """y', alpha' and Lambda' of a flowing point by the implicit function theorem.
 
     c (n_response,) its response; fp_rate, alpha_n, lambda_n the rates of the old state; strain l + l^T; active = numbers felt by pressure
-    and yield stress, whose rates stand in the rows NUMBER_RATES.
+    and yield stress, whose rates stand in the rows NUMBER_RATES; theta' stands in the row THETA_RATE.
     """
     in_pressure, in_yield = active
     flow, r, mu_rate = six(c, _FLOW), c[RATIO], row(w, NUMBER_RATES + MU)
     e, h = _hill_rates(c, w)
     at = GRADIENTS + in_pressure.shape[0]
-    sigma = _summed(c, at, in_yield, w) + c[BY_ALPHA] * alpha_n + c[BY_LAMBDA] * lambda_n
+    sigma = _summed(c, at, in_yield, w) + c[BY_ALPHA] * alpha_n + c[BY_LAMBDA] * lambda_n + c[BY_THETA] * row(w, THETA_RATE)
     x = product(nine(c, _X), fp_rate)
     moved = _pulled_back(nine(c, _F_TRIAL), strain)
     c_rate = (

@@ -93,13 +93,28 @@ def heat_step_rates(
     lanes = np.vstack([rates.c0, -gamma * step.length * lanes])
     supply = gamma * heat_rates
     shape = None if motion is None else _shape_rates(body, step, theta, motion)
-    from_rates = start_rates
+    supplies = []
     for k in range(len(step.stages)):
-        right = multiply_directions(p.row, p.column, step.conditions.c0 * body.capacity, from_rates)
-        right += np.column_stack([change[:, k], losses[k]]) @ lanes
-        right += supply
+        supplies.append(np.column_stack([change[:, k], losses[k]]) @ lanes)
+        supplies[k] += supply
         if shape is not None:
-            right -= gamma * step.length * shape[k]
+            supplies[k] -= gamma * step.length * shape[k]
+    return _through_stages(body, step, start_rates, supplies)
+
+
+def heat_answer(body: Body, step: HeatStep, heat_rates: np.ndarray) -> np.ndarray:
+    """What `heat_step_rates` owes to the nodal heat (n_np, m) alone."""
+    gamma = GAMMA if len(step.stages) == 2 else 1.0
+    return _through_stages(body, step, np.zeros_like(heat_rates), [gamma * heat_rates] * len(step.stages))
+
+
+def _through_stages(body: Body, step: HeatStep, start_rates: np.ndarray, supplies: Sequence[np.ndarray]) -> np.ndarray:
+    """Rates (n_np, m) at the end of a step whose stages get the supplies (n_np, m) beside the heat stored at their start."""
+    p, capacity = body.thermal, step.conditions.c0 * body.capacity
+    gamma, from_rates = GAMMA if len(step.stages) == 2 else 1.0, start_rates
+    for supply in supplies:
+        right = multiply_directions(p.row, p.column, capacity, from_rates)
+        right += supply
         theta_rates = np.ascontiguousarray(step.factor.solve(right))
         from_rates = start_rates + (1.0 - gamma) / gamma * (theta_rates - start_rates)
     return theta_rates

@@ -193,3 +193,29 @@ def _add_state_rates(
                     add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
             for a in range(8):
                 add_lanes(result, data.hexes[e, a] * m + b, 1.0, w, _NODAL + a * LANES)
+
+
+@kernel
+def add_dilatation_heat(
+    data: ElementData, dilatation: np.ndarray, theta: np.ndarray, law: Law, dilatation_rates: np.ndarray, out: np.ndarray
+) -> None:
+    """The part of `heat_source_rates` that the rates of J at the end of the increment, (n_el, 8, m), make alone; `dilatation` is J there."""
+    m, result, rates = out.shape[1], out.reshape(-1), dilatation_rates.reshape(-1)
+    c = thermoelastic_heat(1.0, 0.0, 1.0, law)
+    w, zero, by_j = np.zeros(_END), np.zeros(LANES), np.empty(8)
+    for e in range(data.hexes.shape[0]):
+        for q in range(8):
+            t, j = 0.0, dilatation[e, q]
+            for a in range(8):
+                t += data.shape[q, a] * theta[data.hexes[e, a]]
+            by_j[q] = data.volume[e, q] * c * t * (1.0 - np.log(j)) / (j * j)
+        for b in range(0, m, LANES):
+            for a in range(8):
+                copy_lanes(w, _NODAL + a * LANES, zero, 0)
+            for q in range(8):
+                copy_lanes(w, _HEAT, zero, 0)
+                add_lanes(w, _HEAT, by_j[q], rates, (e * 8 + q) * m + b)
+                for a in range(8):
+                    add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
+            for a in range(8):
+                add_lanes(result, data.hexes[e, a] * m + b, 1.0, w, _NODAL + a * LANES)

@@ -238,6 +238,24 @@ def _mean_dilatation(w: np.ndarray, nodes: np.ndarray, u_rates: np.ndarray, grou
     return value
 
 
+@kernel(parallel=True)
+def dilatation_rates(data: ElementData, u: np.ndarray, u_rates: np.ndarray, out: np.ndarray) -> None:
+    """Rates of J that the material sees at every point, out (n_el, 8, m), by u' (n_np, 3, m)."""
+    n_el, n_groups = data.hexes.shape[0], u_rates.shape[2] // WIDTH
+    for chunk in prange(_CHUNKS):
+        w, j_row = lane_workspace(ELEMENT_ROWS), lane_workspace(1)
+        for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
+            _, j = element_kinematics(data, e, u, w)
+            set_row(j_row, 0, j)
+            for group in range(n_groups):
+                wanted = _mean_dilatation(w, data.hexes[e], u_rates, group)
+                for q in range(8):
+                    if data.f_bar != 1:
+                        lv = _velocity_gradient(w, data.hexes[e], q, u_rates, group)
+                        wanted = lv[0] + lv[4] + lv[8]
+                    _set_group(out[e], q, group, number(j_row, 0, q) * wanted)
+
+
 @kernel(forceinline=True)
 def _power(data: ElementData, e: int, response: np.ndarray, law: Law) -> float:
     """P = sum_q w p of the stress at the end of the step; 0 without F-bar."""

@@ -6,8 +6,10 @@ history variables (M. Kleiber et al., Parameter Sensitivity in Nonlinear Mechani
     K u' = f_ext' - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
     [c0 M + gamma dt E] theta' = ... (u', u_n', theta_n', h'(s', s_n', theta'), p).
 
-Mechanics and heat alternate as in the march until theta' stands still; the factors are those of the step. Memory holds the rates of
-two states, whatever the number of steps; what is wanted of a step is taken by the caller's `collect`.
+Mechanics and heat alternate as in the march until theta' stands still; the factors are those of the step. A sweep over both ends with
+the answer of u' to the change of theta' that it found, and the answer of theta' to that change of volume: of what a sweep leaves, this
+is nearly all. Memory holds the rates of two states, whatever the number of steps; what is wanted of a step is taken by the caller's
+`collect`.
 """
 
 from __future__ import annotations
@@ -22,12 +24,12 @@ from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions, HeatStep
-from thermofit.fem.conduction_rates import ConditionRates, heat_step_rates, steady_rates
+from thermofit.fem.conduction_rates import ConditionRates, heat_answer, heat_step_rates, steady_rates
 from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.heat import PointHistory
-from thermofit.fem.heat_rates import PointRates, heat_source_rates, source_law
+from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
 from thermofit.fem.linear import Factor, multiply_symmetric
-from thermofit.fem.mechanical_rates import load_rates, thermal_load_rates, update_rates
+from thermofit.fem.mechanical_rates import dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
 from thermofit.material.law import Law
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
@@ -37,8 +39,10 @@ from thermofit.material.rates import response_size
 MAX_SWEEPS = 20
 _RESOLVED = 2e-3
 """Last relative change of theta' that is not worth another solve for u'."""
-_FORCE_SHARE = 0.02
+_FORCE_SHARE = 4e-3
 """Share of the force rates of a direction, per tolerance of theta', that may stay out of balance when its states are differentiated."""
+_ELASTIC_SHARE = 5.0
+"""So much more where no point flows: u' and J' alone take part in it, and the answer at the end of a sweep mends both."""
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
 _ASYMMETRY = 4e-4
@@ -52,12 +56,12 @@ class Sensitivities:
     """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
 
     `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
-    fifty times, and what is left of it in u' is taken out by one more solve.
+    thousand times.
     """
 
     names: tuple[str, ...]
     collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 0.1
+    tolerance: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -179,6 +183,7 @@ class Differentiator:
         self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
         self._loads = np.zeros((n_el, 24, self.m))
         self._warming = np.zeros((n_el, 24, self.m))
+        self._swelling = np.zeros((n_el, 8, self.m))
         # A body without stress feels a change of its moduli by round-off alone.
         facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
         self._round_off = _ROUND_OFF * facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
@@ -188,6 +193,7 @@ class Differentiator:
         self.resting = np.zeros((body.mesh.n_nodes, self.m))
         self.prescribed = np.zeros(self.m)
         self.sweeps = 0
+        self.mended = False
         self._exact_forces = False
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
@@ -218,37 +224,66 @@ class Differentiator:
         return Rates(u, self.resting, points, dilatation, self._top_rate)
 
     def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
-        """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree."""
+        """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree.
+
+        `mended` tells afterwards whether the factor at hand was so far from that of the step that an answer of it had to be mended.
+        """
+        self.mended = False
         self._respond(mechanics)
         self._take_buffer(start)
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
-        for sweep in range(MAX_SWEEPS):
+        u, felt = self._mechanics(mechanics, start.points, theta), theta
+        for _ in range(MAX_SWEEPS):
             self.sweeps += 1
-            if sweep == 0:
-                u = self._mechanics(mechanics, start.points, theta)
             points, dilatation = self._update(mechanics, start.points, theta, u)
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
-            change = found - theta
-            scale = np.maximum(np.abs(found).max(axis=0), 1e-300)
-            open_change = np.abs(change).max(axis=0)
-            small = open_change <= self.asked.tolerance * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale)
-            settled = self.one_way or bool(np.all(small))
-            if self.one_way:
-                change = np.zeros_like(theta)
-            elif not settled:
-                change = self._share * change
-            matters = np.any(open_change > _RESOLVED * np.maximum(scale, _NEGLIGIBLE / self._parameter_scale))
-            if not settled or self._exact_forces or (matters and not self.one_way):
-                self._warm(mechanics, u, change)
-            theta = theta + change
-            if settled:
+            size = self._change(found, theta)
+            if self._exact_forces or np.any(size > _RESOLVED):
+                change = np.zeros_like(found) if self.one_way else found - felt
+                answer, series = self._answer(mechanics, ends, (u, dilatation), change)
+                found, felt = found + answer, felt + series * change
+                size = self._change(found, theta)
+            theta = found
+            if np.all(size <= self.asked.tolerance):
                 self._clean = True
                 past = ((ends.step.length, start.theta), *start.past[:1])
                 return Rates(u, found, points, dilatation, self._top_rate, past)
-        worst = self.asked.names[int(np.argmax((open_change / scale)[: len(self.asked.names)]))]
+        worst = self.asked.names[int(np.argmax(size[: len(self.asked.names)]))]
         raise NumericsError(
             f"sensitivities: temperature and displacement still disagree after {MAX_SWEEPS} sweeps, most for {worst}; use smaller steps"
         )
+
+    def _change(self, found: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Relative change (m,) of theta' (n_np, m); none where theta does not act on the mechanics."""
+        if self.one_way:
+            return np.zeros(self.m)
+        scale = np.maximum(np.abs(found).max(axis=0), _NEGLIGIBLE / self._parameter_scale)
+        return np.asarray(np.abs(found - theta).max(axis=0) / scale)
+
+    def _answer(
+        self, mechanics: Linearised, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], change: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """u' and J' of the end of a step (= end) follow a change of theta' (n_np, m); the answer (n_np, m) of theta' to that, and the
+        multiple (m,) of the change that they have followed.
+
+        The body swells with theta' and takes heat for it: c0 / (c0 + 9 K alpha^2 theta_0) is left of a change that is even over the body
+        and free to expand. The part of the answer that is in proportion to the change goes on as a geometric series.
+        """
+        (u, dilatation), swelling = end, self._swelling
+        moved, warming = self._warm(mechanics, change)
+        dilatation_rates(self.body.data, mechanics.u, moved, swelling)
+        answer = np.zeros_like(change)
+        if not self.one_way:
+            heat = np.zeros_like(change)
+            add_dilatation_heat(self.body.data, ends.after.dilatation, ends.middle, self.law, swelling, heat)
+            answer = heat_answer(self.body, ends.step, heat)
+        back = (answer * change).sum(axis=0) / np.maximum((change * change).sum(axis=0), 1e-300)
+        series = 1.0 / (1.0 + np.clip(-back, 0.0, 1.0 - self._share))
+        u += series * moved
+        dilatation += series * swelling
+        self._held = self._held + series * warming
+        self._top_rate = self._top_rate + series * (warming + self._by_stiffness(mechanics, moved))
+        return np.asarray(series * answer), series
 
     def _take_buffer(self, start: Rates) -> None:
         """The buffers of the new state: those that do not hold its start, cleared where a step failed that had begun to fill them.
@@ -295,6 +330,8 @@ class Differentiator:
         points, dilatation = self._states[self._at], self._dilatations[self._at]
         allowed = _FORCE_SHARE * self.asked.tolerance
         forces = self._exact_forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
+        if mechanics.largest_increment == 0.0:
+            allowed *= _ELASTIC_SHARE
         for _ in range(MAX_SWEEPS):
             rates = (u, points_n, theta)
             update_rates(
@@ -307,6 +344,7 @@ class Differentiator:
                 self._top_rate = self._on_top(self._loads)
                 return points, dilatation
             self._add_answer(mechanics, self._loads, u)
+            self.mended = True
         raise NumericsError("sensitivities: the tangent of the converged step is too far from the exact one; use smaller steps")
 
     def _unbalanced(self) -> np.ndarray:
@@ -324,18 +362,20 @@ class Differentiator:
         add_answer(body.equation, x, u)
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
-    def _warm(self, mechanics: Linearised, u: np.ndarray, change: np.ndarray) -> None:
-        """u' follows a change of theta' (n_np, m), and mends what `_update` has left of the force rates; states held."""
+    def _warm(self, mechanics: Linearised, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Change of u' (n_np, 3, m) by one of theta' (n_np, m) and by what `_update` has left of the force rates; states held.
+
+        With it, what the change of theta' adds to the rate of the force on the end at fixed u', (m,).
+        """
         thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
         warming = self._on_top(self._warming)
         if self._exact_forces:
             self._loads += self._warming
         else:
             self._loads[:] = self._warming
-        before = u.copy()
-        self._scale = np.maximum(self._scale, self._add_answer(mechanics, self._loads, u))
-        self._held = self._held + warming
-        self._top_rate = self._top_rate + warming + self._by_stiffness(mechanics, u - before)
+        moved = np.zeros((self.body.mesh.n_nodes, 3, self.m))
+        self._scale = np.maximum(self._scale, self._add_answer(mechanics, self._loads, moved))
+        return moved, warming
 
     def _on_top(self, loads: np.ndarray) -> np.ndarray:
         """Part (m,) of element loads (n_el, 24, m) that pulls on the loaded end along y; zero where a force is prescribed."""

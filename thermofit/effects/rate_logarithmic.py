@@ -10,7 +10,7 @@ from thermofit.core.parameters import Param
 
 SLOT = "yield_factor"
 PARAMS = (
-    Param("rate_logarithmic.C", "1", 0.0, -0.2, 0.5, 5e-3, "relative rise per e-fold of the rate", probe=0.01),
+    Param("rate_logarithmic.C", "1", 0.0, 0.0, 0.5, 5e-3, "relative rise per e-fold of the rate", probe=0.01),
     Param("rate_logarithmic.reference", "1/s", 1e-4, 1e-9, 1e4, 1e-4, "rate below which there is none", scan=(1e-6, 1e-5, 1e-4, 1e-3)),
 )
 FORMULA = "sigma_y *= 1 + C ln(1 + rate / reference)"

@@ -11,7 +11,7 @@ from thermofit.fem.heat import heat_of_increment, smallest_dissipation
 from thermofit.fem.history import Balance, State, point_history, top_displacement
 from thermofit.fem.newton import Equilibrium
 from thermofit.fem.sensitivity import StepEnds
-from thermofit.material.law import Law
+from thermofit.material.law import Law, law_in_step
 
 _MOVED = 1e-6
 """Displacement, as a share of the specimen's length, after which conduction and films are formed anew within a step."""
@@ -25,8 +25,8 @@ class HeatOfStep:
     """
 
     def __init__(self, body: Body, law: Law, conditions: HeatConditions, start: State, when: tuple[float, str]) -> None:
-        self._body, self._law, self._conditions, self._start = body, law, conditions, start
         self._t, self._scheme = when
+        self._body, self._law, self._conditions, self._start = body, law_in_step(law, self._t - start.time), conditions, start
         self._share = conditions.c0 / (conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
         self._before = point_history(start.points, start.dilatation)
         self._length = float(np.ptp(body.mesh.nodes[:, 1]))
@@ -76,7 +76,9 @@ class HeatOfStep:
             thermoelastic=s * elastic,
             outflow={name: s * value for name, value in step.outflow.items()},
             stored=s * stored_heat(body, self._conditions, start.theta, theta),
-            smallest_dissipation=smallest_dissipation(self._before, point_history(found.state, found.dilatation), self._law),
+            smallest_dissipation=smallest_dissipation(
+                self._before, point_history(found.state, found.dilatation), float(self._middle.mean()), self._law
+            ),
         )
         return state, balance
 

@@ -18,7 +18,7 @@ from numba import prange
 from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
 from thermofit.fem.lanes import add_lanes, copy_lanes
-from thermofit.material.law import Law, dissipated_energy, thermoelastic_heat
+from thermofit.material.law import Law, released_energy, thermoelastic_heat
 from thermofit.material.tensor import determinant, inverse_transpose
 
 _P = 1.0 / np.sqrt(3.0)
@@ -141,7 +141,7 @@ def heat_of_increment(
             heat = elastic
             d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
             if d_lambda > 0.0:
-                dissipated = weight * dissipated_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, law)
+                dissipated = weight * released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], t, law)
                 total_dissipated += dissipated
                 heat += dissipated
             total_elastic += elastic
@@ -151,19 +151,21 @@ def heat_of_increment(
 
 
 class Increment(NamedTuple):
-    """Change of all points over one increment as the heat sources need it, each (n_el, 8): ln J / J and alpha at both ends, dLambda."""
+    """Change of all points over one increment as the heat sources need it, each (n_el, 8): ln J / J and alpha at both ends, dLambda, and
+    Lambda at the end."""
 
     g_n: np.ndarray
     g: np.ndarray
     alpha_n: np.ndarray
     alpha: np.ndarray
     d_lambda: np.ndarray
+    accumulated: np.ndarray
 
 
 def increment_between(start: PointHistory, end: PointHistory) -> Increment:
     """Increment from one state of all points to another."""
     g_n, g = np.log(start.dilatation) / start.dilatation, np.log(end.dilatation) / end.dilatation
-    return Increment(g_n, g, start.alpha, end.alpha, end.accumulated - start.accumulated)
+    return Increment(g_n, g, start.alpha, end.alpha, end.accumulated - start.accumulated, end.accumulated)
 
 
 @kernel
@@ -181,7 +183,8 @@ def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray
         for q in range(8):
             heat[q] = thermoelastic_heat(t[q], increment.g_n[e, q], increment.g[e, q], law)
             if increment.d_lambda[e, q] > 0.0:
-                heat[q] += dissipated_energy(increment.alpha_n[e, q], increment.alpha[e, q], increment.d_lambda[e, q], law)
+                alpha_n, alpha, d_lambda = increment.alpha_n[e, q], increment.alpha[e, q], increment.d_lambda[e, q]
+                heat[q] += released_energy(alpha_n, alpha, d_lambda, increment.accumulated[e, q], t[q], law)
         copy_lanes(nodal, 0, zero, 0)
         for q in range(8):
             add_lanes(nodal, 0, data.volume[e, q] * heat[q], shape, 8 * q)
@@ -190,11 +193,13 @@ def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray
 
 
 @kernel
-def smallest_dissipation(start: PointHistory, end: PointHistory, law: Law) -> float:
-    """Smallest dissipation of one increment over all points, mJ/mm^3; negative violates the second law."""
+def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, law: Law) -> float:
+    """Smallest dissipation of one increment over all points at about theta K, mJ/mm^3; negative violates the second law."""
     smallest = 0.0
     for e in range(start.alpha.shape[0]):
         for q in range(8):
             d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
-            smallest = min(smallest, dissipated_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, law))
+            if d_lambda > 0.0:
+                released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], theta, law)
+                smallest = min(smallest, released)
     return smallest

@@ -1,13 +1,13 @@
 """Rates of the sources of the heat equation along many directions at once (direct differentiation).
 
-A rate, written x', is the derivative of x along a direction. The heat of an increment at a point, D + c theta (g - g_n) with
+A rate, written x', is the derivative of x along a direction. The heat of an increment at a point, D(theta) + c theta (g - g_n) with
 c = -3 alpha K and g = ln J / J, changes with the temperature, the point states at both ends of the increment and the numbers of the law.
 Derivatives of the law page are made by complex step, as in `material.law_rates`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,13 +16,13 @@ from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
 from thermofit.fem.heat import Increment, PointHistory, increment_between
 from thermofit.fem.lanes import add_lanes, copy_lanes
-from thermofit.material.law import Law, dissipated_energy, thermoelastic_heat
+from thermofit.material.law import Law, law_in_step, released_energy, thermoelastic_heat
 from thermofit.material.law_rates import LANES, STEP, Directions, moved_law
 from thermofit.material.point import ALPHA, LAMBDA, N_STATE
 
-_ALPHA_N, _ALPHA, _D_LAMBDA = range(3)
+_ALPHA_N, _ALPHA, _D_LAMBDA, _ACCUMULATED, _WARM = range(5)
 """Arguments of the dissipation of an increment, in the order of their derivatives; the numbers of the law follow."""
-_dissipated: Any = dissipated_energy
+_released: Any = released_energy
 _thermoelastic: Any = thermoelastic_heat
 """The law page is written for real numbers; here it takes complex ones."""
 
@@ -46,6 +46,10 @@ class SourceLaw:
     moved: tuple[Law, ...]
     numbers: np.ndarray
     c_rates: np.ndarray
+
+    def in_step(self, dt: float) -> SourceLaw:
+        """The same in a step of dt s."""
+        return replace(self, law=law_in_step(self.law, dt), moved=tuple(law_in_step(law, dt) for law in self.moved))
 
 
 def source_law(law: Law, directions: Directions) -> SourceLaw:
@@ -74,7 +78,7 @@ def heat_source_rates(
     increment = increment_between(*ends)
     j_n, j = ends[0].dilatation, ends[1].dilatation
     by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
-    dissipation = _dissipation_derivatives(increment, law, range(3))
+    dissipation = _dissipation_derivatives(increment, at_points(data, temperature[0]), law, range(5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     states = (end_rates[0].state.reshape(-1), end_rates[1].state.reshape(-1))
     dilatations = (end_rates[0].dilatation.reshape(-1), end_rates[1].dilatation.reshape(-1))
@@ -85,31 +89,42 @@ def frozen_source_rates(
     data: ElementData, increment: Increment, temperature: tuple[np.ndarray, np.ndarray], law: SourceLaw, out: np.ndarray
 ) -> None:
     """`heat_source_rates` where the mechanics stays as it is: temperature and law alone have rates."""
-    dissipation = _dissipation_derivatives(increment, law, range(0))
+    dissipation = _dissipation_derivatives(increment, at_points(data, temperature[0]), law, range(_WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
 
 
-def _dissipation_derivatives(increment: Increment, law: SourceLaw, arguments: range) -> np.ndarray:
-    """Derivatives of D (3 + n, n_el, 8) by the given of its arguments (others stay zero) and by the numbers of the law that it feels."""
-    out = np.zeros((2 + len(law.moved), *increment.g.shape))
+def at_points(data: ElementData, nodal: np.ndarray) -> np.ndarray:
+    """A nodal field (n_np,) at the Gauss points (n_el, 8)."""
+    return np.ascontiguousarray(nodal[data.hexes] @ data.shape.T)
+
+
+def _dissipation_derivatives(increment: Increment, theta: np.ndarray, law: SourceLaw, arguments: range) -> np.ndarray:
+    """Derivatives of D (5 + n, n_el, 8) by the given of its arguments (others stay zero) and by the numbers of the law that it feels.
+
+    Lambda at the end and the temperature take part through effects alone.
+    """
+    out = np.zeros((4 + len(law.moved), *increment.g.shape))
     if np.any(increment.d_lambda > 0.0):
         for argument in arguments:
-            _differentiate_dissipation(increment, argument, law.moved[0], out[argument])
-        for n, moved in enumerate(law.moved[1:], start=3):
-            _differentiate_dissipation(increment, -1, moved, out[n])
+            if argument < _ACCUMULATED or law.law.effective == 1:
+                _differentiate_dissipation(increment, theta, argument, law.moved[0], out[argument])
+        for n, moved in enumerate(law.moved[1:], start=5):
+            _differentiate_dissipation(increment, theta, -1, moved, out[n])
     return out
 
 
 @kernel
-def _differentiate_dissipation(increment: Increment, argument: int, law: Law, out: np.ndarray) -> None:
-    h = np.zeros(3)
+def _differentiate_dissipation(increment: Increment, theta: np.ndarray, argument: int, law: Law, out: np.ndarray) -> None:
+    h = np.zeros(5)
     if argument >= 0:
         h[argument] = STEP
     for e in range(out.shape[0]):
         for q in range(8):
             if increment.d_lambda[e, q] > 0.0:
                 alpha_n, alpha = complex(increment.alpha_n[e, q], h[_ALPHA_N]), complex(increment.alpha[e, q], h[_ALPHA])
-                out[e, q] = _dissipated(alpha_n, alpha, complex(increment.d_lambda[e, q], h[_D_LAMBDA]), law).imag / STEP
+                d_lambda, warm = complex(increment.d_lambda[e, q], h[_D_LAMBDA]), complex(theta[e, q], h[_WARM])
+                accumulated = complex(increment.accumulated[e, q], h[_ACCUMULATED])
+                out[e, q] = _released(alpha_n, alpha, d_lambda, accumulated, warm, law).imag / STEP
 
 
 # Workspace of both kernels, LANES numbers each: theta' and heat' of the nodes, theta' and heat' of the point.
@@ -128,7 +143,7 @@ def _add_source_rates(
     """Nodal heat' by theta' and by the numbers of the law."""
     law, numbers, c_rates = law_and_rates[0], law_and_rates[1].reshape(-1), law_and_rates[2]
     theta, theta_rates = temperature[0], temperature[1].reshape(-1)
-    m, result, active = out.shape[1], out.reshape(-1), dissipation.shape[0] - 3
+    m, result, active = out.shape[1], out.reshape(-1), dissipation.shape[0] - 5
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero, corner, by_c = np.zeros(_END), np.zeros(LANES), np.empty(8), np.empty(8)
     for e in range(data.hexes.shape[0]):
@@ -149,11 +164,12 @@ def _add_source_rates(
                 for a in range(8):
                     add_lanes(w, _POINT, data.shape[q, a], w, _THETA + a * LANES)
                 copy_lanes(w, _HEAT, zero, 0)
-                add_lanes(w, _HEAT, volume * c * (increment.g[e, q] - increment.g_n[e, q]), w, _POINT)
+                by_theta = c * (increment.g[e, q] - increment.g_n[e, q]) + dissipation[_WARM, e, q]
+                add_lanes(w, _HEAT, volume * by_theta, w, _POINT)
                 add_lanes(w, _HEAT, by_c[q], c_rates, b)
                 if increment.d_lambda[e, q] > 0.0:
                     for k in range(active):
-                        add_lanes(w, _HEAT, volume * dissipation[3 + k, e, q], numbers, k * m + b)
+                        add_lanes(w, _HEAT, volume * dissipation[5 + k, e, q], numbers, k * m + b)
                 for a in range(8):
                     add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
             for a in range(8):
@@ -185,7 +201,7 @@ def _add_state_rates(
                     t += data.shape[q, a] * theta[data.hexes[e, a]]
                 copy_lanes(w, _HEAT, zero, 0)
                 for k in range(2):
-                    by_lambda = volume * dissipation[_D_LAMBDA, e, q] * (2 * k - 1)
+                    by_lambda = volume * (dissipation[_D_LAMBDA, e, q] * (2 * k - 1) + dissipation[_ACCUMULATED, e, q] * k)
                     add_lanes(w, _HEAT, volume * c * t * by_j[k][e, q], dilatations[k], point * m + b)
                     add_lanes(w, _HEAT, volume * dissipation[_ALPHA_N + k, e, q], states[k], (point * N_STATE + ALPHA) * m + b)
                     add_lanes(w, _HEAT, by_lambda, states[k], (point * N_STATE + LAMBDA) * m + b)
@@ -199,7 +215,7 @@ def _add_state_rates(
 def add_dilatation_heat(
     data: ElementData, dilatation: np.ndarray, theta: np.ndarray, law: Law, dilatation_rates: np.ndarray, out: np.ndarray
 ) -> None:
-    """The part of `heat_source_rates` that the rates of J at the end of the increment, (n_el, 8, m), make alone; `dilatation` is J there."""
+    """The part of `heat_source_rates` that the rates of J at the end of the increment, (n_el, 8, m), make alone; `dilatation` = J."""
     m, result, rates = out.shape[1], out.reshape(-1), dilatation_rates.reshape(-1)
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero, by_j = np.zeros(_END), np.zeros(LANES), np.empty(8)

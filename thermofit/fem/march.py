@@ -33,7 +33,7 @@ from thermofit.fem.newton import Equilibrator, Equilibrium, axes_about_z, virgin
 from thermofit.fem.predictor import Passed, passed, predicted
 from thermofit.fem.sensitivity import Differentiator, Linearised, Sensitivities, volume_mean
 from thermofit.material.bounds import check_beta
-from thermofit.material.law import Law, law_of
+from thermofit.material.law import Law, law_in_step, law_of
 from thermofit.material.point import LAMBDA
 
 
@@ -178,6 +178,7 @@ class _Run:
 
     def _step(self, start: State, past: tuple[Passed, ...], t: float) -> tuple[State, Balance]:
         load = self.load(t)
+        self.solver.law = law_in_step(self.law, t - start.time)
         u, theta, fresh = predicted(self.body, start, past, t, load)
         heat = HeatOfStep(self.body, self.law, self.conditions, start, (t, self.settings.heat_scheme))
         if self.follower is not None:
@@ -198,17 +199,37 @@ class _Run:
     def _mechanics(
         self, u: np.ndarray, theta: np.ndarray, start: State, load: float, fresh: bool, heat: HeatOfStep | None = None
     ) -> Equilibrium:
-        """Equilibrium from the guess u, or from the start of the step where the guess leads nowhere; coupled if `heat` is given."""
+        """Equilibrium from the guess u, where that leads nowhere from the start of the step, or from the elastic answer to the load.
+
+        The last helps where overstress relaxes as the load turns: the tangent is then that of flow, the answer elastic. Coupled if `heat`
+        is given.
+        """
         thermal = None if heat is None else (heat, self.settings.coupling_tolerance)
-        try:
-            found = self.solver.solve(u, theta, start.points, load, fresh=fresh, thermal=thermal)
-        except NumericsError:
-            if fresh and u is start.u:
-                raise
-            before = start.theta if heat is not None else theta
-            found = self.solver.solve(start.u, before, start.points, load, fresh=True, thermal=thermal)
+        before = start.theta if heat is not None else theta
+        guesses = [] if fresh and u is start.u else ["given"]
+        guesses += ["start", "elastic"] if self.law.effective == 1 else ["start"]
+        for guess in guesses:
+            guessed, warm = (u, theta) if guess == "given" else (start.u, before)
+            try:
+                if guess == "elastic":
+                    guessed = self._elastic_answer(start, before, load)
+                found = self.solver.solve(guessed, warm, start.points, load, fresh=fresh or guess != "given", thermal=thermal)
+                break
+            except NumericsError:
+                if guess == guesses[-1]:
+                    raise
         self.iterations += found.iterations
         return found
+
+    def _elastic_answer(self, start: State, theta: np.ndarray, load: float) -> np.ndarray:
+        """Displacement (n_np, 3) mm under the load if nothing flowed from the start of the step on."""
+        law = self.solver.law
+        self.solver.law = law._replace(plastic=0)
+        try:
+            return self.solver.solve(start.u, theta, start.points, load, fresh=True).u
+        finally:
+            self.solver.law = law
+            self.solver.forget()
 
     def _along_path(self, follower: PathFollower, theta: np.ndarray, start: State, load: float, heat: HeatOfStep) -> Equilibrium:
         """Equilibrium at an arc length from the start of the step; both fields in turn until the temperature stands still."""

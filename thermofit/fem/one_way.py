@@ -21,7 +21,7 @@ from thermofit.fem.films import conditions_of
 from thermofit.fem.heat import Increment, PointHistory, add_released_heat
 from thermofit.fem.heat_rates import frozen_source_rates, source_law
 from thermofit.fem.march import History, MarchSettings
-from thermofit.material.law import Law, law_of
+from thermofit.material.law import Law, law_in_step, law_of
 from thermofit.material.law_rates import directions
 
 
@@ -74,7 +74,7 @@ def _increments(points: tuple[PointHistory, ...]) -> tuple[Increment, ...]:
     """Changes between all times; ln J / J of a time is kept once."""
     g = [np.log(p.dilatation) / p.dilatation for p in points]
     return tuple(
-        Increment(g[n], g[n + 1], before.alpha, after.alpha, after.accumulated - before.accumulated)
+        Increment(g[n], g[n + 1], before.alpha, after.alpha, after.accumulated - before.accumulated, after.accumulated)
         for n, (before, after) in enumerate(pairwise(points))
     )
 
@@ -107,7 +107,7 @@ def _steps(problem: HeatProblem, law: Law, conditions: HeatConditions, theta: np
         reach = 0.5 * float(dt[n] / dt[max(n - 1, 0)])
         middle = theta + reach * (theta - before)
         heat = np.zeros(body.mesh.n_nodes)
-        add_released_heat(body.data, increment, middle, law, heat)
+        add_released_heat(body.data, increment, middle, law_in_step(law, float(dt[n])), heat)
         step = heat_step(body, problem.geometry(n), conditions, theta, heat, (float(dt[n]), settings.heat_scheme))
         before, theta = theta, step.theta
         yield _Solved(n, step, middle, reach)
@@ -144,6 +144,7 @@ def heat_run_rates(problem: HeatProblem, parameters: Parameters, names: Sequence
     for solved in _steps(problem, law, conditions, theta):
         middle_rates = theta_rates + solved.reach * (theta_rates - before_rates)
         heat_rates = np.zeros_like(theta_rates)
-        frozen_source_rates(body.data, problem.increments[solved.number], (solved.middle, middle_rates), along, heat_rates)
+        sources = along.in_step(float(problem.time[solved.number + 1] - problem.time[solved.number]))
+        frozen_source_rates(body.data, problem.increments[solved.number], (solved.middle, middle_rates), sources, heat_rates)
         before_rates, theta_rates = theta_rates, heat_step_rates(body, solved.step, theta_rates, heat_rates, rates, None)
         collect(solved.number + 1, solved.step.theta, theta_rates)

@@ -31,10 +31,10 @@ from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_sourc
 from thermofit.fem.linear import Factor, multiply_symmetric
 from thermofit.fem.mechanical_rates import dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
-from thermofit.material.law import Law
+from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.material.point import LAMBDA, N_STATE
-from thermofit.material.rates import response_size
+from thermofit.material.rates import BY_THETA, response_size
 
 MAX_SWEEPS = 20
 _RESOLVED = 2e-3
@@ -229,12 +229,16 @@ class Differentiator:
         `mended` tells afterwards whether the factor at hand was so far from that of the step that an answer of it had to be mended.
         """
         self.mended = False
+        self.law, self._sources = law_in_step(self.law, ends.step.length), self._sources.in_step(ends.step.length)
         self._respond(mechanics)
         self._take_buffer(start)
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
-        for _ in range(MAX_SWEEPS):
+        softens = bool(np.any(self._response[:, :, BY_THETA]))
+        for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
+            if sweep > 0 and softens:  # the answer below knows of expansion alone
+                u, felt = self._mechanics(mechanics, start.points, theta), theta
             points, dilatation = self._update(mechanics, start.points, theta, u)
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
             size = self._change(found, theta)

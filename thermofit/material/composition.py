@@ -43,6 +43,8 @@ def law_effects() -> tuple[Effect, ...]:
 
 EFFECT_PARAMS: tuple[str, ...] = tuple(name for e in law_effects() for name in e.names)
 """Names of all Params of effects in the law."""
+AMPLITUDES: tuple[str, ...] = tuple(e.amplitude.name for e in law_effects())
+"""Names of those Params that switch an effect."""
 EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAMS)
 """The same as numbers of the law."""
 

@@ -27,6 +27,7 @@ from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
 from thermofit.material.composition import (
+    AMPLITUDES,
     EFFECT_NUMBERS,
     EFFECT_PARAMS,
     added_yield_stress,
@@ -89,7 +90,7 @@ def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, 
         model=int(model),
         closed_form=int(closed_form),
         plastic=int(plastic),
-        effective=int(any(parameters[name] != param(name).neutral for name in EFFECT_PARAMS)),
+        effective=int(any(parameters[name] != param(name).neutral for name in AMPLITUDES)),
         per_second=0.0,
         **{name: v[name] for name in names},
         **of_effects,

@@ -113,10 +113,11 @@ def yield_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray
 
     points = (alpha_n, Lambda_n, dLambda, theta), each (n,); zero where dLambda = 0.
     """
+    arguments = (points[0], points[1], points[2], points[3])
     out = np.zeros((2, 4 + len(active), len(points[0])))
     for k, (h, moved) in enumerate(_moves(4, law, active)):
         if k != 3 or law.effective == 1:
-            _yield_derivative(points, h, moved, out[0, k], out[1, k])
+            _yield_derivative(arguments, h, moved, out[0, k], out[1, k])
     return out
 
 
@@ -131,9 +132,10 @@ def pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndar
 def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
     """Gradient of the released energy of an increment, (5 + n_active, n): by alpha_n, alpha, dLambda, Lambda and theta at its end, then by
     `active`. points = the first five, each (n,); zero where dLambda = 0."""
+    arguments = (points[0], points[1], points[2], points[3], points[4])
     out = np.zeros((5 + len(active), len(points[0])))
     for k, (h, moved) in enumerate(_moves(5, law, active)):
-        _dissipation_derivative(points, h, moved, out[k])
+        _dissipation_derivative(arguments, h, moved, out[k])
     return out
 
 

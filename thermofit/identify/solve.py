@@ -106,7 +106,7 @@ def checkpoint_folder(job: Job, label: str) -> str:
     return f".{job.stage}.{label}.evaluations"
 
 
-def _key(job: Job, base: Parameters) -> str:
+def evaluation_key(job: Job, base: Parameters) -> str:
     """All that an evaluation depends on besides the free parameters; of the inputs it is their content that counts."""
     inputs = {name: path_digest(path) for name, path in job.inputs.items()}
     return json_text({"config": job.config, "inputs": inputs, "base": dict(base.values), "source": source_digest()})
@@ -130,7 +130,7 @@ def _minimise(
     (model_on, size), (jacobian, turn) = on, start
     label = f"{size.n_x}x{size.n_y}x{size.n_z}" + (f".{turn}" if turn else "")
     model = remembering(model_on(size, base))
-    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), _key(job, base))
+    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), evaluation_key(job, base))
     problem, change = stage_problem(study, settings, base, model, jacobian)
     options = Settings(
         x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP

@@ -1,0 +1,116 @@
+"""What `inspect` finds in a record of a testing machine: clock, channels with their noise, suspicions about sign and unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from thermofit.measure.findings import ColumnFinding, Fact, Part, column_finding
+from thermofit.measure.formats.contents import Column, Record, Records
+from thermofit.measure.phases import noise_level
+from thermofit.measure.study_lines import coupon_lines
+
+GAP = 5.0
+"""A step in time longer than this many median steps is a gap."""
+_LEAST_SAMPLES = 10
+_LARGEST_STRAIN = 2.0
+_COLDEST, _HOTTEST = 50.0, 3000.0
+_SHOWN = {"area": "mm^2", "gauge_length": "mm", "diameter": "mm", "temperature": "K", "rate": "1/s"}
+
+
+def look_at_record(record: Record, name: str = "") -> Part:
+    """Rows, clock, channels, suspicions and study lines of one test."""
+    rows = max((len(values) for values in record.channels.values()), default=0)
+    facts: dict[str, Fact] = {"rows": rows, "without value": record.traits.missing}
+    clock = time_channel(record)
+    remarks: list[str] = list(record.traits.remarks)
+    if clock is None:
+        remarks.append("no column of time was recognised: a study must name it, or give the strain rate")
+    else:
+        more, found = clock_facts(record.channels[clock])
+        facts, remarks = facts | more, remarks + [f"{clock}: {text}" for text in found]
+    facts |= {f"{key}": f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
+    remarks += suspicions(record)
+    columns = tuple(_column(record, column, clock) for column in record.traits.columns)
+    return Part(name, "record", rows, record.traits.missing, facts, columns, tuple(remarks), coupon_lines(record, name))
+
+
+def look_at_records(records: Records) -> tuple[Part, ...]:
+    """One part for each test of a file."""
+    return tuple(look_at_record(test, name) for name, test in records.tests.items())
+
+
+def channel_of(record: Record, meaning: str) -> str | None:
+    """Name of the first channel of a meaning, None where there is none."""
+    return next((c.name for c in record.traits.columns if c.meaning == meaning and c.name in record.channels), None)
+
+
+def time_channel(record: Record) -> str | None:
+    """The first column of time that increases somewhere."""
+    times = [c.name for c in record.traits.columns if c.meaning == "time" and c.name in record.channels]
+    return next((name for name in times if np.isfinite(record.channels[name]).sum() > 1), None)
+
+
+def clock_facts(time: np.ndarray) -> tuple[Mapping[str, Fact], list[str]]:
+    """Span and step of a time column (n,) in s, and remarks on gaps, repeated and backward times; NaN are left out."""
+    known = time[np.isfinite(time)]
+    if known.size < 2:
+        return {}, []
+    step = np.diff(known)
+    forward = step[step > 0.0]
+    if not forward.size:
+        return {}, ["the time never increases"]
+    usual = float(np.median(forward))
+    facts: dict[str, Fact] = {"time s": f"{known.min():.6g} to {known.max():.6g}", "step s": usual, "samples per s": 1.0 / usual}
+    remarks = []
+    repeated, back = int((step == 0.0).sum()), int((step < 0.0).sum())
+    gaps = np.flatnonzero(step > GAP * usual)
+    facts |= {"gaps": len(gaps), "repeated times": repeated, "backward times": back}
+    if len(gaps):
+        k = gaps[np.argmax(step[gaps])]
+        remarks.append(f"{len(gaps)} gaps of more than {GAP:g} median steps, the longest {step[k]:.4g} s after {known[k]:.6g} s")
+    if repeated:
+        remarks.append(f"{repeated} times are repeated, first at {known[:-1][step == 0.0][0]:.6g} s")
+    if back:
+        k = int(np.flatnonzero(step < 0.0)[0])
+        remarks.append(f"the time goes back at {back} places, first from {known[k]:.6g} s to {known[k + 1]:.6g} s: another clock or test?")
+    return facts, remarks
+
+
+def _column(record: Record, column: Column, clock: str | None) -> ColumnFinding:
+    values = record.channels.get(column.name)
+    if values is None:
+        return column_finding(column, None)
+    noise = None if clock is None or column.meaning in ("", "time") else channel_noise(record.channels[clock], values)
+    return column_finding(column, values, record.units.get(column.name, ""), noise)
+
+
+def channel_noise(time: np.ndarray, value: np.ndarray) -> float | None:
+    """Noise of a channel (n,) over time (n,) from its second differences; None for too few samples. Rows at repeated times are left out."""
+    if len(time) != len(value):
+        return None
+    known = np.isfinite(time) & np.isfinite(value)
+    t, v = time[known], value[known]
+    if not len(t):
+        return None
+    new = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
+    return noise_level(t[new], v[new]) if new.sum() >= _LEAST_SAMPLES else None
+
+
+def suspicions(record: Record) -> list[str]:
+    """What looks wrong in sign or unit; nothing is changed."""
+    found = []
+    for column in record.traits.columns:
+        values = record.channels.get(column.name)
+        if values is None or not np.isfinite(values).any():
+            continue
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        unit = record.units.get(column.name, "")
+        if column.meaning in ("strain", "true_strain") and unit == "1" and max(-low, high) > _LARGEST_STRAIN:
+            found.append(f"{column.name}: strains up to {max(-low, high):.3g}; is the unit % or mm rather than '{column.unit or 'none'}'?")
+        if column.meaning == "temperature" and unit == "K" and not (_COLDEST < low and high < _HOTTEST):
+            found.append(f"{column.name}: {low:.4g} to {high:.4g} K cannot be a specimen; is the unit '{column.unit or 'none'}' right?")
+        if column.meaning and column.source == "unknown" and not unit:
+            found.append(f"{column.name}: the file does not say its unit; the study must")
+    return found

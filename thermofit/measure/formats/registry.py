@@ -6,9 +6,24 @@ from pathlib import Path
 from types import ModuleType
 
 from thermofit.core.errors import DataError
+from thermofit.measure.formats import (
+    aramis_csv,
+    aramis_legacy,
+    aramis_section,
+    dic_table,
+    dlr_nodemap,
+    gom_points,
+    matchid_load,
+    matchid_matrix,
+    matchid_table,
+)
 from thermofit.measure.formats.contents import Content, Head
 
-FORMATS: tuple[ModuleType, ...] = ()
+FORMATS: tuple[ModuleType, ...] = (
+    *(dlr_nodemap, aramis_csv, gom_points, aramis_legacy, aramis_section),
+    *(matchid_table, matchid_matrix, matchid_load),
+    dic_table,
+)
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536
 

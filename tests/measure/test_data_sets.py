@@ -211,7 +211,7 @@ def test_fetch_says_how_to_point_the_variable(server: str, tmp_path: Path, monke
     code, out, _ = call("data", "fetch", "made-up")
     assert code == 0
     assert out.splitlines()[-1].endswith(
-        f"1 files of 1 set checked by SHA-256, 0 of them downloaded; they lie in {tmp_path / 'to'}/real, which THERMOFIT_DATA names"
+        f"1 file of 1 set checked by SHA-256, 0 of them downloaded; they lie in {tmp_path / 'to'}/real, which THERMOFIT_DATA names"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 
+from thermofit.cli.numbers import number
 from thermofit.cli.printing import Result, make_console, print_pairs, print_remarks, print_verdict, table
 
 
@@ -44,7 +45,8 @@ def inspected(result: Result) -> None:
     out.print(f"{result['path']}  {result['what']}", style="bold", soft_wrap=True)
     if "groups" in result:
         rows = [[g["files"], g["format"], str(g["count"]), g["summary"]] for g in result["groups"]]
-        out.print(table("", ("files", "format", "count", "what they hold"), rows, 2))
+        out.print(table("", ("files", "format", "count", "what they hold"), rows, 4))
+    print_pairs(out, "", {**result.get("written", {}), **result.get("header", {})})
     for part in result.get("parts", ()):
         _part(out, part)
     print_remarks(out, result["remarks"])
@@ -56,11 +58,17 @@ def inspected(result: Result) -> None:
 
 def _part(out: Console, part: Result) -> None:
     """A file, or one test of it."""
-    print_pairs(out, part["name"], part["facts"])
+    print_pairs(out, part["name"], {key: number(value) if isinstance(value, float) else str(value) for key, value in part["facts"].items()})
     if part["columns"]:
-        keys = ("name", "meaning", "unit", "unit_from", "range", "missing", "noise")
-        rows = [[str(column[key]) for key in keys] for column in part["columns"]]
-        out.print(table("", ("column", "meaning", "unit", "unit from", "range", "missing", "noise"), rows, 4))
+        columns = ("column", "meaning", "unit", "unit from", "range", "missing", "noise")
+        out.print(table("", columns, (_column_row(column) for column in part["columns"]), 4))
+
+
+def _column_row(column: Result) -> list[str]:
+    span = "" if column["low"] is None else f"{number(column['low'], 5)} .. {number(column['high'], 5)} {column['fixed_unit']}".rstrip()
+    missing = "" if column["missing"] is None else str(column["missing"])
+    noise = "" if column["noise"] is None else f"{number(column['noise'], 3)} {column['fixed_unit']}".rstrip()
+    return [column["name"], column["meaning"], column["unit"], column["unit_from"], span, missing, noise]
 
 
 def _size(n: int) -> str:

@@ -48,7 +48,13 @@ def _dic(experiment: Experiment) -> Part:
     dic = experiment.dic
     assert dic is not None
     lost = int(np.isnan(dic.displacement[:, :, 0]).sum())
-    facts: dict[str, Fact] = {"stages": len(dic.time), "points": len(dic.point_id), "without value": lost, **_clock(dic.time), "side": dic.side}
+    facts: dict[str, Fact] = {
+        "stages": len(dic.time),
+        "points": len(dic.point_id),
+        "without value": lost,
+        **_clock(dic.time),
+        "side": dic.side,
+    }
     noise = _or_none(lambda: displacement_noise(dic))
     columns = []
     for k, name in enumerate(("u", "v", "w")):
@@ -64,7 +70,9 @@ def _ir(experiment: Experiment) -> Part:
     facts: dict[str, Fact] = {"frames": n, "rows": rows, "columns": columns, **_clock(ir.time), "side": ir.side}
     facts["landmarks"] = "given" if experiment.landmarks else "absent"
     noise = _or_none(lambda: temperature_noise(ir))
-    return Part("ir", "infrared frames", ir.frames.size, 0, facts, (_column("temperature", "K", ir.frames, noise.sigma if noise else None),))
+    return Part(
+        "ir", "infrared frames", ir.frames.size, 0, facts, (_column("temperature", "K", ir.frames, noise.sigma if noise else None),)
+    )
 
 
 def _or_none(estimate: Callable[[], _T]) -> _T | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from thermofit.measure.findings import ColumnFinding, Fact, Part, column_finding
@@ -25,9 +23,9 @@ def look_at_record(record: Record, name: str = "") -> Part:
     facts: dict[str, Fact] = {"rows": rows, "without value": record.traits.missing}
     clock = time_channel(record)
     remarks: list[str] = list(record.traits.remarks)
-    if clock is None:
+    if clock is None and channel_of(record, "force", "stress", "true_stress"):
         remarks.append("no column of time was recognised: a study must name it, or give the strain rate")
-    else:
+    elif clock is not None:
         more, found = clock_facts(record.channels[clock])
         facts, remarks = facts | more, remarks + [f"{clock}: {text}" for text in found]
     facts |= {f"{key}": f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
@@ -41,9 +39,9 @@ def look_at_records(records: Records) -> tuple[Part, ...]:
     return tuple(look_at_record(test, name) for name, test in records.tests.items())
 
 
-def channel_of(record: Record, meaning: str) -> str | None:
-    """Name of the first channel of a meaning, None where there is none."""
-    return next((c.name for c in record.traits.columns if c.meaning == meaning and c.name in record.channels), None)
+def channel_of(record: Record, *meanings: str) -> str | None:
+    """Name of the first channel of one of the meanings, None where there is none."""
+    return next((c.name for c in record.traits.columns if c.meaning in meanings and c.name in record.channels), None)
 
 
 def time_channel(record: Record) -> str | None:
@@ -52,7 +50,7 @@ def time_channel(record: Record) -> str | None:
     return next((name for name in times if np.isfinite(record.channels[name]).sum() > 1), None)
 
 
-def clock_facts(time: np.ndarray) -> tuple[Mapping[str, Fact], list[str]]:
+def clock_facts(time: np.ndarray) -> tuple[dict[str, Fact], list[str]]:
     """Span and step of a time column (n,) in s, and remarks on gaps, repeated and backward times; NaN are left out."""
     known = time[np.isfinite(time)]
     if known.size < 2:

@@ -36,8 +36,12 @@ def coupon_lines(record: Record, test: str = "", tension: str = "") -> str:
     if test:
         lines.append(f"      test: {_text(test)}")
     lines.append(f"      time: {_source(time[1], time[2])}" if time else "      rate:                 # 1/s: the file has no time")
-    lines.append(f"      strain: {_strain(record, strain)}" if strain else "      strain:               # no column was recognised: name it")
-    lines.append(f"      stress: {_stress(record, stress)}" if stress else "      stress:               # no column was recognised: name it")
+    lines.append(
+        f"      strain: {_strain(record, strain)}" if strain else "      strain:               # no column was recognised: name it"
+    )
+    lines.append(
+        f"      stress: {_stress(record, stress)}" if stress else "      stress:               # no column was recognised: name it"
+    )
     if temperature:
         lines.append(f"      temperature: {_source(temperature[1], temperature[2])}")
     if tension:
@@ -71,3 +75,12 @@ def _stress(record: Record, found: tuple[str, str, str]) -> str:
 
 def _unit(unit: str) -> str:
     return "" if unit else ", unit: "
+
+
+def field_lines(kind: str, folder: Path, pattern: str) -> str:
+    """Section `dic` or `ir` of an experiment.yaml on files of a full field; nothing for a record."""
+    if "DIC" in kind:
+        return f"dic: {{folder: {_text(str(folder))}, side: front}}   # {pattern}: side front or back of the sheet"
+    if "infrared" in kind:
+        return f"ir: {{folder: {_text(str(folder))}, side: back}}   # {pattern}: side front or back of the sheet"
+    return ""

@@ -92,6 +92,6 @@ def _verdict(results: list[dict[str, Any]], to: Path | None) -> str:
     root = mirror if in_mirror else to or cache_root()
     point = f"they lie in {root}/{SETS_FOLDER}, which {DATA_VARIABLE} names" if in_mirror else f"export {DATA_VARIABLE}={root}"
     sets = f"{len(results)} set{'s' if len(results) > 1 else ''}"
-    return f"{files} files of {sets} checked by SHA-256, {downloaded} of them downloaded; " + (
+    return f"{files} file{'s' if files > 1 else ''} of {sets} checked by SHA-256, {downloaded} of them downloaded; " + (
         point if in_mirror else f"for studies and tests to find them: {point}"
     )

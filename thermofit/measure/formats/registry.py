@@ -6,9 +6,10 @@ from pathlib import Path
 from types import ModuleType
 
 from thermofit.core.errors import DataError
+from thermofit.measure.formats import dice, flir_frame, flir_sequence, irbis, ncorr, optris, vic, vic_mat
 from thermofit.measure.formats.contents import Content, Head
 
-FORMATS: tuple[ModuleType, ...] = ()
+FORMATS: tuple[ModuleType, ...] = (irbis, flir_sequence, ncorr, vic_mat, vic, dice, optris, flir_frame)
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536
 

@@ -87,7 +87,8 @@ def recognises(head: Head) -> bool:
         return False
     columns = columns_of(parts)
     meanings = {column.meaning for column in columns}
-    if {plain(column.name).split(" ")[0] for column in columns} >= {"x", "y"}:
+    names = [plain(column.name) for column in columns]
+    if {name.split(" ")[0] for name in names} >= {"x", "y"} or sum("coordinate" in name for name in names) > 1:
         return False  # points of a field
     return bool(meanings & _LOAD and meanings & (_MOTION | {"time"})) or ("time" in meanings and bool(meanings & _MOTION))
 

@@ -6,10 +6,26 @@ from pathlib import Path
 from types import ModuleType
 
 from thermofit.core.errors import DataError
-from thermofit.measure.formats import coupon_text, sandia_text, testxpert_text
+from thermofit.measure.formats import (
+    catman_workbook,
+    coupon_text,
+    machine_workbook,
+    matlab_tests,
+    sandia_text,
+    testxpert_text,
+    testxpert_workbook,
+)
 from thermofit.measure.formats.contents import Content, Head
 
-FORMATS: tuple[ModuleType, ...] = (sandia_text, testxpert_text, coupon_text)
+FORMATS: tuple[ModuleType, ...] = (
+    testxpert_workbook,
+    catman_workbook,
+    machine_workbook,
+    matlab_tests,
+    sandia_text,
+    testxpert_text,
+    coupon_text,
+)
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536
 

@@ -86,9 +86,9 @@ class StressSource(Section):
     diameter: Positive | None = None
     """mm, of a round bar."""
     width: Positive | None = None
-    """mm, of a flat specimen."""
+    """mm, of a flat specimen; absent with a thickness: from the header of the file."""
     thickness: Positive | None = None
-    """mm, of a flat specimen."""
+    """mm, of a flat specimen; absent with a width: from the header of the file."""
     tension: Tension | None = None
     """Sign of this channel in tension; absent: that of the record."""
 
@@ -96,10 +96,9 @@ class StressSource(Section):
     def _one_source(self) -> StressSource:
         _exactly_one(self, ("column", "true_stress", "force"))
         _only_with(self, "force", ("area", "diameter", "width", "thickness"))
-        if sum(value is not None for value in (self.area, self.diameter, self.width)) > 1:
+        flat = self.width if self.width is not None else self.thickness
+        if sum(value is not None for value in (self.area, self.diameter, flat)) > 1:
             raise content_error("gives the cross-section more than once; expected area, or diameter, or width and thickness")
-        _only_with(self, "thickness", ("width",))
-        _only_with(self, "width", ("thickness",))
         return self
 
     @property

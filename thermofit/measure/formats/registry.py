@@ -10,6 +10,7 @@ from thermofit.measure.formats import (
     aramis_csv,
     aramis_legacy,
     aramis_section,
+    coupon_text,
     dic_table,
     dice,
     dlr_nodemap,
@@ -22,6 +23,8 @@ from thermofit.measure.formats import (
     matchid_table,
     ncorr,
     optris,
+    sandia_text,
+    testxpert_text,
     vic,
     vic_mat,
 )
@@ -32,7 +35,9 @@ FORMATS: tuple[ModuleType, ...] = (
     *(dlr_nodemap, aramis_csv, gom_points, aramis_legacy, aramis_section),
     *(matchid_table, matchid_matrix, matchid_load),
     *(vic, dice),
-    *(dic_table, optris, flir_frame),
+    *(sandia_text, testxpert_text),
+    *(dic_table, coupon_text),
+    *(optris, flir_frame),
 )
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536

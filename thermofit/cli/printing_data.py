@@ -60,8 +60,11 @@ def _part(out: Console, part: Result) -> None:
     """A file, or one test of it."""
     print_pairs(out, part["name"], {key: number(value) if isinstance(value, float) else str(value) for key, value in part["facts"].items()})
     if part["columns"]:
+        unread = [column["name"] for column in part["columns"] if column["missing"] is None and not column["meaning"]]
         columns = ("column", "meaning", "unit", "unit from", "range", "missing", "noise")
-        out.print(table("", columns, (_column_row(column) for column in part["columns"]), 4))
+        out.print(table("", columns, (_column_row(column) for column in part["columns"] if column["name"] not in unread), 4))
+        if unread:
+            out.print(f"not used: {', '.join(unread)}", soft_wrap=True)
 
 
 def _column_row(column: Result) -> list[str]:

@@ -17,6 +17,7 @@ from thermofit.measure.formats.naming import stage_time
 from thermofit.measure.formats.registry import head_of
 from thermofit.measure.look import look_at, read_recognised
 from thermofit.measure.look_record import clock_facts
+from thermofit.measure.study_lines import field_lines
 
 MOST_BYTES = 200_000_000
 """Of a group with more than this only some files are read."""
@@ -34,11 +35,13 @@ class GroupFinding:
     units: tuple[str, ...]
     facts: Mapping[str, Any]
     remarks: tuple[str, ...]
+    lines: str = ""
 
 
 def look_at_group(group: FileGroup) -> GroupFinding:
     """Read the files of a native group (all, or some of very many bytes) and say what they hold together."""
     findings, stages, broken = [], [], []
+    lines = ""
     chosen = _chosen(group)
     for path in chosen:
         try:
@@ -47,6 +50,7 @@ def look_at_group(group: FileGroup) -> GroupFinding:
             broken.append(str(error))
             continue
         findings.append(look_at(content))
+        lines = lines or field_lines(content, group.folder, group.pattern)
         if isinstance(content, DicStage):
             stages.append(content)
     remarks = _counted([remark for finding in findings for part in finding.parts for remark in part.remarks], len(findings))
@@ -63,6 +67,7 @@ def look_at_group(group: FileGroup) -> GroupFinding:
         tuple(dict.fromkeys(unit for finding in findings for unit in finding.units)),
         _shared(findings) | facts,
         (*remarks, *more),
+        lines,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion
 from thermofit.measure.findings import ColumnFinding, Fact, Part, column_finding
 from thermofit.measure.formats.contents import Column, Record, Records
 from thermofit.measure.phases import noise_level
@@ -12,6 +13,9 @@ from thermofit.measure.study_lines import coupon_lines
 GAP = 5.0
 """A step in time longer than this many median steps is a gap."""
 _LEAST_SAMPLES = 10
+_MIRRORED = -0.9
+_LOADS = ("stress", "force", "true_stress")
+_STRAINS = ("strain", "extension", "true_strain")
 _LARGEST_STRAIN = 2.0
 _COLDEST, _HOTTEST = 50.0, 3000.0
 _SHOWN = {"area": "mm^2", "gauge_length": "mm", "diameter": "mm", "temperature": "K", "rate": "1/s"}
@@ -29,9 +33,10 @@ def look_at_record(record: Record, name: str = "") -> Part:
         more, found = clock_facts(record.channels[clock])
         facts, remarks = facts | more, remarks + [f"{clock}: {text}" for text in found]
     facts |= {f"{key}": f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
-    remarks += suspicions(record)
+    doubts, tension = suspicions(record, clock)
+    remarks += doubts
     columns = tuple(_column(record, column, clock) for column in record.traits.columns)
-    return Part(name, "record", rows, record.traits.missing, facts, columns, tuple(remarks), coupon_lines(record, name))
+    return Part(name, "record", rows, record.traits.missing, facts, columns, tuple(remarks), coupon_lines(record, name, tension))
 
 
 def look_at_records(records: Records) -> tuple[Part, ...]:
@@ -96,19 +101,68 @@ def channel_noise(time: np.ndarray, value: np.ndarray) -> float | None:
     return noise_level(t[new], v[new]) if new.sum() >= _LEAST_SAMPLES else None
 
 
-def suspicions(record: Record) -> list[str]:
-    """What looks wrong in sign or unit; nothing is changed."""
-    found = []
+def suspicions(record: Record, clock: str | None) -> tuple[list[str], str]:
+    """What looks wrong in sign or unit, in words, and "negative" where the signs say that tension is. Nothing is changed."""
+    signs, tension = _signs(record, clock)
+    return [*_units(record), *signs], tension
+
+
+def _units(record: Record) -> list[str]:
+    found, silent = [], []
     for column in record.traits.columns:
         values = record.channels.get(column.name)
-        if values is None or not np.isfinite(values).any():
+        if values is None or not column.meaning or not np.isfinite(values).any():
             continue
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         unit = record.units.get(column.name, "")
         if column.meaning in ("strain", "true_strain") and unit == "1" and max(-low, high) > _LARGEST_STRAIN:
-            found.append(f"{column.name}: strains up to {max(-low, high):.3g}; is the unit % or mm rather than '{column.unit or 'none'}'?")
+            found.append(f"{column.name}: strains up to {max(-low, high):.3g}; is the unit % or mm rather than '{column.unit}'?")
         if column.meaning == "temperature" and unit == "K" and not (_COLDEST < low and high < _HOTTEST):
-            found.append(f"{column.name}: {low:.4g} to {high:.4g} K cannot be a specimen; is the unit '{column.unit or 'none'}' right?")
-        if column.meaning and column.source == "unknown" and not unit:
-            found.append(f"{column.name}: the file does not say its unit; the study must")
+            found.append(f"{column.name}: {low:.4g} to {high:.4g} K cannot be a specimen; is the unit '{column.unit}' right?")
+        if not unit:
+            silent.append(column.name)
+    if silent:
+        found.append(f"the file does not say the unit of {', '.join(silent)}: a study must")
     return found
+
+
+def _signs(record: Record, clock: str | None) -> tuple[list[str], str]:
+    """Signs against physics: thermoelastic cooling in tension, stress that falls with strain, nominal against true quantities."""
+    found, tension = [], ""
+    load, strain, heat = (_channel(record, meanings) for meanings in (_LOADS, _STRAINS, ("temperature",)))
+    if load and heat and clock is not None:
+        text = sign_suspicion(record.channels[clock], load[1], heat[1])
+        if text:
+            unit = record.units.get(load[0], "")
+            found.append(f"{heat[0]} against {load[0]}: {text.replace(' MPa ', f' {unit} ') if unit else text}")
+            tension = "negative"
+    if load and strain:
+        known = np.isfinite(load[1]) & np.isfinite(strain[1])
+        text = branch_suspicion(strain[1][known], load[1][known]) if known.sum() > 1 else None
+        if text:
+            found.append(f"{strain[0]} and {load[0]}: {text}")
+    for meanings in (_LOADS, _STRAINS):
+        found += _opposite(record, meanings)
+    return found, tension
+
+
+def _channel(record: Record, meanings: tuple[str, ...]) -> tuple[str, np.ndarray] | None:
+    """Name and values of the first channel that has the first of the meanings that is there."""
+    name = next((name for meaning in meanings if (name := channel_of(record, meaning))), None)
+    return None if name is None else (name, record.channels[name])
+
+
+def _opposite(record: Record, meanings: tuple[str, ...]) -> list[str]:
+    """Channels of one quantity, nominal and true for instance, that mirror each other: one of them counts compression positive."""
+    channels = [(c.name, record.channels[c.name]) for c in record.traits.columns if c.meaning in meanings and c.name in record.channels]
+    found = []
+    for name, values in channels[1:]:
+        first, kept = channels[0][1], np.isfinite(values) & np.isfinite(channels[0][1])
+        a, b = first[kept], values[kept]
+        if a.size > _LEAST_SAMPLES and np.ptp(a) > 0.0 and np.ptp(b) > 0.0 and float(np.corrcoef(a, b)[0, 1]) < _MIRRORED:
+            found.append(name)
+    if not found:
+        return []
+    return [
+        f"{', '.join(found)} and {channels[0][0]} have opposite signs: compression is positive in one of them, the study must say which"
+    ]

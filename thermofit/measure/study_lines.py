@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from thermofit.measure.formats.contents import Record
+from thermofit.measure.formats.contents import Content, DicSequence, DicStage, Record, ThermalFrames
 
 _STRAINS = (("strain", "column"), ("true_strain", "true_strain"), ("extension", "extension"))
 _STRESSES = (("stress", "column"), ("true_stress", "true_stress"), ("force", "force"))
@@ -77,10 +77,32 @@ def _unit(unit: str) -> str:
     return "" if unit else ", unit: "
 
 
-def field_lines(kind: str, folder: Path, pattern: str) -> str:
-    """Section `dic` or `ir` of an experiment.yaml on files of a full field; nothing for a record."""
-    if "DIC" in kind:
-        return f"dic: {{folder: {_text(str(folder))}, side: front}}   # {pattern}: side front or back of the sheet"
-    if "infrared" in kind:
-        return f"ir: {{folder: {_text(str(folder))}, side: back}}   # {pattern}: side front or back of the sheet"
-    return ""
+def dic_lines(stage: DicStage, folder: Path, pattern: str) -> str:
+    """Section `dic` of an experiment.yaml on the files of a pattern, read as `stage`: what the files do not say is left to fill in."""
+    lines = ["dic:", f"  files: {_text(str(folder / pattern))}", "  side:                 # front or back of the sheet"]
+    if stage.length_unit == "px":
+        lines += ["  mm_per_pixel:         # the files are in px", "  axes: {y: -y}         # y of an image points down; check it"]
+    elif not stage.length_unit:
+        lines.append("  unit:                 # the files do not say the unit of length")
+    if stage.time is None:
+        lines.append("  rate:                 # 1/s, or times: [..] in s: the files have no times")
+    return "\n".join(lines)
+
+
+def ir_lines(frames: ThermalFrames, folder: Path, pattern: str) -> str:
+    """Section `ir` of an experiment.yaml on the files of a pattern; nothing where the frames are no temperatures."""
+    if frames.unit != "K":
+        return ""
+    lines = ["ir:", f"  files: {_text(str(folder / pattern))}", "  side:                 # front or back of the sheet"]
+    if frames.time is None and not frames.date:
+        lines.append("  rate:                 # 1/s, or times: [..] in s: the files have no times")
+    return "\n".join(lines)
+
+
+def field_lines(content: Content, folder: Path, pattern: str) -> str:
+    """Lines of an experiment.yaml on a full field; nothing for anything else."""
+    if isinstance(content, DicSequence):
+        return dic_lines(content.stages[0], folder, pattern)
+    if isinstance(content, DicStage):
+        return dic_lines(content, folder, pattern)
+    return ir_lines(content, folder, pattern) if isinstance(content, ThermalFrames) else ""

@@ -47,7 +47,8 @@ def _result(path: Path, what: str, **more: Any) -> dict[str, Any]:
 
 
 def _file(path: Path) -> dict[str, Any]:
-    finding = look_at(read_recognised(head_of(path)))
+    content = read_recognised(head_of(path))
+    finding = look_at(content)
     traits, parts = finding.traits, finding.parts
     points, missing = sum(part.points for part in parts), sum(part.missing for part in parts)
     written = {
@@ -55,7 +56,7 @@ def _file(path: Path) -> dict[str, Any]:
         "separator": SEPARATOR_WORDS.get(traits.separator, traits.separator),
         "decimal sign": {".": "point", ",": "comma"}.get(traits.decimal, traits.decimal),
     }
-    suggestion = next((part.lines for part in parts if part.lines), "") or field_lines(finding.kind, path.parent, path.name)
+    suggestion = next((part.lines for part in parts if part.lines), "") or field_lines(content, path.parent, path.name)
     return _result(
         path,
         f"{traits.format}, {finding.kind}",
@@ -161,6 +162,5 @@ def _group(root: Path, group: FileGroup) -> dict[str, Any]:
     found = look_at_group(group)
     facts = ", ".join(f"{key} {value}" for key, value in found.facts.items())
     summary = f"{found.kind}; {facts}; {found.missing} without a value; units {_units(found.units)}"
-    lines = field_lines(found.kind, group.folder, group.pattern)
-    kept = {"points": found.points, "missing": found.missing, "units": found.units, "remarks": found.remarks, "lines": lines}
+    kept = {"points": found.points, "missing": found.missing, "units": found.units, "remarks": found.remarks, "lines": found.lines}
     return {**entry, "summary": summary, **kept}

@@ -7,9 +7,18 @@ from types import ModuleType
 
 from thermofit.core.errors import DataError
 from thermofit.measure.formats import (
+    aramis_csv,
+    aramis_legacy,
+    aramis_section,
     catman_workbook,
     coupon_text,
+    dic_table,
+    dlr_nodemap,
+    gom_points,
     machine_workbook,
+    matchid_load,
+    matchid_matrix,
+    matchid_table,
     matlab_tests,
     sandia_text,
     testxpert_text,
@@ -18,13 +27,11 @@ from thermofit.measure.formats import (
 from thermofit.measure.formats.contents import Content, Head
 
 FORMATS: tuple[ModuleType, ...] = (
-    testxpert_workbook,
-    catman_workbook,
-    machine_workbook,
-    matlab_tests,
-    sandia_text,
-    testxpert_text,
-    coupon_text,
+    *(dlr_nodemap, aramis_csv, gom_points, aramis_legacy, aramis_section),
+    *(matchid_table, matchid_matrix, matchid_load),
+    dic_table,
+    *(testxpert_workbook, catman_workbook, machine_workbook, matlab_tests),
+    *(sandia_text, testxpert_text, coupon_text),
 )
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536

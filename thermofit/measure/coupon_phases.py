@@ -12,10 +12,10 @@ _REVERSAL = 8.0
 _LEAST_SWING = 2e-3
 _RATE_JUMP = float(np.log(2.0))
 _FLOOR = 1e-3
-_HOLD = 0.02
 _WINDOWS = 200
 _LEAST_WINDOWS = 4
 _ELASTIC = 0.02
+_EARLY = 0.3
 
 Phase = tuple[float, float, str]
 
@@ -23,22 +23,23 @@ Phase = tuple[float, float, str]
 def coupon_phases(time: np.ndarray, strain: np.ndarray, stress: np.ndarray) -> tuple[Phase, ...]:
     """(t0, t1, label) in s of a record (n,). A label is `elastic`, `loading`, `unloading` or `hold`, then the strain rate in 1/s.
 
-    Loading is the sense in which the strain first leaves its start; every reversal begins a phase, and so does a change of the rate by more
-    than a factor of two. `elastic` is the beginning of the first phase, up to 2 % of the largest stress from its straight line.
+    Loading is the sense in which the strain first leaves its start; every reversal begins a phase, and so does a change of the rate by
+    more than a factor of two. In a hold the strain changes by no more than its noise or 0.2 % of its range. `elastic` is loading before
+    the first reversal, as long as the stress stays within 2 % of its largest value from the straight line through its beginning.
     """
     edges = phase_edges(time, strain)
-    slopes = [_slope(time, strain, a, b) for a, b in pairwise(edges)]
-    fastest = max((abs(slope) for slope in slopes), default=0.0)
-    moving = [slope for slope in slopes if abs(slope) > _HOLD * fastest]
-    sense = 1.0 if not moving or moving[0] > 0.0 else -1.0
+    still = max(_REVERSAL * working_sigma(noise_level(time, strain), strain), _LEAST_SWING * float(np.ptp(strain)))
+    changes = np.diff(strain[edges])
+    moving = changes[np.abs(changes) > still]
+    sense = 1.0 if not moving.size or moving[0] > 0.0 else -1.0
     phases: list[Phase] = []
-    for (a, b), slope in zip(pairwise(edges), slopes, strict=True):
-        kind = "hold" if abs(slope) <= _HOLD * fastest else "loading" if sense * slope > 0.0 else "unloading"
-        phases.append((float(time[a]), float(time[b]), f"{kind} {abs(slope):.2g}/s"))
-    first = next((k for k, phase in enumerate(phases) if not phase[2].startswith("hold")), None)
-    if first is not None:
-        phases[first : first + 1] = _elastic_part(phases[first], (time, strain, stress))
-    return tuple(phases)
+    for (a, b), change in zip(pairwise(edges), changes, strict=True):
+        kind = "hold" if abs(change) <= still else "loading" if sense * change > 0.0 else "unloading"
+        phase = (float(time[a]), float(time[b]), f"{kind} {abs(_slope(time, strain, a, b)):.2g}/s")
+        if kind == "hold" and phases and phases[-1][2].startswith("hold"):
+            phase = (phases.pop()[0], phase[1], phase[2])
+        phases.append(phase)
+    return tuple(_with_elastic(phases, (time, strain, stress)))
 
 
 def phase_edges(time: np.ndarray, strain: np.ndarray) -> np.ndarray:
@@ -85,7 +86,13 @@ def _rate_changes(time: np.ndarray, value: np.ndarray, a: int, b: int) -> list[i
     if mean == 0.0:
         return []
     log = np.log(np.maximum(rate, _FLOOR * mean))
-    return [int(places[k]) for k in _splits(log, 0, log.size)]
+    return [_kink(time, value, int(places[k - 1]), int(places[k + 1])) for k in _splits(log, 0, log.size)]
+
+
+def _kink(time: np.ndarray, value: np.ndarray, a: int, b: int) -> int:
+    """The sample strictly between a and b that is farthest from their chord."""
+    chord = value[a] + _slope(time, value, a, b) * (time[a : b + 1] - time[a])
+    return a + 1 + int(np.argmax(np.abs(value[a : b + 1] - chord)[1:-1]))
 
 
 def _splits(log: np.ndarray, a: int, b: int) -> list[int]:
@@ -103,27 +110,35 @@ def _splits(log: np.ndarray, a: int, b: int) -> list[int]:
     return [*_splits(log, a, k), k, *_splits(log, k, b)]
 
 
-def _elastic_part(phase: Phase, record: tuple[np.ndarray, np.ndarray, np.ndarray]) -> list[Phase]:
-    """The phase, parted at the end of its straight beginning."""
+def _with_elastic(phases: list[Phase], record: tuple[np.ndarray, np.ndarray, np.ndarray]) -> list[Phase]:
+    """Phases with the elastic part of the loading before the first reversal named."""
     time, strain, stress = record
-    inside = np.flatnonzero((time >= phase[0]) & (time <= phase[1]))
-    if inside.size < 8:
-        return [phase]
-    e, s = strain[inside], stress[inside] * np.sign(strain[inside][-1] - strain[inside][0])
-    peak = float(np.max(np.abs(s - s[0])))
-    early = np.flatnonzero(np.abs(s - s[0]) > 0.5 * peak)
-    part = slice(0, max(6, int(early[0]) if early.size else s.size))
-    if np.ptp(e[part]) == 0.0:
-        return [phase]
-    modulus, base = np.polyfit(e[part], s[part], 1)
-    away = np.flatnonzero(np.abs(s - modulus * e - base) > _ELASTIC * peak)
-    away = away[away >= part.stop - 1]
-    if not away.size or inside[away[0]] <= inside[0]:
-        return [(phase[0], phase[1], "elastic " + phase[2].split(" ", 1)[1])] if not away.size else [phase]
-    end = float(time[inside[away[0]]])
-    if end >= phase[1]:
-        return [phase]
-    return [(phase[0], end, "elastic " + phase[2].split(" ", 1)[1]), (end, phase[1], phase[2])]
+    reversal = next((t0 for t0, _, label in phases if label.startswith("unloading")), float(time[-1]))
+    first = time <= reversal
+    end = _linear_until(time[first], strain[first], stress[first])
+    named: list[Phase] = []
+    for t0, t1, label in phases:
+        kind, rate = label.split(" ", 1)
+        if kind != "loading" or t0 >= end:
+            named.append((t0, t1, label))
+        elif t1 <= end:
+            named.append((t0, t1, f"elastic {rate}"))
+        else:
+            named += [(t0, end, f"elastic {rate}"), (end, t1, label)]
+    return named
+
+
+def _linear_until(time: np.ndarray, strain: np.ndarray, stress: np.ndarray) -> float:
+    """Time at which the stress leaves the straight line through its beginning; the first time where there is no such line."""
+    rise = np.abs(stress - stress[0])
+    early = np.flatnonzero(rise > _EARLY * rise.max())
+    n = max(6, int(early[0]) if early.size else 0)
+    if time.size < 8 or n >= time.size or np.ptp(strain[:n]) == 0.0:
+        return float(time[0])
+    modulus, base = np.polyfit(strain[:n], stress[:n], 1)
+    away = np.flatnonzero(np.abs(stress - modulus * strain - base) > _ELASTIC * rise.max())
+    away = away[away >= n - 1]
+    return float(time[away[0]] if away.size else time[-1])
 
 
 def thinned(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, points: int) -> np.ndarray:
@@ -133,9 +148,14 @@ def thinned(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, points: in
         return np.arange(time.size)
     kept = {*phase_edges(time, strain).tolist(), *turning_points(time, stress).tolist()}
     kept |= {int(np.argmax(x)) for x in (strain, stress)} | {int(np.argmin(x)) for x in (strain, stress)}
-    coarse = np.unique(np.linspace(0, time.size - 1, min(time.size, 4 * points)).astype(int))
-    steps = [np.diff(x[coarse]) / max(float(np.ptp(x)), np.finfo(float).tiny) for x in (time, strain, stress)]
+    steps = [np.diff(x) / max(float(np.ptp(x)), np.finfo(float).tiny) for x in (time, strain, stress)]
     length = np.concatenate([[0.0], np.cumsum(np.sqrt(sum(step**2 for step in steps)))])
-    wanted = np.linspace(0.0, length[-1], max(2, points - len(kept)))
-    chosen = np.interp(wanted, length, coarse).round().astype(int)
-    return np.unique(np.concatenate([chosen, np.array(sorted(kept), dtype=int)]))
+    fixed = np.array(sorted(kept), dtype=int)
+    low, high = 2, 4 * points
+    chosen = fixed
+    # Several wanted lengths may fall on one sample: the number of lengths that gives the number of samples is found by halving.
+    while high - low > 1:
+        middle = (low + high) // 2
+        found = np.union1d(np.searchsorted(length, np.linspace(0.0, length[-1], middle)).clip(0, time.size - 1), fixed)
+        low, high, chosen = (middle, high, found) if found.size <= points else (low, middle, chosen)
+    return chosen

@@ -12,7 +12,7 @@ from thermofit.core.study_coupon import CouponRecordSettings
 
 LEAST_ROWS = 10
 _HOLES = 0.1
-_SHARED_TIMES = 0.01
+_SPREAD = 0.02
 _NOT_RISING = 0.1
 _FITTED = 6
 
@@ -62,7 +62,7 @@ def without_jumps(strain: np.ndarray, rows: Sequence[int], where: str) -> tuple[
 def time_from_rate(strain: np.ndarray, stress: np.ndarray, rate: float, where: str) -> Rows:
     """Rows of a record without time, strained monotonically at a constant nominal rate (1/s): t = strain / rate.
 
-    Rows that do not exceed all before them are dropped and counted. DataError where they are more than a tenth, or where the strain changes sign of direction.
+    Rows that do not exceed all before them are dropped and counted. DataError where they are more than a tenth.
     """
     known = np.isfinite(strain) & np.isfinite(stress)
     e, sigma = strain[known], stress[known]
@@ -100,21 +100,28 @@ def repaired(rows: Rows, where: str) -> Rows:
     if (steps < 0.0).any():
         k = int(np.flatnonzero(steps < 0.0)[0])
         raise DataError(
-            f"{where}: the time goes back from {rows.time[k]:g} s to {rows.time[k + 1]:g} s at row {k + 1} ({int((steps < 0.0).sum())} such "
-            "places), expected increasing times; split the file or leave a part out with window or exclude"
+            f"{where}: the time goes back from {rows.time[k]:g} s to {rows.time[k + 1]:g} s at row {k + 1} "
+            f"({int((steps < 0.0).sum())} such places), expected increasing times; split the file there"
         )
     return _one_row_per_time(rows, where)
 
 
 def _one_row_per_time(rows: Rows, where: str) -> Rows:
-    """Rows that share a time become their mean."""
+    """Rows that share a time become their mean; DataError where they differ by more than 2 % of a range, so that their order matters."""
     first = np.concatenate([[True], np.diff(rows.time) > 0.0])
     shared = int((~first).sum())
     if not shared:
         return rows
-    if shared > _SHARED_TIMES * first.size:
-        raise DataError(f"{where}: {shared} of {first.size} rows share their time with the row before; export the time with more digits")
     group = np.cumsum(first) - 1
+    starts = np.flatnonzero(first)
+    for name, x in (("strain", rows.strain), ("stress", rows.stress)):
+        spread = np.maximum.reduceat(x, starts) - np.minimum.reduceat(x, starts)
+        if spread.max() > _SPREAD * np.ptp(x):
+            at = rows.time[starts[int(np.argmax(spread))]]
+            raise DataError(
+                f"{where}: {shared} of {first.size} rows share their time with the row before, and their {name} differs by up to "
+                f"{spread.max():.3g} (at {at:g} s); expected increasing times, export them with more digits"
+            )
     count = np.bincount(group)
     means = [np.bincount(group, x) / count for x in rows.columns()]
     theta = means[3] if rows.temperature is not None else None

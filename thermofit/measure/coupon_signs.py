@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-_BLOCKS = 4000
-_LAGS = 4
-_LEAST = 12
-_SIGNIFICANT = 4.0
-_FAST = 0.3
+from thermofit.measure.coupon_phases import turning_points
+
+_BLOCK = 0.04
+_SMALLEST_BRANCH = 0.1
+_FAST = 0.5
+_LAGS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+_LEAST = 6
+_SIGNIFICANT = 5.0
 
 
 def sign_suspicion(time: np.ndarray, stress: np.ndarray, temperature: np.ndarray) -> str | None:
     """A sentence where the temperature says that the sign of the stress is flipped, None where it does not.
 
     `time` s (n,), `stress` MPa or force (n,), `temperature` K (n,). Thermoelastic coupling: dtheta/dt = -(alpha theta / rho c) dsigma/dt
-    (Kelvin 1853). The rate of temperature is regressed on the rate of stress where that is fast, hence elastic; plastic heating has no
-    part in it, and a lag of the sensor of some s is allowed for. Too few or contradictory samples give None.
+    (Kelvin 1853). The change of temperature is regressed on that of stress where the stress changes fast, hence elastically; plastic
+    heating has no part in it, and a lag of the sensor is allowed for. Too few or contradictory samples give None.
     """
     found = thermoelastic_slope(time, stress, temperature)
     if found is None:
@@ -31,43 +36,48 @@ def sign_suspicion(time: np.ndarray, stress: np.ndarray, temperature: np.ndarray
 
 
 def thermoelastic_slope(time: np.ndarray, stress: np.ndarray, temperature: np.ndarray) -> tuple[float, float] | None:
-    """Slope d theta / d sigma in elastic parts and its t value, at the lag where it is most significant; None for too few samples."""
+    """Slope d theta / d sigma in elastic parts and its t value, at the lag of the sensor (0 to 3 s) where it is most significant.
+
+    Every branch between two reversals of the stress is cut into pieces of 4 % of the range; the elastic ones are those in which the stress
+    changes at least half as fast as anywhere in the branch. None for fewer than six of them.
+    """
     known = np.isfinite(time) & np.isfinite(stress) & np.isfinite(temperature)
-    if known.sum() < _LEAST or np.ptp(stress[known]) == 0.0 or np.ptp(temperature[known]) == 0.0:
-        return None
     t, sigma, theta = time[known], stress[known], temperature[known]
-    step = _block_length(t, sigma)
-    edges = np.arange(t[0], t[-1] + step, step)
-    which = np.digitize(t, edges) - 1
-    count = np.bincount(which, minlength=edges.size)
-    full = count > 0
-    mean_t, mean_sigma, mean_theta = (np.bincount(which, x, edges.size)[full] / count[full] for x in (t, sigma, theta))
-    if mean_t.size < _LEAST:
+    rising = np.concatenate([[True], np.diff(t) > 0.0])
+    t, sigma, theta = t[rising], sigma[rising], theta[rising]
+    if t.size < 4 * _LEAST or np.ptp(sigma) == 0.0 or np.ptp(theta) == 0.0:
         return None
-    rate_sigma, rate_theta = np.diff(mean_sigma) / np.diff(mean_t), np.diff(mean_theta) / np.diff(mean_t)
-    fast = np.abs(rate_sigma) > _FAST * np.quantile(np.abs(rate_sigma), 0.98)
-    fits = [_slope(rate_sigma[: rate_sigma.size - lag], rate_theta[lag:], fast[: rate_sigma.size - lag]) for lag in range(_LAGS)]
-    known_fits = [fit for fit in fits if fit is not None]
-    return max(known_fits, key=lambda fit: abs(fit[1])) if known_fits else None
-
-
-def _block_length(time: np.ndarray, stress: np.ndarray) -> float:
-    """Length of the blocks whose means are compared, s: a fiftieth of the time in which the stress passes its range."""
-    travel = float(np.abs(np.diff(stress)).sum())
-    noise = float(np.median(np.abs(np.diff(stress)))) * (stress.size - 1)
-    passes = max(1.0, (travel - noise) / float(np.ptp(stress)))
-    duration = float(time[-1] - time[0])
-    return max(duration / (50.0 * passes), duration / _BLOCKS, 2.0 * duration / max(1, time.size - 1))
-
-
-def _slope(x: np.ndarray, y: np.ndarray, use: np.ndarray) -> tuple[float, float] | None:
-    """Slope of y over x with a constant, and slope over its standard error."""
-    x, y = x[use], y[use]
-    if x.size < _LEAST or np.ptp(x) == 0.0:
+    pieces = _elastic_pieces(t, sigma)
+    if len(pieces) < _LEAST:
         return None
-    dx, dy = x - x.mean(), y - y.mean()
-    slope = float(dx @ dy / (dx @ dx))
-    error = float(np.sqrt(np.sum((dy - slope * dx) ** 2) / (x.size - 2) / (dx @ dx)))
+    start, end = (np.array([piece[k] for piece in pieces]) for k in (0, 1))
+    x = sigma[end] - sigma[start]
+    fits = [_slope(x, np.interp(t[end] + lag, t, theta) - np.interp(t[start] + lag, t, theta)) for lag in _LAGS]
+    return max(fits, key=lambda fit: abs(fit[1]))
+
+
+def _elastic_pieces(time: np.ndarray, stress: np.ndarray) -> list[tuple[int, int]]:
+    """First and last index of every elastic piece."""
+    pieces: list[tuple[int, int]] = []
+    for a, b in pairwise(turning_points(time, stress)):
+        change = float(stress[b] - stress[a])
+        if abs(change) < _SMALLEST_BRANCH * np.ptp(stress) or b - a < 8:
+            continue
+        passed = np.maximum.accumulate((stress[a : b + 1] - stress[a]) * np.sign(change))
+        levels = np.arange(0.0, abs(change), _BLOCK * float(np.ptp(stress)))
+        edges = np.unique(a + np.searchsorted(passed, levels))
+        rate = np.abs(np.diff(stress[edges]) / np.diff(time[edges]))
+        if rate.size:
+            pieces += [(int(edges[k]), int(edges[k + 1])) for k in np.flatnonzero(rate >= _FAST * rate.max())]
+    return pieces
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope of y over x and slope over its standard error; with a constant (heating in every piece) where x has both signs."""
+    if x.min() < 0.0 < x.max():
+        x, y = x - x.mean(), y - y.mean()
+    slope = float(x @ y / (x @ x))
+    error = float(np.sqrt(np.sum((y - slope * x) ** 2) / (x.size - 2) / (x @ x)))
     return slope, slope / max(error, 1e-12 * abs(slope), np.finfo(float).tiny)
 
 

@@ -141,7 +141,7 @@ def _stage(stage: DicStage) -> None:
     assert n > 0
     _array(stage.point_id, (n,))
     known = [values for values in (stage.reference, stage.displacement, stage.deformed) if values is not None]
-    assert stage.reference is not None or stage.deformed is not None
+    assert known, "a stage holds coordinates, displacements or both"
     for values in known:
         _array(values, (n, 3))
     for values in stage.strain.values():

@@ -6,10 +6,33 @@ from pathlib import Path
 from types import ModuleType
 
 from thermofit.core.errors import DataError
-from thermofit.measure.formats import dice, flir_frame, flir_sequence, irbis, ncorr, optris, vic, vic_mat
+from thermofit.measure.formats import (
+    aramis_csv,
+    aramis_legacy,
+    aramis_section,
+    dic_table,
+    dice,
+    dlr_nodemap,
+    flir_frame,
+    flir_sequence,
+    gom_points,
+    irbis,
+    matchid_load,
+    matchid_matrix,
+    matchid_table,
+    ncorr,
+    optris,
+    vic,
+    vic_mat,
+)
 from thermofit.measure.formats.contents import Content, Head
 
-FORMATS: tuple[ModuleType, ...] = (irbis, flir_sequence, ncorr, vic_mat, vic, dice, optris, flir_frame)
+FORMATS: tuple[ModuleType, ...] = (
+    *(irbis, flir_sequence, ncorr, vic_mat, vic, dice),
+    *(dlr_nodemap, aramis_csv, gom_points, aramis_legacy, aramis_section),
+    *(matchid_table, matchid_matrix, matchid_load),
+    *(dic_table, optris, flir_frame),
+)
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536
 

@@ -119,6 +119,16 @@ def test_regions_are_no_settings(path: Path) -> None:
     assert "Key" not in read(path, old()).traits.header
 
 
+def test_a_lost_section_line_does_not_lose_the_settings(path: Path) -> None:
+    path.write_bytes(new().replace(b"[Settings]\n", b""))
+    assert irbis.read(path).unit == "mK"
+
+
+def test_size_that_is_not_in_the_header_is_remarked(path: Path) -> None:
+    frames = read(path, new().replace(b"ImageHeight=2\n", b""))
+    assert "the header does not say how large the image is: 2 rows of 3 pixels were found" in frames.traits.remarks
+
+
 def test_cells_without_number_are_counted(path: Path) -> None:
     frames = read(path, new().replace(b"24.750", b"***"))
     assert frames.traits.missing == 1

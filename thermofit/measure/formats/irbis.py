@@ -47,6 +47,8 @@ def read(path: Path) -> ThermalFrames:
     values = matrix(rows, path, layout, width)
     missing = check_some(values, path)
     remarks = [f"{missing} pixels hold no number"] if missing else []
+    if width is None or height is None:
+        remarks.append(f"the header does not say how large the image is: {values.shape[0]} rows of {values.shape[1]} pixels were found")
     content, unit_text = header.get("Content", "").strip(), header.get("TempUnit", "").strip()
     unit, source = _unit(content, unit_text, remarks)
     if unit == "K":
@@ -74,7 +76,8 @@ def _sections(lines: list[str], path: Path) -> tuple[dict[str, str], list[tuple[
         match = _SECTION.fullmatch(line)
         if match is None:
             key, equals, value = line.partition("=")
-            if equals and section in ("settings", "parameter", "parameters"):
+            # Regions are parted by tabs; a setting whose section line was lost still counts.
+            if equals and (section.startswith(("settings", "parameter")) or "\t" not in line):
                 header.setdefault(key.strip(), value.strip())
             continue
         section = match.group(1).lower()

@@ -93,8 +93,10 @@ def _info(info: Mapping[str, Any], path: Path) -> _Info:
     if spacing < 0 or spacing != round(spacing) or spacing > 10_000:
         raise DataError(f"{path}: dispinfo.spacing is {spacing:g}, expected a whole number of px; save the analysis in Ncorr again")
     scale = _number(info, "pixtounits", path) if np.size(info.get("pixtounits", ())) else 1.0
-    if scale <= 0:
-        raise DataError(f"{path}: dispinfo.pixtounits is {scale:g}, expected a positive number; format the displacements in Ncorr again")
+    if not 1e-9 < scale < 1e9:
+        raise DataError(
+            f"{path}: dispinfo.pixtounits is {scale:g}, expected a positive length of a pixel; format the displacements in Ncorr again"
+        )
     known = known_unit(unit)
     factor = known.factor if known is not None and known.quantity == "length" else None
     header = {"type": kind, "spacing": f"{spacing:g}", "pixtounits": f"{scale:.10g}", "units": unit}
@@ -130,9 +132,10 @@ def _stage(
     length = 1.0 if info.length is None else info.length
     row, column = np.indices(u.shape)
     unknown = np.full(u.size, np.nan)
-    reference = np.stack([length * (1.0 + info.step * column.ravel()), length * (1.0 + info.step * row.ravel()), unknown], axis=1)
     to_length = length / info.scale if is_formatted else length
-    moved = [to_length * np.where(missing, np.nan, field).ravel() for field in (u, v)]
+    with np.errstate(over="ignore"):  # found below
+        reference = np.stack([length * (1.0 + info.step * column.ravel()), length * (1.0 + info.step * row.ravel()), unknown], axis=1)
+        moved = [to_length * np.where(missing, np.nan, field).ravel() for field in (u, v)]
     if np.isinf(moved).any() or np.isinf(reference).any():
         raise DataError(f"{path}: pixtounits of {info.scale:g} makes infinite values of stage {number}; correct it in Ncorr and save again")
     traits = _traits(path, info, is_formatted, int(missing.sum()), tuple(strain))

@@ -35,10 +35,9 @@ from thermofit.measure.formats import (
 from thermofit.measure.formats.contents import Content, Head
 
 FORMATS: tuple[ModuleType, ...] = (
-    *(irbis, flir_sequence, ncorr, vic_mat),
+    *(irbis, flir_sequence, ncorr, vic_mat, vic, dice),
     *(dlr_nodemap, aramis_csv, gom_points, aramis_legacy, aramis_section),
     *(matchid_table, matchid_matrix, matchid_load),
-    *(vic, dice),
     *(testxpert_workbook, catman_workbook, machine_workbook, matlab_tests),
     *(sandia_text, testxpert_text),
     *(dic_table, coupon_text),

@@ -61,7 +61,13 @@ def read(path: Path) -> DicStage:
     text = read_text(path, _WHAT)
     header = next(k for k, line in enumerate(text.lines) if line.strip())
     separator = _separator(text.lines[header])
-    chosen = vic_columns(header_cells(text.lines[header], separator))
+    names = header_cells(text.lines[header], separator)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise DataError(
+            f"{path}, line {header + 1}: two columns are called {twice[:30]!r}, expected each name once; export the stage again"
+        )
+    chosen = vic_columns(names)
     if chosen is None:
         raise DataError(
             f"{path}, line {header + 1}: found no columns X, Y, U, V nor x_c, y_c, u_c, v_c nor x, y, u, v, expected {_WHAT}; export again"
@@ -88,7 +94,7 @@ def vic_stage(columns: Mapping[str, np.ndarray], chosen: Names, traits: Traits) 
     is_pixel = chosen[0] == PIXEL[0]
     moved[missing] = np.nan
     if is_pixel:
-        remarks.append("in px of the image: the file has no metric columns")
+        remarks.append("in px of the image: the file has no complete set of metric columns (X, Y, U, V or x_c, y_c, u_c, v_c)")
     else:
         # Pixels of a point that was not correlated are known; its metric coordinates are not, VIC writes 0.
         position[missing] = np.nan

@@ -9,15 +9,19 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+
 from thermofit.core.errors import DataError
 from thermofit.measure.formats.contents import Column, DicStage, Head
 from thermofit.measure.formats.table import StageFacts, make_stage, read_named
-from thermofit.measure.formats.text import head_lines, name_and_unit, read_text, split_cells
+from thermofit.measure.formats.text import head_lines, name_and_unit, parse_number, read_text, split_cells
 
 NAME = "CSV table of coordinates and displacements (one stage)"
 WHAT = "a table whose header names coordinates and displacements, such as 'x-coordinate [mm],y-coordinate [mm],x-displacement [mm],...'"
 _COORDINATE = re.compile(r"coord\w*|coor|position|pos|location")
 _DISPLACEMENT = re.compile(r"displacement\w*|displ|disp")
+_BELOW = 3
+"""Lines below the header of which one must hold a number: there may be a line of units between."""
 _IDS = ("id", "point id", "node", "node id", "point", "index", "facet id")
 
 
@@ -46,8 +50,14 @@ def _header_line(lines: list[str]) -> tuple[int, str] | None:
 
 
 def recognises(head: Head) -> bool:
-    """A header line with two coordinates and two displacements."""
-    return _header_line(head_lines(head)) is not None
+    """A header line with two coordinates and two displacements, and numbers (or nothing) below it: prose may name these columns too."""
+    lines = head_lines(head)
+    found = _header_line(lines)
+    if found is None:
+        return False
+    below = [line for line in lines[found[0] + 1 :] if line.strip()][:_BELOW]
+    cells = [cell for line in below for cell in split_cells(line, found[1])]
+    return not below or any(not np.isnan(parse_number(cell, sign)) for cell in cells for sign in ".,")
 
 
 def read(path: Path) -> DicStage:

@@ -126,6 +126,11 @@ def matlab(path: Path) -> Expected:
     return "MATLAB 5", {"s", "N", "mm"}, rows, missing
 
 
+def frames(path: Path) -> Expected:
+    rows = [line.split(",") for line in lines_of(path)[2:]]
+    return "CSV table of many DIC frames", {"px"}, len(rows), sum(any(math.isnan(number(cell)) for cell in row[4:8]) for row in rows)
+
+
 CSV_S235 = ("mm",)
 FILES: tuple[tuple[str, Any], ...] = (
     ("native-format-samples/gom-points/*.csv", gom),
@@ -141,6 +146,7 @@ FILES: tuple[tuple[str, Any], ...] = (
     ("6061T6-temperature-tension/*/processed_data/*", sandia),
     ("6061T6-temperature-tension/uniaxial_material_point_data/*.csv", plain),
     ("s235-plate-hole-dic/*.csv", lambda path: plain(path, "CSV table of coordinates", 1, CSV_S235)),
+    ("tension-necking-dic-images/derived_*.csv", frames),
     ("steel-cyclic-with-temperature/HEM320C*.csv", lambda path: plain(path, "coupon record", 1, ("s", "kN", "mm", "MPa", "1"))),
     ("steel-sheet-luders-plc-temperature/Tensile_*/*.XLSX", xpert_book),
     ("steel-sheet-luders-plc-temperature/**/*.mat", matlab),
@@ -201,14 +207,14 @@ def test_catman_workbook_and_its_flipped_sign() -> None:
 
 
 def test_every_data_file_is_recognised() -> None:
-    """What no reader takes is listed here: notes, licences, pictures, two side files of a test, and a table of many frames."""
+    """What no reader takes is listed here: notes, licences, pictures, and two side files of a test."""
     told = {path for path, _ in CASES} | {ROOT / name for name in MACHINE}
     told.add(ROOT / "steel-cyclic-with-temperature" / "Temp_LP9_1_181211.XLSX")
     for path in sorted(p for p in ROOT.rglob("*") if p.is_file() and p not in told):
         if path.suffix == ".tif":
             assert inspect(path)["format"] == "picture (TIFF)"
         else:
-            assert path.name in ("README.md", "LICENSE", "filter_info.csv", "specimen_description.csv", "derived_node_displacements_px.csv")
+            assert path.name in ("README.md", "LICENSE", "filter_info.csv", "specimen_description.csv")
             with pytest.raises(DataError, match="its first line is '"):
                 inspect(path)
 

@@ -71,7 +71,8 @@ def _column_row(column: Result) -> list[str]:
     span = "" if column["low"] is None else f"{number(column['low'], 5)} .. {number(column['high'], 5)} {column['fixed_unit']}".rstrip()
     missing = "" if column["missing"] is None else str(column["missing"])
     noise = "" if column["noise"] is None else f"{number(column['noise'], 3)} {column['fixed_unit']}".rstrip()
-    return [column["name"], column["meaning"], column["unit"], column["unit_from"], span, missing, noise]
+    source = column["unit_from"] if column["unit"] or span else ""
+    return [column["name"], column["meaning"], column["unit"], source, span, missing, noise]
 
 
 def _size(n: int) -> str:

@@ -161,6 +161,6 @@ def _group(root: Path, group: FileGroup) -> dict[str, Any]:
         return {**entry, "summary": group.advice, "points": 0, "missing": 0, "units": [], "remarks": [], "lines": ""}
     found = look_at_group(group)
     facts = ", ".join(f"{key} {value}" for key, value in found.facts.items())
-    summary = f"{found.kind}; {facts}; {found.missing} without a value; units {_units(found.units)}"
+    summary = f"{found.kind}; {facts}; {found.missing} without a value; units {_units(found.units)}" if found.read else "cannot be read"
     kept = {"points": found.points, "missing": found.missing, "units": found.units, "remarks": found.remarks, "lines": found.lines}
     return {**entry, "summary": summary, **kept}

@@ -12,6 +12,7 @@ from thermofit.measure.formats import (
     aramis_section,
     catman_workbook,
     coupon_text,
+    dic_frames,
     dic_table,
     dice,
     dlr_nodemap,
@@ -40,7 +41,7 @@ FORMATS: tuple[ModuleType, ...] = (
     *(matchid_table, matchid_matrix, matchid_load),
     *(testxpert_workbook, catman_workbook, machine_workbook, matlab_tests),
     *(sandia_text, testxpert_text),
-    *(dic_table, coupon_text),
+    *(dic_frames, dic_table, coupon_text),
     *(optris, flir_frame),
 )
 """Reader modules, the more particular first: the first that recognises a file reads it."""

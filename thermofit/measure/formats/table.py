@@ -157,7 +157,7 @@ def make_stage(named: NamedTable, name: str, facts: StageFacts) -> DicStage:
         here = ~np.isnan(place[:, used]).any(axis=1)
         if facts.lost is not None:
             here &= ~facts.lost
-        if not here.any():
+        if not (here & kept).any():
             raise DataError(f"{named.path}: no point has coordinates, expected a stage with correlated points; leave this stage out")
         point_id, kept = point_id[here[kept]], kept & here
         place = place[kept]

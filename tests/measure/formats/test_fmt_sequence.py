@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzz import mutations
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from layouts import GOM, LEGACY_COORDINATES, LEGACY_DISPLACEMENTS, LOAD, MATCHID_3D, MATRIX, SECTION, TABLE
 
 from thermofit.core.errors import DataError
+from thermofit.core.experiment import DicField
 from thermofit.measure.formats.clock import Rules
 from thermofit.measure.formats.naming import number_order, stage_time
 from thermofit.measure.formats.sequence import read_dic_files
@@ -248,3 +252,46 @@ def test_open_coordinates_can_be_declared_deformed(tmp_path: Path) -> None:
     np.testing.assert_allclose(field.reference[0, :2], [-1.2132 - 0.0370, 18.6820 + 0.0073])
     with pytest.raises(DataError, match="'coordinates_of' is deformed, but the format says itself"):
         read_dic_files(series(tmp_path / "g"), Rules(coordinates="deformed"))
+
+
+def check_field(field: DicField) -> None:
+    """Shapes fit, times increase, every point is somewhere and measured at least once."""
+    n_t, n_s = len(field.time), len(field.point_id)
+    assert n_t > 0 and n_s > 0
+    assert field.displacement.shape == (n_t, n_s, 3) and field.reference.shape == (n_s, 3)
+    assert np.isfinite(field.time).all() and (np.diff(field.time) > 0.0).all()
+    assert np.isfinite(field.reference[:, :2]).all()
+    assert not np.isinf(field.displacement).any()
+    assert len(np.unique(field.point_id)) == n_s
+    assert np.isfinite(field.displacement[:, :, :2]).all(axis=2).any(axis=0).all()
+
+
+def damage(data: st.DataObject, folder: Path) -> None:
+    """Four stages of which one is damaged: a field or one sentence that names a file of the folder."""
+    stages = {f"a_{k}.csv": aramis(k, 0.5 * k, 0.1 * k).encode() for k in range(4)}
+    if data.draw(st.booleans()):
+        stages = {f"a_{k}.csv": table(k) for k in range(4)}
+    name = data.draw(st.sampled_from(sorted(stages)))
+    stages[name] = data.draw(mutations(stages[name]))
+    rules = data.draw(st.sampled_from([Rules(), Rules(rate=2.0), Rules(unit="mm", rate=1.0)]))
+    pattern = write(folder / "fuzzed", dict(stages))
+    try:
+        field, remarks = read_dic_files(pattern, rules)
+    except DataError as error:
+        assert "\n" not in str(error) and str(folder / "fuzzed") in str(error)
+        return
+    check_field(field)
+    assert remarks
+
+
+@settings(max_examples=40)
+@given(data=st.data())
+def test_damaged_stage_among_sound_ones(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
+    damage(data, tmp_path_factory.getbasetemp())
+
+
+@pytest.mark.slow
+@settings(max_examples=500)
+@given(data=st.data())
+def test_500_damaged_stages_among_sound_ones(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
+    damage(data, tmp_path_factory.getbasetemp())

@@ -32,7 +32,7 @@ def coupon_lines(record: Record, test: str = "", tension: str = "") -> str:
     temperature = _first(record, (("temperature", "temperature"),))
     if strain is None and stress is None:
         return ""
-    lines = ["coupon:", "  records:", f"    - file: {_text(Path(record.traits.path).name)}"]
+    lines = ["coupon:", "  records:", f"    - file: {_text(str(record.traits.path.absolute()))}"]
     if test:
         lines.append(f"      test: {_text(test)}")
     lines.append(f"      time: {_source(time[1], time[2])}" if time else "      rate:                 # 1/s: the file has no time")
@@ -79,7 +79,7 @@ def _unit(unit: str) -> str:
 
 def dic_lines(stage: DicStage, folder: Path, pattern: str) -> str:
     """Section `dic` of an experiment.yaml on the files of a pattern, read as `stage`: what the files do not say is left to fill in."""
-    lines = ["dic:", f"  files: {_text(str(folder / pattern))}", "  side:                 # front or back of the sheet"]
+    lines = ["dic:", f"  files: {_text(str(folder.absolute() / pattern))}", "  side:                 # front or back of the sheet"]
     if stage.length_unit == "px":
         lines += ["  mm_per_pixel:         # the files are in px", "  axes: {y: -y}         # y of an image points down; check it"]
     elif not stage.length_unit:
@@ -91,9 +91,11 @@ def dic_lines(stage: DicStage, folder: Path, pattern: str) -> str:
 
 def ir_lines(frames: ThermalFrames, folder: Path, pattern: str) -> str:
     """Section `ir` of an experiment.yaml on the files of a pattern; nothing where the frames are no temperatures."""
-    if frames.unit != "K":
+    if frames.unit not in ("K", ""):
         return ""
-    lines = ["ir:", f"  files: {_text(str(folder / pattern))}", "  side:                 # front or back of the sheet"]
+    lines = ["ir:", f"  files: {_text(str(folder.absolute() / pattern))}", "  side:                 # front or back of the sheet"]
+    if not frames.unit:
+        lines.append("  unit:                 # degC or K: the files do not say it")
     if frames.time is None and not frames.date:
         lines.append("  rate:                 # 1/s, or times: [..] in s: the files have no times")
     return "\n".join(lines)

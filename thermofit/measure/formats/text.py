@@ -188,6 +188,8 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     numbered = [(k, line) for k, line in enumerate(lines, start=first) if line.strip()]
     if not numbered:
         raise DataError(f"{path}: the file ends before line {first}, expected rows of numbers; export it again")
+    if width is not None and (clean := _clean_block([line for _, line in numbered], layout, width)) is not None:
+        return Table(clean, np.array([k for k, _ in numbered]), 0, 0, ())
     rows = [split_cells(line, layout.separator) for _, line in numbered]
     widths = [_width(cells) for cells in rows]
     widest = max(widths)
@@ -206,6 +208,17 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     ragged = sum(len(cells) < n for cells in rows)
     number = np.array([k for k, _ in numbered])
     return Table(values, number, int(void[:, ~empty].sum()), ragged, tuple(int(k) for k in np.flatnonzero(empty)))
+
+
+def _clean_block(lines: list[str], layout: Layout, width: int) -> np.ndarray | None:
+    """Numbers (n_line, width) of lines that hold finite numbers only, read at once; None where they hold anything else."""
+    if layout.decimal == "," or layout.separator == BLANKS:
+        return None
+    try:
+        values = np.loadtxt(lines, delimiter=layout.separator, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return values if values.shape == (len(lines), width) and np.isfinite(values).all() else None
 
 
 def _width(cells: list[str]) -> int:

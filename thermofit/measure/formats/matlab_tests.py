@@ -5,21 +5,18 @@ Units are those of the evaluation scripts that write these files: s, N, mm, mm^2
 
 from __future__ import annotations
 
-import warnings
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat, whosmat
 
 from thermofit.core.errors import DataError
 from thermofit.core.units import to_fixed
 from thermofit.measure.formats.contents import Column, Head, Record, Records, Traits
+from thermofit.measure.formats.mat5 import MAGIC, Value, variables
 from thermofit.measure.formats.record_columns import Block, make_record
 
 NAME = "MATLAB 5 tests (MAT)"
-MAGIC = b"MATLAB 5.0 MAT-file"
 _CHANNELS = {"t": ("time", "s"), "F": ("force", "N"), "dL": ("extension", "mm"), "u": ("extension", "mm"), "utr": ("displacement", "mm")}
 _SIZES = {
     "A0": ("area", "mm^2"),
@@ -28,20 +25,6 @@ _SIZES = {
     "t0": ("thickness", "mm"),
     "T": ("temperature", "degC"),
 }
-_BROKEN = (ValueError, TypeError, KeyError, IndexError, OverflowError, MemoryError, EOFError, OSError, NotImplementedError)
-_BROKEN_MORE = (AttributeError, UnicodeDecodeError, zlib.error, ZeroDivisionError, RuntimeError, Warning)
-
-
-def _variables(path: Path, names: tuple[str, ...]) -> dict[str, object]:
-    """The named variables of the file; DataError where it is damaged."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found: dict[str, object] = loadmat(path, variable_names=names, simplify_cells=False)
-    except (*_BROKEN, *_BROKEN_MORE) as error:
-        reason = " ".join(str(error).split())[:100] or type(error).__name__
-        raise DataError(f"{path}: the MAT file cannot be read ({reason}), expected an undamaged MATLAB 5 file; save it again") from None
-    return found
 
 
 def recognises(head: Head) -> bool:
@@ -49,27 +32,28 @@ def recognises(head: Head) -> bool:
     if not head.first.startswith(MAGIC):
         return False
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            kinds = {name: kind for name, _, kind in whosmat(head.path)}
-    except (*_BROKEN, *_BROKEN_MORE):
+        found = dict(variables(head.path))
+    except (ValueError, OSError):
         return True
-    return kinds.get("data") == "cell" or ("F" in kinds and bool({"t", "u", "utr"} & set(kinds)))
+    return isinstance(found.get("data"), list) or ("F" in found and bool({"t", "u", "utr"} & set(found)))
 
 
 def read(path: Path) -> Record | Records:
     """Tests by tag, or the one test of a flat file. DataError for a damaged file or one without tests."""
-    found = _variables(path, ("data", *_CHANNELS, *_SIZES, "Af", "F0"))
+    try:
+        found = dict(variables(path))
+    except (ValueError, OSError) as error:
+        raise DataError(f"{path}: the MAT file is damaged ({error}), expected a MATLAB 5 file with tests; save it again") from None
     data = found.get("data")
     if data is None:
         if not isinstance(found.get("F"), np.ndarray):
             raise DataError(f"{path}: no cell array 'data' and no force 'F' found, expected one of them; save the tests under these names")
         return _record(found, path, "the file")
-    if not isinstance(data, np.ndarray) or data.dtype != object or data.size == 0:
+    if not isinstance(data, list) or not data:
         raise DataError(f"{path}: variable 'data' is no cell array with tests, expected structs with t, F and dL; save it again")
     tests: dict[str, Record] = {}
     remarks = []
-    for number, cell in enumerate(data.ravel(), start=1):
+    for number, cell in enumerate(data, start=1):
         fields = _fields(cell, path, number)
         tag = _text(fields.get("tag")) or f"test {number}"
         if tag in tests:
@@ -79,21 +63,18 @@ def read(path: Path) -> Record | Records:
     return Records(Traits(NAME, path, remarks=tuple(remarks)), tests)
 
 
-def _fields(cell: object, path: Path, number: int) -> dict[str, object]:
+def _fields(cell: object, path: Path, number: int) -> Mapping[str, Value]:
     """Fields of a struct of one element."""
-    if not isinstance(cell, np.ndarray) or cell.dtype.names is None or cell.size != 1:
+    if not isinstance(cell, list) or len(cell) != 1 or not isinstance(cell[0], dict):
         raise DataError(f"{path}: entry {number} of 'data' is no struct of one test, expected the fields t, F and dL; save it again")
-    only = cell.ravel()[0]
-    return {str(name): only[str(name)] for name in cell.dtype.names}
+    return cell[0]
 
 
-def _text(value: object) -> str:
-    if not isinstance(value, np.ndarray) or value.dtype.kind != "U":
-        return ""
-    return " ".join("".join(str(part) for part in value.ravel()).split())[:80]
+def _text(value: Value | None) -> str:
+    return " ".join(value.split())[:80] if isinstance(value, str) else ""
 
 
-def _number(value: object) -> float | None:
+def _number(value: Value | None) -> float | None:
     """A single finite number, None for anything else."""
     if not isinstance(value, np.ndarray) or value.size != 1 or value.dtype.kind not in "fiu":
         return None
@@ -101,7 +82,7 @@ def _number(value: object) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def _vector(value: object, name: str, where: str) -> np.ndarray:
+def _vector(value: Value, name: str, where: str) -> np.ndarray:
     """A column of numbers, infinities as NaN."""
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu" or value.size < 2 or value.size != max(value.shape):
         raise DataError(f"{where}: field '{name}' is no column of numbers, expected one; save it again")
@@ -109,7 +90,7 @@ def _vector(value: object, name: str, where: str) -> np.ndarray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _record(fields: Mapping[str, object], path: Path, label: str) -> Record:
+def _record(fields: Mapping[str, Value], path: Path, label: str) -> Record:
     where = f"{path}, {label}"
     named = [name for name in _CHANNELS if isinstance(fields.get(name), np.ndarray)]
     if "F" not in named:

@@ -27,7 +27,7 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("time", r"^t$|time|temps|zeit"),
     ("force", r"^f$|force|kraft|load(?!ing)|charge"),
     ("strain", r"strain|epsilon|^eps|dehnung"),
-    ("extension", r"exten|elong|^dl$|^u$|deform|verlangerung|clip"),
+    ("extension", r"^ext|exten|elong|^dl$|^u$|deform|verlangerung|clip"),
     ("displacement", r"displ|deplac|travel|weg|traverse|crosshead|position|separation|stroke|^utr$|course"),
 )
 _BY_QUANTITY: Mapping[str, tuple[str, ...]] = {

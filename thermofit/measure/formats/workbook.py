@@ -73,6 +73,8 @@ def read_sheets(path: Path, names: Sequence[str] | None = None) -> list[Sheet]:
         declared = [_declared(path, place) for place in places]
     except _BROKEN as error:
         raise _damaged(path, error) from None
+    if not wanted:
+        raise DataError(f"{path}: the workbook holds no sheet, expected a test; save it again from the spreadsheet program")
     return [Sheet(name, [list(row) for row in found], count) for name, found, count in zip(wanted, rows, declared, strict=True)]
 
 

@@ -74,9 +74,12 @@ def _record(named: NamedTable) -> Record:
     for k, column in enumerate(named.columns):
         if k in named.table.empty or not column.name:
             continue
-        if column.name in channels:
-            raise DataError(f"{named.path}, line 1: the column '{column.name}' is there twice, expected it once; rename one of them")
-        channels[column.name], units[column.name] = named.values[:, k], named.units[k]
+        # Forces in V and in N have one name: the unit then tells them apart.
+        alone = sum(other.name == column.name for other in named.columns) == 1
+        name = column.name if alone else f"{column.name} [{column.unit}]"
+        if name in channels:
+            raise DataError(f"{named.path}, line 1: the column '{name}' is there twice, expected it once; rename one of them")
+        channels[name], units[name] = named.values[:, k], named.units[k]
     wanting = [c.name for k, c in enumerate(named.columns) if c.meaning == "force" and k in named.table.empty]
     if wanting:
         raise DataError(f"{named.path}: the column '{wanting[0]}' holds no number, expected forces; export it again")

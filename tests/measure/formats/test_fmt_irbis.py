@@ -129,6 +129,12 @@ def test_size_that_is_not_in_the_header_is_remarked(path: Path) -> None:
     assert "the header does not say how large the image is: 2 rows of 3 pixels were found" in frames.traits.remarks
 
 
+def test_the_announced_separator_holds_against_the_look_of_the_data(path: Path) -> None:
+    path.write_bytes(new().replace(b"0x3B", b"0x09"))
+    with pytest.raises(DataError, match="line 16: found 1 values parted by tab, expected 3"):
+        irbis.read(path)
+
+
 def test_cells_without_number_are_counted(path: Path) -> None:
     frames = read(path, new().replace(b"24.750", b"***"))
     assert frames.traits.missing == 1

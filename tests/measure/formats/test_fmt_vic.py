@@ -202,10 +202,19 @@ def test_defects_of_a_mat_export(tmp_path: Path, change: dict[str, np.ndarray], 
         vic_mat.read(path)
 
 
+def test_signalling_nan_of_single_precision_is_a_missing_point(tmp_path: Path) -> None:
+    path = tmp_path / "stage.mat"
+    third = np.frombuffer(np.array([0.01], dtype=np.float32).tobytes() * 2)
+    assert third.nbytes == 8
+    # The first two values of sigma become signalling NaN (0x7f800001).
+    path.write_bytes(SEED_MAT.replace(third.tobytes(), bytes.fromhex("0100807f0100807f"), 1))
+    assert vic_mat.read(path).traits.missing == 3
+
+
 def test_truncated_mat_export(tmp_path: Path) -> None:
     path = tmp_path / "stage.mat"
     path.write_bytes(SEED_MAT[: len(SEED_MAT) // 2])
-    with pytest.raises(DataError, match=r"stage.mat: (cannot be read as a MAT file|found the matrices)"):
+    with pytest.raises(DataError, match=r"stage.mat: the MAT file is damaged \(the file ends inside"):
         vic_mat.read(path)
 
 

@@ -184,7 +184,8 @@ def _fields(group: Mapping[str, Any], name: str, path: Path) -> list[np.ndarray]
     for k, field in enumerate(fields, start=1):
         if not isinstance(field, np.ndarray) or field.ndim != 2 or field.dtype.kind not in "fiu":
             raise DataError(f"{path}: {name} of stage {k} is no matrix of numbers, expected a field on a grid; save the analysis again")
-    return [np.asarray(field, dtype=float) for field in fields]
+    with np.errstate(invalid="ignore"):  # a signalling NaN of damaged single precision
+        return [np.asarray(field, dtype=float) for field in fields]
 
 
 def _check_shapes(path: Path, u: list[np.ndarray], others: Mapping[str, list[np.ndarray]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from thermofit.core.units import known_unit, to_fixed
 from thermofit.measure.formats.text import SEPARATOR_WORDS, Layout, parse_number, split_cells
 
 MAX_VALUES = 1_000_000_000
+_PLAIN = re.compile(r"[0-9.eE+\-; ]+")
 
 
 def matrix(lines: list[tuple[int, str]], path: Path, layout: Layout, width: int | None = None, skip: int = 0) -> np.ndarray:
@@ -46,13 +48,16 @@ def _numbers(rows: list[list[str]], decimal: str) -> np.ndarray:
     """Cells as numbers; words, empty cells and infinities are NaN."""
     values = np.empty((len(rows), len(rows[0])))
     for row, cells in zip(values, rows, strict=True):
-        text = ",".join(cells) if decimal == "." else ""
+        text = ";".join(cells)
+        if decimal == ",":
+            text = "" if "." in text else text.replace(",", ".")
         try:
-            # float() also takes 1_000 and words like inf: those rows go cell by cell.
-            row[:] = cells if text and text.isascii() and not set(text) & set("_nNiI") else [parse_number(cell, decimal) for cell in cells]
+            # Numbers in plain characters at once; words, 1_000, mixed decimal signs and damage cell by cell.
+            row[:] = np.loadtxt([text], delimiter=";", comments=None, ndmin=1) if _PLAIN.fullmatch(text) else np.inf
         except ValueError:
+            row[:] = np.inf
+        if not np.isfinite(row).all():
             row[:] = [parse_number(cell, decimal) for cell in cells]
-    values[~np.isfinite(values)] = np.nan
     return values
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from thermofit.core.errors import DataError
 from thermofit.measure.formats.contents import Head
 from thermofit.measure.formats.naming import number_order
-from thermofit.measure.formats.registry import head_of
-from thermofit.measure.look import native_format
+from thermofit.measure.formats.registry import head_of, recogniser
 from thermofit.measure.own_files import own_file
 
 UNKNOWN = "not recognised"
@@ -81,8 +80,8 @@ def _format_of(path: Path) -> tuple[str, str, bool]:
         return UNKNOWN, str(error), False
     if known := own_file(head):
         return known.format, known.advice, False
-    name = native_format(head)
-    return (name, "", True) if name else (UNKNOWN, "", False)
+    found = recogniser(head)
+    return (str(found.NAME), "", True) if found else (UNKNOWN, "", False)
 
 
 def _sequences(paths: list[Path]) -> list[list[Path]]:

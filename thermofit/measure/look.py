@@ -1,31 +1,11 @@
-"""What is this file: recognised by content, read whole, described part by part."""
+"""What is this file: its content described part by part."""
 
 from __future__ import annotations
 
-from thermofit.core.errors import DataError
 from thermofit.measure.findings import Finding, Part, units_of
-from thermofit.measure.formats.contents import Content, DicSequence, DicStage, Head, Record, Records, ScalarField, ThermalFrames
-from thermofit.measure.formats.registry import FORMATS
+from thermofit.measure.formats.contents import Content, DicSequence, DicStage, Record, Records, ScalarField, ThermalFrames
 from thermofit.measure.look_field import look_at_frames, look_at_matrix, look_at_sequence, look_at_stage
 from thermofit.measure.look_record import look_at_record, look_at_records
-from thermofit.measure.own_files import first_line
-
-
-def native_format(head: Head) -> str:
-    """Name of the native format of a file, "" where none is recognised."""
-    return next((str(module.NAME) for module in FORMATS if module.recognises(head)), "")
-
-
-def read_recognised(head: Head) -> Content:
-    """The content of a native file. DataError, with the first line quoted, where no format is recognised, and for every defect."""
-    module = next((module for module in FORMATS if module.recognises(head)), None)
-    if module is None:
-        raise DataError(
-            f"{head.path}: no known format recognised in its content ({first_line(head)}), expected an export of a DIC system, an infrared "
-            f"camera or a testing machine; docs/formats.md lists the formats, export it as one of them"
-        )
-    content: Content = module.read(head.path)
-    return content
 
 
 def look_at(content: Content) -> Finding:

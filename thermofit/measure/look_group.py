@@ -14,8 +14,8 @@ from thermofit.measure.file_groups import FileGroup
 from thermofit.measure.findings import Finding
 from thermofit.measure.formats.contents import DicStage
 from thermofit.measure.formats.naming import stage_time
-from thermofit.measure.formats.registry import head_of
-from thermofit.measure.look import look_at, read_recognised
+from thermofit.measure.formats.registry import read_native
+from thermofit.measure.look import look_at
 from thermofit.measure.look_record import clock_facts
 from thermofit.measure.study_lines import field_lines
 
@@ -45,7 +45,7 @@ def look_at_group(group: FileGroup) -> GroupFinding:
     chosen = _chosen(group)
     for path in chosen:
         try:
-            content = read_recognised(head_of(path))
+            content = read_native(path)
         except DataError as error:
             broken.append(str(error))
             continue

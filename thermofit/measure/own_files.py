@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import yaml
 
 from thermofit.measure.formats.contents import Head
-from thermofit.measure.formats.text import decode, head_lines
+from thermofit.measure.formats.text import head_lines
 from thermofit.measure.raw_description import DESCRIPTION
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 _PICTURES = {b"II*\x00": "TIFF", b"MM\x00*": "TIFF", b"\x89PNG\r\n\x1a\n": "PNG", b"BM": "BMP", b"\xff\xd8\xff": "JPEG"}
-_QUOTED = 60
 
 
 @dataclass(frozen=True)
@@ -60,14 +59,3 @@ def _yaml(head: Head, lines: list[str]) -> Known | None:
     if head.path.name == DESCRIPTION or {"specimen", "temperatures"} <= keys:
         return EXPERIMENT
     return STUDY if "name" in keys and keys & {"parameters", "experiment", "simulate", "coupon"} else None
-
-
-def first_line(head: Head) -> str:
-    """The beginning of a file in words: its first line in quotes, or that it is no text."""
-    try:
-        text, _ = decode(head.first, whole=head.size <= len(head.first))
-    except ValueError:
-        return f"it is no text and begins with the bytes {head.first[:8].hex(' ')}"
-    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
-    shown = "".join(c if c.isprintable() else "?" for c in line[:_QUOTED])
-    return f"its first line is '{shown}{'...' if len(line) > _QUOTED else ''}'"

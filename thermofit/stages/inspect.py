@@ -11,9 +11,9 @@ from thermofit.core.errors import DataError
 from thermofit.core.jsonable import jsonable
 from thermofit.measure.file_groups import UNKNOWN, FileGroup, group_files, visible_files
 from thermofit.measure.findings import Part
-from thermofit.measure.formats.registry import head_of
+from thermofit.measure.formats.registry import head_of, read_native
 from thermofit.measure.formats.text import SEPARATOR_WORDS
-from thermofit.measure.look import look_at, read_recognised
+from thermofit.measure.look import look_at
 from thermofit.measure.look_group import look_at_group
 from thermofit.measure.look_raw import look_at_raw
 from thermofit.measure.own_files import ARTEFACT, Known, own_file
@@ -47,7 +47,7 @@ def _result(path: Path, what: str, **more: Any) -> dict[str, Any]:
 
 
 def _file(path: Path) -> dict[str, Any]:
-    content = read_recognised(head_of(path))
+    content = read_native(path)
     finding = look_at(content)
     traits, parts = finding.traits, finding.parts
     points, missing = sum(part.points for part in parts), sum(part.missing for part in parts)

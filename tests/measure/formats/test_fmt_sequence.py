@@ -14,6 +14,7 @@ from layouts import GOM, LEGACY_COORDINATES, LEGACY_DISPLACEMENTS, LOAD, MATCHID
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField
 from thermofit.measure.formats.clock import Rules
+from thermofit.measure.formats.fracture import after_fracture
 from thermofit.measure.formats.naming import number_order, stage_time
 from thermofit.measure.formats.sequence import read_dic_files
 
@@ -225,6 +226,15 @@ def test_torn_stages_are_cut_and_rests_are_not(tmp_path: Path) -> None:
     assert "1 last stages from 9 s on left out: after fracture, 1 hold fewer than half of the points" in remarks
     still = write(tmp_path / "g", {f"a_{k}.csv": aramis(k, float(k), 0.0) for k in range(4)})
     assert len(read_dic_files(still, Rules())[0].time) == 4
+
+
+def test_points_that_go_one_by_one_are_no_fracture() -> None:
+    u = np.random.default_rng(3).normal(size=(30, 100, 3))
+    for k in range(30):
+        u[k, : 3 * k] = np.nan
+    assert after_fracture(u) == (30, "")
+    u[25:, :95] = np.nan
+    assert after_fracture(u)[0] == 25
 
 
 def test_units_pixels_and_axes(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ SEPARATOR_WORDS = {";": "semicolon", ",": "comma", "\t": "tab", BLANKS: "blanks"
 _MAX_WIDTH = 100_000
 _DIGITS = {".": r"(?:\d+\.?\d*|\.\d+)", ",": r"(?:\d+,?\d*|,\d+)"}
 _CELL = {sign: re.compile(rf"[+-]?{digits}(?:[eEdD][+-]?\d+)?", re.ASCII) for sign, digits in _DIGITS.items()}
+_QUOTED_COMMA = re.compile(r'"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*"', re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d*|[+-]?\d{1,3}(?:[ '\u00a0]\d{3})+(?:[.,]\d*)?|[+-]?\d{1,3}(?:,\d{3})+\.\d*", re.ASCII)
 _UNIT = re.compile(r"^(.*?)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*$")
 _BOMS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
@@ -153,7 +155,8 @@ def detect_layout(lines: list[str], path: Path, separator: str | None = None) ->
     """Separator (unless given) and decimal sign of a block of rows. DataError where both decimal signs occur in numbers."""
     separator = detect_separator(lines) if separator is None else separator
     if separator == ",":
-        return Layout(separator, ".")
+        # Cells in quotes may hold a decimal comma all the same.
+        return Layout(separator, "," if any(_QUOTED_COMMA.search(line) for line in lines) else ".")
     edge = r"[ \t]" if separator == BLANKS else rf"[{re.escape(separator)}\n]"
     found = {}
     text = "\n" + "\n".join(lines) + "\n"
@@ -204,10 +207,20 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     if np.isnan(values).all():
         raise DataError(f"{path}, line {first}: no number found from here on, expected rows of numbers; export it again with values")
     void = np.isnan(values)
+    _refuse_thousands(rows, void, numbered, path)
     empty = void.all(axis=0)
     ragged = sum(len(cells) < n for cells in rows)
     number = np.array([k for k, _ in numbered])
     return Table(values, number, int(void[:, ~empty].sum()), ragged, tuple(int(k) for k in np.flatnonzero(empty)))
+
+
+def _refuse_thousands(rows: list[list[str]], void: np.ndarray, numbered: list[tuple[int, str]], path: Path) -> None:
+    """DataError where a cell that is no number is one with separators of thousands: it must not pass for a missing one."""
+    for k in np.flatnonzero(void.any(axis=1)):
+        for cell in rows[k]:
+            if _THOUSANDS.fullmatch(cell):
+                where = f"{path}, line {numbered[k][0]}"
+                raise DataError(f"{where}: found {cell}, expected numbers without separators of thousands; export it again without them")
 
 
 def _clean_block(lines: list[str], layout: Layout, width: int) -> np.ndarray | None:

@@ -231,6 +231,13 @@ def test_fetch_without_a_network_ends_with_exit_code_3(monkeypatch: pytest.Monke
     assert "no connection" in error and "Traceback" not in error
 
 
+@pytest.mark.parametrize("command", ["list", "fetch"])
+def test_help_has_an_example(command: str) -> None:
+    code, out, _ = call("data", command, "--help")
+    assert code == 0
+    assert f"thermofit data {command} " in out and "--json" in out
+
+
 def test_digest_of_a_file(tmp_path: Path) -> None:
     """The registry was made with the same digest."""
     path = tmp_path / "x"

@@ -143,6 +143,13 @@ def test_gaps_repeated_and_backward_times_are_counted(tmp_path: Path) -> None:
     assert "the time goes back at 1 places, first from 8.9 s to 3 s: another clock or test?" in remarks
 
 
+def test_two_clocks_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "two.csv"
+    rows = (f"{0.1 * k},{k},{10 * k},{23 + 0.01 * k}" for k in range(40))
+    path.write_text("Time fast [s],Force [N],Time slow [s],Temperature [degC]\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    assert any(remark.startswith("2 columns of time (Time fast [s], Time slow [s]): which channel") for remark in look(path)["remarks"])
+
+
 def test_missing_values_are_counted_by_column(tmp_path: Path) -> None:
     path = write_coupon(tmp_path / "holes.csv", coupon_rows(n=60))
     lines = path.read_text(encoding="utf-8").splitlines()

@@ -32,7 +32,10 @@ def look_at_record(record: Record, name: str = "") -> Part:
     elif clock is not None:
         more, found = clock_facts(record.channels[clock])
         facts, remarks = facts | more, remarks + [f"{clock}: {text}" for text in found]
-    facts |= {f"{key}": f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
+    facts |= {key: f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
+    clocks = [c.name for c in record.traits.columns if c.meaning == "time" and c.name in record.channels]
+    if len(clocks) > 1:
+        remarks.append(f"{len(clocks)} columns of time ({', '.join(clocks)}): which channel follows which clock, the file does not say")
     doubts, tension = suspicions(record, clock)
     remarks += doubts
     columns = tuple(_column(record, column, clock) for column in record.traits.columns)

@@ -182,6 +182,11 @@ def parse_number(cell: str, decimal: str = ".") -> float:
     return value if np.isfinite(value) else np.nan
 
 
+def whole_number(value: float | None) -> int | None:
+    """A number of a stage or an image as an integer; None where it is none, or too large to be one."""
+    return int(value) if value is not None and abs(value) < 1e9 and value == int(value) else None
+
+
 def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: int | None = None) -> Table:
     """Numbers of the lines of a block, whose first line has the number `first`; empty lines are skipped.
 

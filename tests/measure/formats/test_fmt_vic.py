@@ -141,7 +141,7 @@ def test_a_cut_row_counts_as_missing_and_is_remarked(path: Path) -> None:
 
 
 def test_other_tables_are_not_taken(path: Path) -> None:
-    for header in (b"time,x,y,u,v\n1,2,3,4,5\n", b"id,x,y,z\n0,1,2,3\n", b"X;Y\n1;2\n"):
+    for header in (b"time,x,y,u,v\n1,2,3,4,5\n", b"id,x,y,z\n0,1,2,3\n", b"x,y,u,v,exx\n1,2,3,4,5\n", b"X;Y\n1;2\n"):
         path.write_bytes(header)
         assert not vic.recognises(head_of(path))
 

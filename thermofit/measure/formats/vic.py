@@ -30,10 +30,14 @@ _WHAT = "a VIC-3D or VIC-2D export with a line of column names"
 
 
 def recognises(head: Head) -> bool:
-    """Whether the first line names coordinates and displacements of VIC and its correlation confidence or strains."""
+    """Whether the first line names coordinates and displacements of VIC and its correlation confidence; metric ones may do without it.
+
+    `x, y, u, v` alone are columns of anybody's table.
+    """
     line = next((line for line in head_lines(head) if line.strip()), "")
     names = header_cells(line, _separator(line))
-    return vic_columns(names) is not None and any(name in names for name in ("sigma", "exx", "q"))
+    chosen = vic_columns(names)
+    return chosen is not None and ("sigma" in names or (chosen[0] != PIXEL[0] and any(name in names for name in ("exx", "q"))))
 
 
 def vic_columns(names: Collection[str]) -> Names | None:

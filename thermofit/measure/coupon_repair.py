@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.study_coupon import CouponRecordSettings
@@ -162,7 +163,7 @@ def suspected_jumps(rows: Rows) -> list[str]:
     if de.size < 50 or np.ptp(rows.strain) == 0.0:
         return []
     rate = de / np.diff(rows.time)
-    local = np.array([np.median(rate[max(0, k - 10) : k + 11]) for k in range(rate.size)])
+    local = median_filter(rate, size=21, mode="nearest")
     large = (rate > 20.0 * local + 1e-9) & (de > 2e-3 * np.ptp(rows.strain)) & (ds < 0.02 * np.ptp(rows.stress))
     places = np.flatnonzero(large) + 1
     if not places.size or places.size > 20:

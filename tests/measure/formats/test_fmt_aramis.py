@@ -97,6 +97,11 @@ def test_two_exports_in_one_file_and_truncated_ones(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("index", [b"1e300", b"2.5", b"x", b""])
+def test_stage_number_that_is_none_is_left_to_the_name(tmp_path: Path, index: bytes) -> None:
+    assert stage_of(tmp_path / "a_17.csv", ARAMIS.replace(b'2";2;', b'2";' + index + b";")).stage == 17
+
+
 def test_gom_points_have_coordinates_only(tmp_path: Path) -> None:
     stage = stage_of(tmp_path / "shell_0151.csv", GOM)
     assert stage.traits.format == gom_points.NAME

@@ -39,6 +39,16 @@ def test_reference_stage_keeps_its_zeros(tmp_path: Path) -> None:
     assert (len(stage.point_id), stage.traits.missing) == (3, 0)
 
 
+def test_most_points_may_be_lost_and_one_may_lie_at_the_origin(tmp_path: Path) -> None:
+    header = MATCHID.split(b"\r\n")[0]
+    stage = read(tmp_path / "a_1.csv", header + b"\r\n0;0;1E-003;0;0;0;0\r\n2;2;0;0;0;0;0\r\n3;2;0;0;0;0;0\r\n4;2;0;0;0;0;0\r\n")
+    assert isinstance(stage, DicStage)
+    assert (len(stage.point_id), stage.traits.missing) == (1, 3)
+    stage = read(tmp_path / "a_1.csv", header + b"\r\n0;0;1E-003;0;0;0;0\r\n2;2;1;0;0;0;0\r\n0;0;1;0;0;0;0\r\n4;2;1;0;0;0;0\r\n")
+    assert isinstance(stage, DicStage)
+    assert (len(stage.point_id), stage.traits.missing) == (2, 2)
+
+
 def test_table_in_three_dimensions_holds_current_coordinates(tmp_path: Path) -> None:
     stage = read(tmp_path / "TimeStep_7.csv", MATCHID_3D)
     assert isinstance(stage, DicStage) and stage.reference is not None

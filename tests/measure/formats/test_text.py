@@ -81,6 +81,7 @@ def test_line_ends(tmp_path: Path, end: str) -> None:
         (["Non un numero reale;0,1;", "Non un numero reale;Non un numero reale;"], ";", ","),
         (["1;10.02.2023;2,5"], ";", ","),
         (["1.5"], BLANKS, "."),
+        (['"1,5","2"', '"3","4"'], ",", ","),
     ],
 )
 def test_layout_is_found(lines: list[str], separator: str, decimal: str) -> None:
@@ -153,3 +154,17 @@ def test_cells_in_quotes() -> None:
 )
 def test_header_cells(cell: str, expected: tuple[str, str]) -> None:
     assert name_and_unit(cell) == expected
+
+
+@pytest.mark.parametrize(("cell", "separator"), [("1.234,5", ";"), ("1'234.5", ";"), ("12 345,5", "\t"), ("1,234.5", ";")])
+def test_thousands_are_no_missing_cells(cell: str, separator: str) -> None:
+    with pytest.raises(DataError, match=r"file.csv, line 4: found .*, expected numbers without separators of thousands"):
+        read_block([f"2{separator}1", f"2{separator}{cell}"], PATH, 3, Layout(separator, ","))
+
+
+def test_clean_tables_are_read_as_those_cell_by_cell() -> None:
+    lines = ["1;-2.5e3;.5", " 4 ;5.;6"]
+    fast, slow = (read_block(lines, PATH, 1, Layout(";", "."), width) for width in (3, None))
+    np.testing.assert_array_equal(fast.values, slow.values)
+    assert fast.lines.tolist() == slow.lines.tolist() == [1, 2]
+    assert read_block(["1;2", "3;inf"], PATH, 1, Layout(";", "."), 2).missing == 1

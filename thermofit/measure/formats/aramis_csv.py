@@ -15,7 +15,7 @@ from thermofit.core.errors import DataError
 from thermofit.core.units import to_fixed
 from thermofit.measure.formats.contents import Column, DicStage, Head
 from thermofit.measure.formats.table import STRAINS, NamedTable, StageFacts, make_stage, read_named
-from thermofit.measure.formats.text import head_lines, parse_number, read_text, split_cells
+from thermofit.measure.formats.text import head_lines, parse_number, read_text, split_cells, whole_number
 
 NAME = "ARAMIS / ZEISS CSV (surface component, one stage)"
 WHAT = "an ARAMIS stage: '# Units: ...', stage, time, then id, coordinates and displacements"
@@ -67,7 +67,7 @@ def _stage_line(lines: list[str], path: Path) -> tuple[int | None, float | None]
                 if np.isnan(time):
                     raise DataError(f"{path}, line {k + 2}: relative_time is no number, expected seconds; export the stage again")
                 number = parse_number(cells.get("index", ""))
-                return (None if np.isnan(number) else int(number)), _seconds(time, unit_of(lines, "time") or "s", path)
+                return whole_number(number), _seconds(time, unit_of(lines, "time") or "s", path)
     return None, None
 
 

@@ -22,7 +22,7 @@ from thermofit.measure.formats.text import BLANKS, Layout, Table, detect_layout,
 NAME = "ARAMIS v6 ASCII (export template, one stage)"
 WHAT = "an ARAMIS v6 export: '#' lines with 'Stage : 0 - 1' and 'Index_x, Index_y, ...', then the numbers of each point"
 _GROUP = re.compile(r"([A-Za-z][A-Za-z_ -]*?)\s*(?:\(([^)]*)\))?\s*(?:,|$)")
-_STAGE = re.compile(r"#\s*Stage\s*:\s*(\d+)\s*-\s*(\d+)", re.IGNORECASE)
+_STAGE = re.compile(r"#\s*Stage\s*:\s*(\d{1,9})\s*-\s*(\d{1,9})\b", re.IGNORECASE)
 _CHANNEL = re.compile(r"#\s*(AD-\d+)\s*:\s*(\S+)\s+(\S+)\s*(.*)$")
 _TIMES = re.compile(r"(undeformt|deformt)\s*:\s*(\S+)")
 _STRAIN = {"x": "exx", "y": "eyy", "xy": "exy", "major": "e1", "minor": "e2", "thicknessreduction": "e3"}

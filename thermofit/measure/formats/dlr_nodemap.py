@@ -16,7 +16,7 @@ from thermofit.core.errors import DataError
 from thermofit.measure.formats.aramis_csv import header_pairs
 from thermofit.measure.formats.contents import Column, DicStage, Head
 from thermofit.measure.formats.table import StageFacts, make_stage, read_named
-from thermofit.measure.formats.text import head_lines, parse_number, read_text
+from thermofit.measure.formats.text import head_lines, parse_number, read_text, whole_number
 
 NAME = "DLR nodemap text (ARAMIS Professional, one stage)"
 WHAT = "a nodemap: a header of '#' lines whose last names the columns ID; x_undef [mm]; ...; u [mm]; ..."
@@ -75,5 +75,5 @@ def read(path: Path) -> DicStage:
     pairs = header_pairs(text.lines[:header])
     named = replace(named, traits=replace(named.traits, header=pairs))
     time, stage = _number(pairs, "current_stage_relative_date"), _number(pairs, "current_stage_index")
-    facts = StageFacts(False, time, None if stage is None else int(stage), None, (), _signals(text.lines[:header]))
+    facts = StageFacts(False, time, whole_number(stage), None, (), _signals(text.lines[:header]))
     return make_stage(named, NAME, facts)

@@ -6,6 +6,8 @@ import numpy as np
 
 _LEAST_SHARE = 0.5
 """A stage with fewer than this share of the largest number of points is torn, at the end of a series."""
+_SUDDEN_SHARE = 0.75
+"""... if it lost them at once: it has fewer than this share of the points of the stage before it."""
 _JUMP = 10.0
 """A step is the fracture itself where it is this many times the median of the steps before, and frozen stages follow."""
 _STEPS_BEFORE = 10
@@ -18,6 +20,8 @@ def after_fracture(displacement: np.ndarray) -> tuple[int, str]:
     end = n
     while end > 1 and present[end - 1] < _LEAST_SHARE * present.max():
         end -= 1
+    # Stages whose points went one by one are measured: only a sudden loss is fracture.
+    end = next((k for k in range(end, n) if present[k] < _SUDDEN_SHARE * present[k - 1]), n)
     torn = n - end
     last = end
     while last > 1 and _repeats(displacement[last - 1], displacement[last - 2]):

@@ -14,7 +14,7 @@ from thermofit.measure.formats.text import head_lines, read_text, split_cells
 
 NAME = "GOM point cloud CSV (coordinates of one stage)"
 WHAT = "a GOM point cloud: '# Stage: ...', '# Units: ...', then id, x, y, z"
-_STAGE = re.compile(r"#\s*Stage\s*:\D*(\d+)\s*$", re.IGNORECASE)
+_STAGE = re.compile(r"#\s*Stage\s*:\D*(\d{1,9})\s*$", re.IGNORECASE)
 
 
 def _header_line(lines: list[str]) -> tuple[int, str] | None:

@@ -85,12 +85,10 @@ def _by_number(stages: Sequence[DicStage]) -> Joined:
     point_id = np.unique(np.concatenate([stage.point_id for stage in stages]))
     reference = np.full((len(point_id), 3), np.nan)
     displacement = np.full((len(stages), len(point_id), 3), np.nan)
-    tolerance = 0.0
+    tolerance = _tolerance(stages)
     for k, stage in enumerate(stages):
         _check_once(stage)
         here, moved = _arrays(stage)
-        if k == 0:
-            tolerance = _tolerance(here)
         place = np.searchsorted(point_id, stage.point_id)
         known = reference[place]
         apart = np.nan_to_num(np.abs(here - known)).max(axis=1)
@@ -114,15 +112,21 @@ def _arrays(stage: DicStage) -> tuple[np.ndarray, np.ndarray]:
     return stage.reference, stage.displacement
 
 
+def _located(points: np.ndarray) -> np.ndarray:
+    """Rows whose components in use are all known, and of these components only."""
+    used = points[:, _axes_in_use(points)]
+    return used[np.isfinite(used).all(axis=1)] if used.shape[1] else used[:0]
+
+
 def _axes_in_use(points: np.ndarray) -> np.ndarray:
     """Components (n, 3) that hold values."""
     return np.flatnonzero(~np.isnan(points).all(axis=0))
 
 
-def _tolerance(points: np.ndarray) -> float:
-    """mm within which two reference positions are the same point: rounding, or a share of the median spacing."""
-    known = points[:, _axes_in_use(points)]
-    known = known[np.isfinite(known).all(axis=1)]
+def _tolerance(stages: Sequence[DicStage]) -> float:
+    """mm within which two reference positions are the same point: rounding, or a share of the median spacing in a stage."""
+    located = [_located(_arrays(stage)[0]) for stage in stages]
+    known = max(located, key=len)
     if len(known) < 2:
         return _ROUNDING
     spacing = float(np.median(cKDTree(known).query(known, k=2)[0][:, 1]))
@@ -131,8 +135,7 @@ def _tolerance(points: np.ndarray) -> float:
 
 def _by_position(stages: Sequence[DicStage]) -> Joined:
     """Points without numbers: the same where their reference positions are; numbered from 0 as they first occur."""
-    first, _ = _arrays(stages[0])
-    axes, tolerance = _axes_in_use(first), _tolerance(first)
+    axes, tolerance = _axes_in_use(np.vstack([_arrays(stage)[0] for stage in stages])), _tolerance(stages)
     points = np.empty((0, 3))
     rows: list[tuple[np.ndarray, np.ndarray]] = []
     for stage in stages:

@@ -79,15 +79,19 @@ def read(path: Path) -> DicStage:
     return make_stage(named, NAME, StageFacts(spatial, None, None, lost, tuple(remarks)))
 
 
+def _zero(vector: np.ndarray) -> np.ndarray:
+    """Rows (n_row,) that hold zeros and nothing else."""
+    known = ~np.isnan(vector)
+    return np.asarray((np.nan_to_num(vector) == 0.0).all(axis=1) & known.any(axis=1))
+
+
 def _lost(named: NamedTable) -> np.ndarray:
-    """Rows (n_row,) whose coordinates are all zero, or whose displacements are while those of other rows are not."""
+    """Rows (n_row,) that are not correlated: no displacement at all where others have some, or several points at the origin."""
     lost = np.zeros(len(named.values), dtype=bool)
-    for meanings, all_may in ((("x", "y", "z"), False), (("u", "v", "w"), True)):
-        vector = named.vector((meanings[0], meanings[1], meanings[2]))
-        if vector is not None:
-            zero = (np.nan_to_num(vector) == 0.0).all(axis=1) & ~np.isnan(vector).all(axis=1)
-            moving = (np.nan_to_num(vector) != 0.0).any(axis=1)
-            # The reference stage has no displacement anywhere: zeros are then values.
-            if not all_may or 2 * moving.sum() > len(moving):
-                lost |= zero
+    moved, place = named.vector(("u", "v", "w")), named.vector(("x", "y", "z"))
+    # In the reference stage nothing moves: its zeros are values. One point may well lie at the origin, two cannot.
+    if moved is not None and np.nan_to_num(moved).any():
+        lost |= _zero(moved)
+    if place is not None and _zero(place).sum() > 1:
+        lost |= _zero(place)
     return lost

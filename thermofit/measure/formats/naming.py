@@ -9,9 +9,8 @@ _TIME = re.compile(r"[_\s](\d+(?:[.,]\d+)?)\s*s$")
 _IMAGE = r"\.(?:bmp|tiff?|png|jpe?g)"
 _STAGES = (
     re.compile(r"(\d{1,7})(?:\.\w{1,4})?_\d" + _IMAGE, re.IGNORECASE),  # MatchID: <image number>_<camera>.tif_U[mm]
-    re.compile(_IMAGE + r"[ _](\d{1,7})$", re.IGNORECASE),  # MatchID: <image>.bmp 1
     re.compile(r"[_-](?:\d{1,7})-(\d{1,7})$"),  # ARAMIS: _<reference>-<stage>, -Stage-<reference>-<stage>
-    re.compile(r"(?<![\d.,])(\d{1,7})$"),
+    re.compile(r"(?<![\d.,])(\d{1,7})$"),  # <anything>_0001, MatchID: <image>.bmp 1
 )
 
 

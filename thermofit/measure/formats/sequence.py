@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField
-from thermofit.core.units import to_fixed
+from thermofit.core.units import known_unit, to_fixed
 from thermofit.measure.formats.clock import Member, Rules, files_of, set_clock
 from thermofit.measure.formats.contents import Content, DicSequence, DicStage
 from thermofit.measure.formats.fracture import after_fracture
@@ -82,9 +82,11 @@ def _in_millimetres(stage: DicStage, rules: Rules) -> DicStage:
         factor, fixed = to_fixed(1.0, unit)
     except ValueError as error:
         raise DataError(f"{path}: key 'unit': {error}; correct it") from None
-    given = to_fixed(1.0, rules.unit)[1] if rules.unit and rules.unit != unit else fixed
-    if fixed not in ("mm", "px") or given != fixed:
-        raise DataError(f"{path}: the file is in {stage.length_unit or unit}, but 'unit' is {rules.unit}; correct or remove the key")
+    if fixed not in ("mm", "px"):
+        raise DataError(f"{path}: 'unit' is {unit}, expected the unit of a length such as mm, um, in, px; correct it")
+    written = next((column.unit for column in stage.traits.columns if column.meaning in ("x", "u") and column.unit), "")
+    if rules.unit and written and known_unit(rules.unit) != known_unit(written):
+        raise DataError(f"{path}: the file is in {written}, but 'unit' is {rules.unit}; correct or remove the key")
     scale = float(factor)
     if fixed == "px":
         if rules.mm_per_pixel is None:

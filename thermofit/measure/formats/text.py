@@ -19,6 +19,8 @@ SEPARATOR_WORDS = {";": "semicolon", ",": "comma", "\t": "tab", BLANKS: "blanks"
 _MAX_WIDTH = 100_000
 _DIGITS = {".": r"(?:\d+\.?\d*|\.\d+)", ",": r"(?:\d+,?\d*|,\d+)"}
 _CELL = {sign: re.compile(rf"[+-]?{digits}(?:[eEdD][+-]?\d+)?", re.ASCII) for sign, digits in _DIGITS.items()}
+_QUOTED_COMMA = re.compile(r'"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*"', re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d*|[+-]?\d{1,3}(?:[ '\u00a0]\d{3})+(?:[.,]\d*)?|[+-]?\d{1,3}(?:,\d{3})+\.\d*", re.ASCII)
 _UNIT = re.compile(r"^(.*?)\s*[\[(<]([^\[\]()<>]*)[\])>]\s*$")
 _BOMS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
@@ -153,7 +155,8 @@ def detect_layout(lines: list[str], path: Path, separator: str | None = None) ->
     """Separator (unless given) and decimal sign of a block of rows. DataError where both decimal signs occur in numbers."""
     separator = detect_separator(lines) if separator is None else separator
     if separator == ",":
-        return Layout(separator, ".")
+        # Cells in quotes may hold a decimal comma all the same.
+        return Layout(separator, "," if any(_QUOTED_COMMA.search(line) for line in lines) else ".")
     edge = r"[ \t]" if separator == BLANKS else rf"[{re.escape(separator)}\n]"
     found = {}
     text = "\n" + "\n".join(lines) + "\n"
@@ -179,6 +182,11 @@ def parse_number(cell: str, decimal: str = ".") -> float:
     return value if np.isfinite(value) else np.nan
 
 
+def whole_number(value: float | None) -> int | None:
+    """A number of a stage or an image as an integer; None where it is none, or too large to be one."""
+    return int(value) if value is not None and abs(value) < 1e9 and value == int(value) else None
+
+
 def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: int | None = None) -> Table:
     """Numbers of the lines of a block, whose first line has the number `first`; empty lines are skipped.
 
@@ -188,6 +196,8 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     numbered = [(k, line) for k, line in enumerate(lines, start=first) if line.strip()]
     if not numbered:
         raise DataError(f"{path}: the file ends before line {first}, expected rows of numbers; export it again")
+    if width is not None and (clean := _clean_block([line for _, line in numbered], layout, width)) is not None:
+        return Table(clean, np.array([k for k, _ in numbered]), 0, 0, ())
     rows = [split_cells(line, layout.separator) for _, line in numbered]
     widths = [_width(cells) for cells in rows]
     widest = max(widths)
@@ -202,10 +212,31 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     if np.isnan(values).all():
         raise DataError(f"{path}, line {first}: no number found from here on, expected rows of numbers; export it again with values")
     void = np.isnan(values)
+    _refuse_thousands(rows, void, numbered, path)
     empty = void.all(axis=0)
     ragged = sum(len(cells) < n for cells in rows)
     number = np.array([k for k, _ in numbered])
     return Table(values, number, int(void[:, ~empty].sum()), ragged, tuple(int(k) for k in np.flatnonzero(empty)))
+
+
+def _refuse_thousands(rows: list[list[str]], void: np.ndarray, numbered: list[tuple[int, str]], path: Path) -> None:
+    """DataError where a cell that is no number is one with separators of thousands: it must not pass for a missing one."""
+    for k in np.flatnonzero(void.any(axis=1)):
+        for cell in rows[k]:
+            if _THOUSANDS.fullmatch(cell):
+                where = f"{path}, line {numbered[k][0]}"
+                raise DataError(f"{where}: found {cell}, expected numbers without separators of thousands; export it again without them")
+
+
+def _clean_block(lines: list[str], layout: Layout, width: int) -> np.ndarray | None:
+    """Numbers (n_line, width) of lines that hold finite numbers only, read at once; None where they hold anything else."""
+    if layout.decimal == "," or layout.separator == BLANKS:
+        return None
+    try:
+        values = np.loadtxt(lines, delimiter=layout.separator, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return values if values.shape == (len(lines), width) and np.isfinite(values).all() else None
 
 
 def _width(cells: list[str]) -> int:

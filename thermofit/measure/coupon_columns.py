@@ -12,8 +12,9 @@ from thermofit.core.errors import DataError, StudyError
 from thermofit.core.study_coupon import ColumnSource, CouponRecordSettings, StrainSource, StressSource
 from thermofit.core.study_errors import near_miss
 from thermofit.core.units import known_unit, to_fixed
-from thermofit.measure.formats.contents import Column, Record, Records
-from thermofit.measure.formats.registry import read_native
+from thermofit.measure.formats import coupon_text
+from thermofit.measure.formats.contents import Column, Content, Record, Records
+from thermofit.measure.formats.registry import FORMATS, head_of
 from thermofit.measure.formats.text import name_and_unit
 
 _FREE_UNITS = {"strain": ("1", "dimensionless"), "time": ("s", "seconds")}
@@ -22,7 +23,10 @@ _FREE_UNITS = {"strain": ("1", "dimensionless"), "time": ("s", "seconds")}
 
 def pick_record(path: Path, test: str | None, key: str) -> Record:
     """The record of a file, or that of its tests which the study names. DataError, StudyError where it must name one."""
-    content = read_native(path)
+    head = head_of(path)
+    # The study names the columns: a table whose own names say nothing is read too.
+    module = next((module for module in FORMATS if module.recognises(head)), coupon_text)
+    content: Content = module.read(path)
     if isinstance(content, Record):
         if test is not None and test not in (content.traits.header.get("sheet"), content.traits.header.get("tag")):
             raise StudyError(f"key '{key}.test' is '{test}', but {path} holds a single test; leave the key out")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.study_coupon import CouponRecordSettings
@@ -13,7 +14,7 @@ from thermofit.core.study_coupon import CouponRecordSettings
 LEAST_ROWS = 10
 _HOLES = 0.1
 _SPREAD = 0.02
-_NOT_RISING = 0.1
+_BACK = 0.01
 _FITTED = 6
 
 
@@ -62,7 +63,7 @@ def without_jumps(strain: np.ndarray, rows: Sequence[int], where: str) -> tuple[
 def time_from_rate(strain: np.ndarray, stress: np.ndarray, rate: float, where: str) -> Rows:
     """Rows of a record without time, strained monotonically at a constant nominal rate (1/s): t = strain / rate.
 
-    Rows that do not exceed all before them are dropped and counted. DataError where they are more than a tenth.
+    Rows that do not exceed all before them are dropped and counted. DataError where the strain comes back by more than 1 % of its range.
     """
     known = np.isfinite(strain) & np.isfinite(stress)
     e, sigma = strain[known], stress[known]
@@ -70,10 +71,14 @@ def time_from_rate(strain: np.ndarray, stress: np.ndarray, rate: float, where: s
         raise DataError(f"{where}: {e.size} rows with strain and stress found, expected at least {LEAST_ROWS}; export the whole test")
     sense = 1.0 if abs(float(e.max() - e[0])) >= abs(float(e.min() - e[0])) else -1.0
     path = sense * e
-    rising = np.concatenate([[True], path[1:] > np.maximum.accumulate(path)[:-1]])
+    reached = np.maximum.accumulate(path)
+    back = float(np.max(reached - path))
+    if not 0.0 < np.ptp(e) or back > _BACK * np.ptp(e):
+        raise DataError(
+            f"{where}: the strain comes back by {back:.3g}, so a rate cannot build the time; export the time, or cut the unloading"
+        )
+    rising = np.concatenate([[True], path[1:] > reached[:-1]])
     lost = int((~rising).sum())
-    if lost > _NOT_RISING * e.size:
-        raise DataError(f"{where}: the strain does not rise in {lost} of {e.size} rows, so a rate cannot build the time; export the time")
     time = np.abs(e[rising] - e[0]) / rate
     said = f"time built from the strain at {rate:g} 1/s, a rate that the file does not confirm"
     dropped = (f"{lost} rows whose strain does not exceed all before dropped",) if lost else ()
@@ -158,7 +163,7 @@ def suspected_jumps(rows: Rows) -> list[str]:
     if de.size < 50 or np.ptp(rows.strain) == 0.0:
         return []
     rate = de / np.diff(rows.time)
-    local = np.array([np.median(rate[max(0, k - 10) : k + 11]) for k in range(rate.size)])
+    local = median_filter(rate, size=21, mode="nearest")
     large = (rate > 20.0 * local + 1e-9) & (de > 2e-3 * np.ptp(rows.strain)) & (ds < 0.02 * np.ptp(rows.stress))
     places = np.flatnonzero(large) + 1
     if not places.size or places.size > 20:

@@ -48,8 +48,10 @@ def find_start(rows: Sequence[Row], number: Callable[[Cell], float]) -> Start | 
     """Where the table begins; None where no row of names is followed by rows of at least two numbers."""
     for k, row in enumerate(rows[:SEARCHED]):
         words = words_of(row)
-        if sum(map(bool, words)) < 2 or _count(row, number) > 0 or _is_units(row, number):
+        if sum(map(bool, words)) < 2 or _count(row, number) > 0:
             continue
+        if _is_units(row, number) and k > 0 and sum(map(bool, words_of(rows[k - 1]))) >= 2 and _count(rows[k - 1], number) == 0:
+            continue  # the units of the row above, whose names no numbers follow; a lone `s` or `F` may be a name
         ahead = [j for j in range(k + 1, min(len(rows), k + 2 + _FOLLOWING)) if words_of(rows[j])]
         units = next(iter(ahead), None)
         if units is None:

@@ -121,6 +121,7 @@ def test_unit_that_is_not_written_must_be_given(tmp_path: Path) -> None:
     lines = yaml.safe_load(result["suggestion"])["coupon"]["records"][0]
     assert lines["time"] == {"column": "time", "unit": None}
     assert lines["stress"] == {"force": "force", "unit": None, "area": None}
+    assert lines["initial_temperature_degC"] is None
 
 
 def test_strain_in_percent_without_saying_so_is_suspected(tmp_path: Path) -> None:

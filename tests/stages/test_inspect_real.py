@@ -11,11 +11,14 @@ from typing import Any
 
 import pytest
 import scipy.io
+import yaml
 from python_calamine import CalamineWorkbook
 from typer.testing import CliRunner
 
 from thermofit.cli import app
 from thermofit.core.errors import DataError
+from thermofit.core.study_coupon import Coupon
+from thermofit.measure.coupon import read_coupon
 from thermofit.stages.inspect import inspect
 
 ROOT = Path(os.environ.get("THERMOFIT_DATA", "nowhere")) / "real"
@@ -204,6 +207,19 @@ def test_catman_workbook_and_its_flipped_sign() -> None:
     assert (found["points"], found["missing"], found["units"]) == (len(filled), 0, ["s", "kN", "mm", "\u00b0C"])
     assert any("looks flipped" in remark for remark in found["remarks"])
     assert "tension: negative" in found["suggestion"]
+
+
+def test_lines_for_a_record_read_it() -> None:
+    """The suggested section reads the record of HEM320 once the temperature, which the file does not hold, is filled in."""
+    path = ROOT / "steel-cyclic-with-temperature" / "HEM320C-LP8_Specimen_1_processed_data.csv"
+    if not path.is_file():
+        pytest.skip("the set steel-cyclic-with-temperature is not in the mirror")
+    section = yaml.safe_load(inspect(path)["suggestion"])["coupon"]
+    assert section["records"][0].pop("initial_temperature_degC") is None
+    section["records"][0]["initial_temperature_degC"] = 22.0
+    (record,) = read_coupon(Coupon.model_validate(section), Path())
+    assert len(record.time) == 8434
+    assert record.stress.max() == pytest.approx(623.37, abs=0.01)
 
 
 def test_every_data_file_is_recognised() -> None:

@@ -44,6 +44,8 @@ def coupon_lines(record: Record, test: str = "", tension: str = "") -> str:
     )
     if temperature:
         lines.append(f"      temperature: {_source(temperature[1], temperature[2])}")
+    elif "temperature" not in record.about:
+        lines.append("      initial_temperature_degC:   # fill in: the file does not say it")
     if tension:
         lines.append(f"      tension: {tension}     # suspected from the signs, check it")
     return "\n".join(lines)

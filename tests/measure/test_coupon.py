@@ -306,6 +306,14 @@ def test_phases_of_cycles_holds_and_rate_jumps() -> None:
     np.testing.assert_allclose(np.array(rates)[[1, 2, 4, 5, 6]], [1e-3, 1e-3, 3e-3, 1e-4, 1.9e-3], rtol=0.06)
 
 
+def test_short_fast_end_of_a_branch_is_found() -> None:
+    """A jump of the rate shortly before a reversal, shorter than the least stretch of windows."""
+    t = np.arange(0.0, 110.0, 0.05)
+    strain = np.interp(t, [0, 100, 101.4, 110], [0, 0.02, 0.03, 0.0])
+    edges = [t0 for t0, _, _ in coupon_phases(t, strain, 2e5 * strain)]
+    np.testing.assert_allclose(edges, [0, 100, 101.4], atol=0.051)
+
+
 def test_turning_points_see_reversals_and_no_noise() -> None:
     t = np.arange(0.0, 80.0, 0.05)
     strain, _, _ = cycles(t)

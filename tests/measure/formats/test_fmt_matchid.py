@@ -11,7 +11,7 @@ from layouts import LOAD, MATCHID, MATCHID_3D, MATRIX, TABLE
 from thermofit.core.errors import DataError
 from thermofit.measure.formats import dic_table, matchid_load, matchid_matrix, matchid_table
 from thermofit.measure.formats.contents import Content, DicStage, Record, ScalarField
-from thermofit.measure.formats.registry import read_native
+from thermofit.measure.formats.registry import head_of, read_native
 
 
 def read(path: Path, data: bytes) -> Content:
@@ -103,6 +103,17 @@ def test_load_file_in_kilonewtons_and_without_unit(tmp_path: Path) -> None:
     record = read(tmp_path / "b.csv", b"index;Load\n1;0,5\n2;1,5\n")
     assert isinstance(record, Record)
     assert (record.units["Load"], record.traits.remarks) == ("", ("'Load' has no unit in the file",))
+
+
+def test_load_file_is_no_record_of_a_testing_machine(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"index;Force [kN];Extension [in]\n1;0,5;0,1\n")
+    assert not matchid_load.recognises(head_of(path))
+    record = read(path, b"File;TimeStamp; Force [kN];Stroke [in]\na;1;0,5;2\n")
+    assert isinstance(record, Record)
+    assert record.traits.format == matchid_load.NAME
+    np.testing.assert_allclose([record.channels["Force"][0], record.channels["Stroke"][0]], [500.0, 50.8])
+    assert record.units == {"TimeStamp": "s", "Force": "N", "Stroke": "mm"}
 
 
 def test_load_file_in_volts_only_is_refused(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -42,15 +42,16 @@ def read_frame_files(pattern: Path, rules: Rules, side: str) -> tuple[InfraredSe
         if not isinstance(content, ThermalFrames):
             raise DataError(f"{path}: this is {module.NAME}, expected frames of an infrared camera; correct the pattern of the files")
         said |= dict.fromkeys(content.traits.remarks)
-        contents.append(content)
-    frames = _frames(contents, rules)
+        # Single precision at once: a sequence of a thousand images in double would not fit into memory.
+        contents.append(replace(content, values=_kelvin(content, rules).astype(np.float32), unit="K"))
+    frames = _frames(contents)
     sizes = {frame.image.shape for frame in frames}
     if len(sizes) > 1:
         odd = next(frame for frame in frames if frame.image.shape != frames[0].image.shape)
         found, wanted = ("{} rows x {} columns".format(*image.shape) for image in (odd.image, frames[0].image))
         raise DataError(f"{odd.member.path}: the frame has {found}, expected {wanted} as in the first; export all frames with one window")
     clock = set_clock([frame.member for frame in frames], rules, "frame")
-    values = np.stack([frames[k].image for k in clock.order]).astype(np.float32)
+    values = np.stack([frames[k].image for k in clock.order])
     missing = int(np.isnan(values).sum())
     if missing:
         raise DataError(f"{pattern}: {missing} pixels have no temperature, expected a number in every one; export the frames again")
@@ -59,17 +60,16 @@ def read_frame_files(pattern: Path, rules: Rules, side: str) -> tuple[InfraredSe
     return InfraredSequence(clock.time, values, side), (*said, *clock.remarks)
 
 
-def _frames(contents: Sequence[ThermalFrames], rules: Rules) -> list[_Frame]:
+def _frames(contents: Sequence[ThermalFrames]) -> list[_Frame]:
     """All images with what is known of their times: stamps inside a file, dates of several files."""
     start = _starts(contents)
     frames = []
     for k, content in enumerate(contents):
         path, n = content.traits.path, len(content.values)
-        images = _kelvin(content, rules)
         number, said = stage_time(path)
         for i in range(n):
             time = said if content.time is None else None if start[k] is None else float(content.time[i]) + float(start[k] or 0.0)
-            frames.append(_Frame(Member(path, number if n == 1 else i, time), images[i]))
+            frames.append(_Frame(Member(path, number if n == 1 else i, time), content.values[i]))
     return frames
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.core.units import known_unit
+from thermofit.core.units import known_unit, to_fixed
 from thermofit.measure.formats.contents import Column, Head, Record, Traits
 from thermofit.measure.formats.table import NamedTable, read_named
 from thermofit.measure.formats.text import head_lines, name_and_unit, read_text, split_cells
@@ -15,6 +15,8 @@ from thermofit.measure.formats.text import head_lines, name_and_unit, read_text,
 NAME = "MatchID / DaVis load file (one row for each image)"
 WHAT = "a load file: a header with an image or time stamp and a force such as 'File;TimeStamp; Force [N]', then one row for each image"
 _IMAGES = ("file", "image", "index", "img", "imageindex", "image index", "image number")
+
+_TIMES = ("timestamp", "time stamp", "time")
 
 
 def _separator(line: str) -> str:
@@ -24,7 +26,7 @@ def _separator(line: str) -> str:
 def _meaning(name: str, unit: str) -> str:
     """Meaning of a column: index of the image, time, force (in volts: none)."""
     word = name.strip().lower()
-    if word in ("timestamp", "time stamp", "time"):
+    if word in _TIMES:
         return "time"
     if word in _IMAGES:
         return "image"
@@ -33,10 +35,16 @@ def _meaning(name: str, unit: str) -> str:
 
 
 def _is_header(line: str) -> bool:
+    """Whether a line is the header of the Grabber (file and time stamp first), or holds images, times and forces and nothing else.
+
+    A table with further columns is the record of a testing machine, for which other readers are.
+    """
     named = [name_and_unit(cell) for cell in split_cells(line, _separator(line))]
-    names = [name.strip().lower() for name, _ in named]
-    image = "timestamp" in names or names[0] in _IMAGES
-    return image and any(name.startswith(("force", "load")) for name in names)
+    names = [name.strip().lower() for name, _ in named if name.strip()]
+    forces = [name for name in names if name.startswith(("force", "load"))]
+    if not forces or not names:
+        return False
+    return names[:2] == ["file", "timestamp"] or (names[0] in _IMAGES and all(n in (*_IMAGES, *_TIMES, *forces) for n in names))
 
 
 def recognises(head: Head) -> bool:
@@ -79,7 +87,8 @@ def _record(named: NamedTable) -> Record:
         name = column.name if alone else f"{column.name} [{column.unit}]"
         if name in channels:
             raise DataError(f"{named.path}, line 1: the column '{name}' is there twice, expected it once; rename one of them")
-        channels[name], units[name] = named.values[:, k], named.units[k]
+        values, unit = named.values[:, k], named.units[k]
+        channels[name], units[name] = to_fixed(values, unit) if unit and known_unit(unit) is not None else (values, unit)
     wanting = [c.name for k, c in enumerate(named.columns) if c.meaning == "force" and k in named.table.empty]
     if wanting:
         raise DataError(f"{named.path}: the column '{wanting[0]}' holds no number, expected forces; export it again")

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
 
+from thermofit.core.study_coupon import Coupon
 from thermofit.core.study_errors import content_error
 from thermofit.core.study_section import (
     LAW_BY_NAME,
@@ -233,6 +234,8 @@ class Sections(Section):
     gridsearch: GridSearch | None = None
     sensitivity: Sensitivity | None = None
     simulate: Simulate | None = None
+    coupon: Coupon | None = None
+    """Uniaxial records instead of, or besides, a full-field experiment."""
 
     @model_validator(mode="after")
     def _physics(self) -> Sections:
@@ -263,14 +266,16 @@ class StudyFile(Sections):
     """The study file as it is written. Paths may hold ${VARIABLES} of the environment."""
 
     experiment: str | None = None
-    """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw."""
+    """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw, or only `coupon` records."""
     run_dir: str | None = None
     """Where artefacts and figures go, relative to the current directory; absent: runs/<name>."""
 
     @model_validator(mode="after")
     def _has_data(self) -> StudyFile:
-        if self.experiment is None and self.simulate is None:
-            raise content_error("is missing: name the raw folder, or describe a virtual experiment under 'simulate'", "experiment")
+        if self.experiment is None and self.simulate is None and self.coupon is None:
+            raise content_error(
+                "is missing: name the raw folder, or describe a virtual experiment under 'simulate' or records under 'coupon'", "experiment"
+            )
         return self
 
 

@@ -90,6 +90,30 @@ stages:
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
 # sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
 
+## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
+# coupon:
+#   control: strain                            # what is prescribed: strain or stress
+#   records:
+#     - file: records/machine.xlsx           # relative to this file; ${VARIABLES} as above
+#       # test: Values A                       # tag or sheet, where a file holds several
+#       time: "C_1_Temps[s]"                   # or {column: t, unit: min}; without a time: rate: 1.0e-4 (1/s)
+#       strain: {extension: "C_1_Angle[mm]", gauge_length: 8.0}       # or a column, or {true_strain: e_true}; unit: "%"
+#       stress: {force: "C_1_Force[kN]", diameter: 5.98}              # or area, or width and thickness, or {true_stress: ...}
+#       temperature:
+#         column: Temperature
+#         file: records/temperature.xlsx
+#         offset_s: auto                       # of its clock, from the force that both files repeat
+#       tension: negative                      # sign of the raw channels in tension
+#       initial_temperature_degC: 23.8
+#       # air_temperature_degC: 23.8
+#       # window: [0.0, 300.0]                 # s
+#       # exclude: [[10.0, 12.0]]
+#       # strain_max: 0.1
+#       # until: maximum-force                 # before necking
+#       # jumps: [566]                         # data rows at which the extensometer slipped
+#       points: 2000                           # thin, turning points kept
+#       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02}
+
 ## A virtual experiment instead of a measured one: take away `experiment` above.
 # simulate:
 #   seed: 1

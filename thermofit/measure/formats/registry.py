@@ -13,25 +13,35 @@ from thermofit.measure.formats import (
     catman_workbook,
     coupon_text,
     dic_table,
+    dice,
     dlr_nodemap,
+    flir_frame,
+    flir_sequence,
     gom_points,
+    irbis,
     machine_workbook,
     matchid_load,
     matchid_matrix,
     matchid_table,
     matlab_tests,
+    ncorr,
+    optris,
     sandia_text,
     testxpert_text,
     testxpert_workbook,
+    vic,
+    vic_mat,
 )
 from thermofit.measure.formats.contents import Content, Head
 
 FORMATS: tuple[ModuleType, ...] = (
+    *(irbis, flir_sequence, ncorr, vic_mat, vic, dice),
     *(dlr_nodemap, aramis_csv, gom_points, aramis_legacy, aramis_section),
     *(matchid_table, matchid_matrix, matchid_load),
-    dic_table,
     *(testxpert_workbook, catman_workbook, machine_workbook, matlab_tests),
-    *(sandia_text, testxpert_text, coupon_text),
+    *(sandia_text, testxpert_text),
+    *(dic_table, coupon_text),
+    *(optris, flir_frame),
 )
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536

@@ -14,7 +14,7 @@ from thermofit.core.study_coupon import Coupon
 from thermofit.measure.coupon import coupon_files, read_coupon
 from thermofit.measure.coupon_clocks import clock_offset
 from thermofit.measure.coupon_phases import coupon_phases, thinned, turning_points
-from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion
+from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion, thermoelastic_slope
 
 E, YIELD, ALPHA = 200e3, 400.0, -1.0e-3
 """MPa, MPa, thermoelastic K/MPa."""
@@ -107,7 +107,9 @@ def test_sign_of_each_channel(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) ->
 
 def test_suspicion_sees_through_lag_noise_and_drift(cyclic: tuple[np.ndarray, ...]) -> None:
     t, e, s, theta = cyclic
-    lagged = np.interp(t - 1.0, t, theta) + 0.01 * t / 80 + np.random.default_rng(1).normal(0, 0.005, t.size)
+    lagged = np.interp(t - 2.8, t, theta) + 0.01 * t / 80 + np.random.default_rng(1).normal(0, 0.005, t.size)
+    slope = thermoelastic_slope(t, s, lagged)
+    assert slope is not None and slope[0] == pytest.approx(ALPHA, rel=0.1)
     assert sign_suspicion(t, s, lagged) is None
     assert "flipped" in (sign_suspicion(t, -s, lagged) or "")
     assert sign_suspicion(t, s, np.random.default_rng(2).normal(0, 0.01, t.size)) is None
@@ -259,10 +261,14 @@ def test_stress_without_unit_must_be_given_one(tmp_path: Path) -> None:
     assert any("'e' has no unit in the file and is taken as dimensionless" in remark for remark in got.remarks)
 
 
-def test_unit_of_the_study_replaces_that_of_the_file(tmp_path: Path, simple: str, cyclic: tuple[np.ndarray, ...]) -> None:
-    got = record(tmp_path, simple, stress={"column": "s[MPa]", "unit": "ksi"})
-    np.testing.assert_allclose(got.stress, 6.894757293 * cyclic[2], rtol=1e-6, atol=1e-5)
-    assert any("unit ksi of the study replaces MPa of the file" in remark for remark in got.remarks)
+def test_unit_of_the_study_replaces_that_of_the_file(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    t, e, s, theta = cyclic
+    text = table("t[s],e[-],s[GPa],T[degF]", [t, e, s, theta - 273.15])
+    got = record(tmp_path, text, stress={"column": "s[GPa]", "unit": "ksi"}, temperature={"column": "T[degF]", "unit": "degC"})
+    np.testing.assert_allclose(got.stress, 6.894757293 * s, rtol=1e-6, atol=1e-5)
+    assert got.temperature is not None
+    np.testing.assert_allclose(got.temperature, theta, atol=1e-5)
+    assert any("unit ksi of the study replaces GPa of the file" in remark for remark in got.remarks)
 
 
 def test_cuts(tmp_path: Path, simple: str) -> None:
@@ -298,6 +304,14 @@ def test_phases_of_cycles_holds_and_rate_jumps() -> None:
     np.testing.assert_allclose([t0 for t0, _, _ in phases], [0, 5, 7, 20, 25, 30, 40], atol=0.35)
     rates = [float(label.split(" ")[1].removesuffix("/s")) for _, _, label in phases]
     np.testing.assert_allclose(np.array(rates)[[1, 2, 4, 5, 6]], [1e-3, 1e-3, 3e-3, 1e-4, 1.9e-3], rtol=0.06)
+
+
+def test_short_fast_end_of_a_branch_is_found() -> None:
+    """A jump of the rate shortly before a reversal, shorter than the least stretch of windows."""
+    t = np.arange(0.0, 110.0, 0.05)
+    strain = np.interp(t, [0, 100, 101.4, 110], [0, 0.02, 0.03, 0.0])
+    edges = [t0 for t0, _, _ in coupon_phases(t, strain, 2e5 * strain)]
+    np.testing.assert_allclose(edges, [0, 100, 101.4], atol=0.051)
 
 
 def test_turning_points_see_reversals_and_no_noise() -> None:

@@ -48,7 +48,7 @@ def phase_edges(time: np.ndarray, strain: np.ndarray) -> np.ndarray:
     found = [int(edges[0])]
     for a, b in pairwise(edges):
         found += [*_rate_changes(time, strain, int(a), int(b)), int(b)]
-    return np.array(found, dtype=int)
+    return np.unique(np.array(found, dtype=int))
 
 
 def turning_points(time: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -86,7 +86,13 @@ def _rate_changes(time: np.ndarray, value: np.ndarray, a: int, b: int) -> list[i
     if mean == 0.0:
         return []
     log = np.log(np.maximum(rate, _FLOOR * mean))
-    return [_kink(time, value, int(places[k - 1]), int(places[k + 1])) for k in _splits(log, 0, log.size)]
+    splits = [0, *_splits(log, 0, log.size), log.size]
+    found = []
+    for before, k, after in zip(splits, splits[1:], splits[2:], strict=False):
+        # The stretches are at least some windows long, so that a short one at an end pushes the split away from the kink.
+        low, high = max(before, k - _LEAST_WINDOWS), min(after, k + _LEAST_WINDOWS)
+        found.append(_kink(time, value, int(places[low]), int(places[high])))
+    return found
 
 
 def _kink(time: np.ndarray, value: np.ndarray, a: int, b: int) -> int:

@@ -62,6 +62,13 @@ def test_names_behind_a_mark_of_comments(tmp_path: Path) -> None:
     assert list(record.units.values()) == ["", ""], "no unit is made up"
 
 
+def test_units_behind_underscores_where_the_name_agrees(tmp_path: Path) -> None:
+    record = read(tmp_path, b"time_s,force_kN,sensor_N,e_true,strain_1\n" + b"".join(b"%d,1,2,3,4\n" % k for k in range(9)))
+    assert list(record.units.values()) == ["s", "N", "", "", ""]
+    assert record.channels["force_kN"][0] == 1000.0
+    assert [column.meaning for column in record.traits.columns] == ["time", "force", "", "true_strain", "strain"]
+
+
 def test_states_of_a_sandia_file(tmp_path: Path) -> None:
     record = read(tmp_path, SANDIA)
     assert record.traits.format == sandia_text.NAME

@@ -82,15 +82,28 @@ def meaning_of(name: str, unit: str) -> str:
 def column_of(cell: str, unit: str = "") -> Column:
     """Column of a header cell, whose unit stands in a row of its own (`unit`) or in brackets behind the name.
 
-    The name is the cell as written. Words in round brackets that are no known unit belong to the name.
+    The name is the cell as written. Words in round brackets that are no known unit belong to the name; `force_kN` has a unit, too, as
+    the name before it agrees.
     """
     cell = unicodedata.normalize("NFC", re.sub(r"\s+", " ", cell.strip().strip('"')).strip())
     unit = unit.strip()
     bare, written = name_and_unit(cell)
     if not unit and written and (known_unit(written) is not None or cell.endswith("]")):
         unit = written
+    if not unit and (tail := _unit_behind_underscore(cell)):
+        bare, written, unit = cell.rpartition("_")[0], tail, tail
     unit = re.sub(r"^[\[(<](.*)[\])>]$", r"\1", unit).strip()
     return Column(cell, meaning_of(bare if written else cell, unit), unit, "file" if unit else "unknown")
+
+
+def _unit_behind_underscore(name: str) -> str:
+    """Unit of names such as `force_kN`, where what is before it measures that very quantity; empty where there is none."""
+    bare, _, tail = name.rpartition("_")
+    known = known_unit(tail)
+    if not bare or known is None or known.quantity == "strain":
+        return ""
+    allowed = _BY_QUANTITY.get(known.quantity, ())
+    return tail if any(meaning in allowed and re.search(pattern, plain(bare)) for meaning, pattern in _WORDS) else ""
 
 
 def about_of(name: str, value: float, unit: str) -> dict[str, float]:

@@ -39,6 +39,13 @@ class Study(Sections):
         """Numbers of elements of the mesh."""
         return mesh_size(self.mesh)
 
+    @property
+    def mesh_file(self) -> Path | None:
+        """The mesh file of the section `geometry`, None where the shape is built in. StudyError for an unset variable."""
+        if self.geometry.file is None:
+            return None
+        return self.source.parent / Path(_expand(self.geometry.file, self.source, "geometry.file")).expanduser()
+
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
         if name not in type(self.stages).model_fields:

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
 
 from thermofit.core.study_coupon import Coupon
 from thermofit.core.study_errors import content_error
+from thermofit.core.study_geometry import Geometry, StaticTest
 from thermofit.core.study_section import (
     LAW_BY_NAME,
     Count,
@@ -98,8 +99,9 @@ class Force(Section):
     """`phases`: smoothed to its noise level, phase by phase; `none`: as measured."""
     noise: Positive | None = None
     """Standard deviation of the load cell in N; null: estimated from the data."""
-    drives: Literal["force", "crosshead"] = "force"
-    """What loads the model: the measured force, or the crosshead less `compliance` times the force (then compare channel force)."""
+    drives: Literal["force", "crosshead", "dic"] = "force"
+    """What loads the model: the measured force; the crosshead less `compliance` times the force; or the displacements that DIC measured
+    near both ends of the evaluation window, between which the model is cut out (then compare channel force)."""
     compliance: NonNegative = 0.0
     """Compliance of the machine in mm/N, where the crosshead drives."""
 
@@ -221,7 +223,9 @@ class Sections(Section):
     model: Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)] = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
     mesh: Mesh = "full"
+    geometry: Geometry = Geometry()
     specimen: SpecimenOverride = SpecimenOverride()
+    static: StaticTest | None = None
     material_axes: MaterialAxes = MaterialAxes()
     parameters: ParameterSettings = Field(default={})
     """Start (or fixed) values by name: a number, or {start: ..., bounds: [.., ..], scale: ...}."""
@@ -244,6 +248,10 @@ class Sections(Section):
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
         _check_hardening(starts, "parameters.M_yinf")
+        if self.simulate is not None and self.geometry.shape != "dogbone":
+            raise content_error(f"is {self.geometry.shape}, but the virtual experiment of 'simulate' is of a dogbone", "geometry.shape")
+        if self.simulate is not None and self.static is not None:
+            raise content_error("describes a measured field, but 'simulate' a virtual experiment; leave one of them out", "static")
         if self.simulate is not None:
             _check_hardening(self.simulate.truth, "simulate.truth.M_yinf")
         for name in sorted(self.stages.model_fields_set):

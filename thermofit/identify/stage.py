@@ -21,7 +21,7 @@ from thermofit.identify.start import feasible_start
 from thermofit.identify.window import window_times
 from thermofit.material.bounds import beta_warning
 
-_SECTIONS = ("model", "material_axes", "mesh", "parameters", "evaluation", "force", "numerics")
+_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics")
 EARLIER: dict[str, tuple[str, ...]] = {
     "elastic": (),
     "plastic": ("identify-elastic",),

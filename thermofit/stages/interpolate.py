@@ -16,8 +16,9 @@ from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Sp
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_section import mesh_size
-from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.inputs import TestPhase, field_datasets, specimen_dict
+from thermofit.identify.static import static_record
 from thermofit.measure.camera import CameraPose
 from thermofit.measure.force import SmoothForce, smooth_force, step_times
 from thermofit.measure.interpolation import (
@@ -37,7 +38,7 @@ NAME = "interpolate"
 CALIBRATE = "calibrate-ir"
 _LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
 """Noise of data without noise: sigma must not vanish, because it divides the residual."""
-_SECTIONS = ("specimen", "evaluation", "force", "ir.edge_margin", "noise", "numerics")
+_SECTIONS = ("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise", "numerics")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -49,6 +50,11 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         mend = f"run `thermofit simulate {study.source.name}` first" if study.virtual else "correct the key 'experiment' of the study"
         raise DataError(f"{study.experiment}: the raw folder does not exist; {mend}")
     inputs: dict[str, Path] = {"experiment": study.experiment}
+    if study.mesh_file is not None:
+        inputs["mesh"] = study.mesh_file
+    if study.static is not None:
+        task = job(study.run_dir, NAME, study.config_of(*_SECTIONS), inputs)
+        return produce(task, lambda: static_record(study), force=force)
     if (study.experiment / "ir").is_dir():
         inputs[CALIBRATE] = artefact_path(study.run_dir, CALIBRATE)
         read_record(inputs[CALIBRATE], CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
@@ -61,7 +67,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     if experiment.dic is None:
         raise DataError(f"{study.experiment}: experiment.yaml declares no displacements; add its dic section")
     specimen, size = study.specimen_of(experiment.specimen), mesh_size(study.evaluation.nodes)
-    mesh = dogbone_mesh(specimen, size.n_x, size.n_y, size.n_z)
+    mesh = specimen_mesh(study.geometry, specimen, size, study.mesh_file)
     window = study.evaluation.window
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     nodal = interpolate_displacements(experiment.dic, points.xy)

@@ -14,7 +14,7 @@ import typer
 
 from thermofit import __version__
 from thermofit.cli import measured
-from thermofit.cli.catalogue import ABOUT, LOOK, MANUAL, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
+from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, on_study
 from thermofit.core.errors import StudyError
@@ -146,7 +146,7 @@ def _lazy(name: str) -> Callable[..., Outcome]:
     return call
 
 
-for _entry in STAGES:
+for _entry in (*STAGES, *ASIDE):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
 
 

@@ -109,6 +109,18 @@ STAGES: tuple[Entry, ...] = (
     ),
 )
 
+ASIDE: tuple[Entry, ...] = (
+    Entry(
+        "mesh",
+        LOOK,
+        "The mesh of a study: checked, counted, drawn.",
+        "Makes the mesh of the section 'geometry' (a built-in shape or a file), checks Jacobians and that its free faces are closed, lists its "
+        "sets, and draws RUN_DIR/mesh.png with every set in its colour: look at it before a long run.",
+        "mesh study.yaml --set mesh=coarse",
+    ),
+)
+"""Commands on a study that are no link of the chain."""
+
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
 

@@ -114,7 +114,7 @@ ASIDE: tuple[Entry, ...] = (
         "mesh",
         LOOK,
         "The mesh of a study: checked, counted, drawn.",
-        "Makes the mesh of the section 'geometry' (a built-in shape or a file), checks Jacobians and that its free faces are closed, lists its "
+        "Makes the mesh of the section 'geometry' (a built-in shape or a file), checks its Jacobians and free faces, lists its "
         "sets, and draws RUN_DIR/mesh.png with every set in its colour: look at it before a long run.",
         "mesh study.yaml --set mesh=coarse",
     ),

@@ -93,9 +93,7 @@ class ElasticStage(StageSettings):
     free: Free = ("E", "nu")
     channels: Channels = Field(default={"du": ChannelSettings()})
     window: Window = "auto"
-    beside: Annotated[
-        tuple[Literal["u", "rigid-body", "similarity", "neighbour", "gradient"], ...], AfterValidator(no_repeats)
-    ] = ()
+    beside: Annotated[tuple[Literal["u", "rigid-body", "similarity", "neighbour", "gradient"], ...], AfterValidator(no_repeats)] = ()
     """Other measures of the displacement whose answers are shown beside that of the stage (thesis Table 5.2)."""
 
 

@@ -32,7 +32,9 @@ def mesh_figure(mesh: Mesh, title: str) -> Figure:
     colours = {name: _FILMS[k % len(_FILMS)] for k, name in enumerate(sorted(mesh.facets))}
     _outside(left, mesh, colours)
     _face(right, mesh)
-    handles: list[Patch | Line2D] = [Patch(facecolor=c, edgecolor="0.3", label=f"{n}: {len(mesh.facets[n])} facets") for n, c in colours.items()]
+    handles: list[Patch | Line2D] = [
+        Patch(facecolor=c, edgecolor="0.3", label=f"{n}: {len(mesh.facets[n])} facets") for n, c in colours.items()
+    ]
     handles.append(Patch(facecolor=_PLANE, edgecolor="0.3", label="no film (symmetry)"))
     for name, (colour, marker) in _MARKS.items():
         label = f"{name}: {len(mesh.node_sets[name])} nodes"

@@ -71,7 +71,9 @@ def _surfaces(path: Path, raw: meshio.Mesh, found: dict[str, FileSet]) -> dict[s
     hexes = np.concatenate([b.data for b in raw.cells if b.type == "hexahedron"])
     offset = np.cumsum([0] + [len(b.data) if b.type == "hexahedron" else 0 for b in raw.cells])
     members = {
-        name.lower(): np.concatenate([np.asarray(ids, dtype=int) + offset[k] for k, ids in enumerate(parts) if ids is not None and len(ids)])
+        name.lower(): np.concatenate(
+            [np.asarray(ids, dtype=int) + offset[k] for k, ids in enumerate(parts) if ids is not None and len(ids)]
+        )
         for name, parts in (raw.cell_sets or {}).items()
         if any(ids is not None and len(ids) for ids in parts)
     }

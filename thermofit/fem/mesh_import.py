@@ -154,7 +154,7 @@ def _resolve(path: Path, text: str, nodes: np.ndarray, named: Mapping[str, FileS
             raise DataError(f"geometry.sets: the plane '{text}' is not understood; expected such as \"x=0\" in mm") from None
     by_lower = {name.lower(): here for name, here in named.items()}
     if text.lower() not in by_lower:
-        raise DataError(f'{path}: no set \'{text}\' in the file{near_miss(text, named) if named else ""}; or give a plane such as "x=0"')
+        raise DataError(f"{path}: no set '{text}' in the file{near_miss(text, named) if named else ''}; or give a plane such as \"x=0\"")
     return by_lower[text.lower()]
 
 

@@ -33,7 +33,7 @@ def cruciform_arm_mesh(specimen: Specimen, fillet_radius: float, size: MeshSize)
     half, end = 0.5 * specimen.gauge_width, 0.5 * specimen.total_length
     if end <= half + fillet_radius:
         raise StudyError(
-            f"specimen: half of total_length, {end:g} mm, leaves no arm behind half of gauge_width and the fillet, {half + fillet_radius:g} "
+            f"specimen: half of total_length, {end:g} mm, leaves no arm behind half the width and the fillet, {half + fillet_radius:g} "
             "mm; check total_length, gauge_width and geometry.fillet_radius"
         )
     if size.n_y < 3:
@@ -74,7 +74,7 @@ def plate_with_hole_mesh(specimen: Specimen, radius: float, size: MeshSize, *, f
     half, end = 0.5 * specimen.gauge_width, 0.5 * specimen.total_length
     if not 0.0 < radius < half or end <= half:
         raise StudyError(
-            f"geometry.hole_radius: a hole of radius {radius:g} mm in a plate of {specimen.gauge_width:g} mm x {specimen.total_length:g} mm "
+            f"geometry.hole_radius: radius {radius:g} mm in a plate of {specimen.gauge_width:g} mm x {specimen.total_length:g} mm "
             "is not possible; the radius must be below half the width and the length above the width"
         )
     if size.n_y < 6:

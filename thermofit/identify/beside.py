@@ -24,7 +24,9 @@ def measure_of(settings: ElasticStage) -> str:
     return settings.du.scheme if "du" in settings.channels else "u"
 
 
-def answers(study: Study, settings: ElasticStage, first: Solved, on: tuple[Callable[[ElasticStage], ModelOn], Job], widen: Widen) -> list[dict[str, Any]]:
+def answers(
+    study: Study, settings: ElasticStage, first: Solved, on: tuple[Callable[[ElasticStage], ModelOn], Job], widen: Widen
+) -> list[dict[str, Any]]:
     """One row for the stage itself and for every measure in `beside`: parameters, standard errors, K and G, rms of what is left."""
     model_on, task = on
     rows = [_row(measure_of(settings), first)]

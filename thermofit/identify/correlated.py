@@ -73,8 +73,8 @@ def with_correlated_noise(solved: Solved) -> tuple[Solved, str]:
     if not np.isfinite(ratio) or ratio < 1.0:
         return solved, "standard errors hold white noise: the correlation of the residual would lower them"
     text = (
-        f"errors of neighbouring points are correlated ({rho[0]:.2f} at {distance[0]:.1f} mm, gone at {distance[-1]:.1f} mm): standard errors "
-        f"are up to {ratio:.1f} times those of independent points"
+        f"errors of neighbouring points are correlated ({rho[0]:.2f} at {distance[0]:.1f} mm, gone at {distance[-1]:.1f} mm): standard "
+        f"errors are up to {ratio:.1f} times those of independent points"
     )
     return dataclasses.replace(solved, covariance=spread), text
 

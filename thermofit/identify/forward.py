@@ -28,9 +28,19 @@ def specimen_body(study: Study, data: Measured, size: MeshSize, control: str = "
 
 
 def loading_of(study: Study, steps: LoadSteps) -> Loading:
-    """What drives the model: the smoothed force, or the crosshead less compliance times force. DataError without a crosshead record."""
+    """What drives the model: the smoothed force, the crosshead less compliance times force, or the elongation seen by DIC.
+
+    DataError where the record has no crosshead, StudyError where it was interpolated for another drive.
+    """
     if study.force.drives == "force":
         return Loading(steps.time, steps.force)
+    if study.force.drives == "dic":
+        if steps.elongation is None:
+            raise StudyError(
+                f"{study.source.name}: force.drives is 'dic', but interpolate.h5 holds no elongation; run `thermofit interpolate "
+                f"{study.source.name}` again"
+            )
+        return Loading(steps.time, steps.elongation, "displacement", from_rest=True)
     if steps.crosshead is None:
         raise DataError("force.drives is 'crosshead', but force.csv holds no column crosshead_mm; let the force drive or add the column")
     moved = steps.crosshead - steps.crosshead[0] - study.force.compliance * (steps.force - steps.force[0])

@@ -70,8 +70,8 @@ def crop(face: FaceQuads, xy: np.ndarray, u: np.ndarray, margin: float) -> Cropp
     keep = known & (distance >= margin)
     if keep.sum() < 10:
         raise DataError(
-            f"static: {int(keep.sum())} of {len(xy)} points lie on the body and {margin:g} mm from its edges ({counts['outside']} outside), "
-            "at least 10 are needed; check static.centre, static.load_axis, static.edge_margin and the lengths of the specimen"
+            f"static: {int(keep.sum())} of {len(xy)} points lie on the body and {margin:g} mm from its edges ({counts['outside']} outside), at "
+            "least 10 are needed; check static.centre, static.load_axis, static.edge_margin and the lengths of the specimen"
         )
     return Cropped(xy[keep], u[keep], {**counts, "kept": int(keep.sum())})
 
@@ -121,7 +121,8 @@ def _datasets(field: FieldObservation, force: float) -> dict[str, Dataset]:
 
 def _summary(test: StaticTest, specimen: Specimen, left: Cropped, sigma: np.ndarray, repairs: tuple[str, ...]) -> dict[str, Any]:
     c = left.counts
-    dropped = f"{c['not_correlated']} not correlated, {c['outside']} outside the body, {c['at_edge']} nearer than {test.edge_margin:g} mm to an edge"
+    dropped = f"{c['not_correlated']} not correlated, {c['outside']} outside, {c['at_edge']} nearer than {test.edge_margin:g} mm to an edge"
+    scatter = f"scatter {1e3 * sigma[0]:.2f} um across, {1e3 * sigma[1]:.2f} um along"
     return {
         "specimen": specimen_dict(specimen),
         "temperatures": {"theta_air": test.temperature, "theta_clamp": test.temperature},
@@ -136,5 +137,5 @@ def _summary(test: StaticTest, specimen: Specimen, left: Cropped, sigma: np.ndar
         },
         "force": {"noise_N": 0.0, "residual_rms_N": 0.0, "force_N": _force(test, specimen)},
         "repairs": [*repairs, f"of {c['in_file']} points {c['kept']} kept: {dropped}"],
-        "verdict": f"{c['kept']} of {c['in_file']} points ({dropped}); scatter {1e3 * sigma[0]:.2f} um across, {1e3 * sigma[1]:.2f} um along",
+        "verdict": f"{c['kept']} of {c['in_file']} points ({dropped}); {scatter}",
     }

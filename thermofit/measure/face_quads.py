@@ -74,7 +74,8 @@ def place_points(face: FaceQuads, points: np.ndarray) -> QuadPlace:
     away = np.linalg.norm(np.einsum("na,naj->nj", shape_of(xi, eta), corners[q]) - points[p], axis=1)
     order = np.lexsort((away, p))
     first = order[np.unique(p[order], return_index=True)[1]]
-    out = QuadPlace(*(np.zeros(len(points), dtype=kind) for kind in (int, float, float)), np.full(len(points), np.inf))
+    n = len(points)
+    out = QuadPlace(np.zeros(n, dtype=int), np.zeros(n), np.zeros(n), np.full(n, np.inf))
     out.quad[p[first]], out.xi[p[first]], out.eta[p[first]], out.distance[p[first]] = q[first], xi[first], eta[first], away[first]
     size = np.linalg.norm(high - low, axis=1)[out.quad]
     out.distance[out.distance < _INSIDE * size] = 0.0
@@ -106,7 +107,9 @@ def quad_weights(face: FaceQuads, xy: np.ndarray) -> tuple[np.ndarray, np.ndarra
     off = np.flatnonzero(~(place.distance <= _REACH * edge))
     if off.size:
         x, y = xy[off[0]]
-        raise StudyError(f"mesh: {off.size} observation points lie off the face, the first at ({x:.3f}, {y:.3f}) mm; check geometry and axes")
+        raise StudyError(
+            f"mesh: {off.size} observation points lie off the face, the first at ({x:.3f}, {y:.3f}) mm; check geometry and axes"
+        )
     return face.quads[place.quad], shape_of(place.xi, place.eta), sign
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.measure.formats.contents import DicStage
-from thermofit.measure.formats.contents import Traits
+from thermofit.measure.formats.contents import DicStage, Traits
 from thermofit.measure.formats.registry import FORMATS, read_native
 
 

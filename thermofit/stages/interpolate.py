@@ -20,6 +20,7 @@ from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.inputs import TestPhase, field_datasets, specimen_dict
 from thermofit.identify.static import static_record
 from thermofit.measure.camera import CameraPose
+from thermofit.measure.end_motion import EndMotion, end_motion
 from thermofit.measure.force import SmoothForce, smooth_force, step_times
 from thermofit.measure.interpolation import (
     NodalDisplacement,
@@ -80,6 +81,10 @@ def _make(study: Study, calibrated: Path | None) -> Made:
         fields.append(temperature)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
+    load_start = next((p.t0 for p in label_phases(smooth) if p.label in ("elastic", "loading")), float(smooth.time[0]))
+    if study.force.drives == "dic":
+        ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
+        datasets |= _elongation(end_motion(experiment.dic, ends, study.force.band), datasets, load_start, summary)
     for field in fields:
         datasets.update(field_datasets(field))
     datasets["points/node"] = Dataset(points.node, "1", ("point",))
@@ -88,7 +93,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     summary |= {
         "specimen": specimen_dict(specimen),
         "temperatures": {"theta_air": experiment.theta_air, "theta_clamp": experiment.theta_clamp},
-        "load_start_s": next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0])),
+        "load_start_s": load_start,
         "phases": [{"t0": p.t0, "t1": p.t1, "label": p.label} for p in phases],
         "force": _force_summary(smooth),
         "repairs": list(experiment.repairs),
@@ -185,6 +190,16 @@ def _force_datasets(
             crosshead = np.interp(steps, experiment.force.time, experiment.force.crosshead)
             datasets[f"steps/{name}/crosshead"] = Dataset(crosshead, "mm", ("step",))
     return datasets
+
+
+def _elongation(motion: EndMotion, datasets: dict[str, Dataset], load_start: float, summary: dict[str, Any]) -> dict[str, Dataset]:
+    """What the DIC points say of the elongation of the model, at the load steps."""
+    summary["elongation"] = {"noise_mm": motion.noise, "points": motion.points}
+    out = {"elongation/time": Dataset(motion.time, "s", ("stage",)), "elongation/value": Dataset(motion.elongation, "mm", ("stage",))}
+    for name in ("displacement", "temperature", "all"):
+        steps = datasets[f"steps/{name}/time"].value
+        out[f"steps/{name}/elongation"] = Dataset(motion.at(steps, load_start), "mm", ("step",))
+    return out
 
 
 _CLOSEST = 1e-3

@@ -18,7 +18,7 @@ from thermofit.fem.mesh import Mesh
 from thermofit.fem.mesh_quality import quality, symmetry_of
 from thermofit.fem.specimen_mesh import imported, specimen_mesh
 from thermofit.identify.static import static_specimen
-from thermofit.measure.raw import read_experiment
+from thermofit.measure.raw_description import read_description
 
 NAME = "mesh"
 
@@ -41,7 +41,7 @@ def specimen_of(study: Study) -> Specimen:
         return static_specimen(study)
     if study.simulate is not None and study.virtual:
         return study.specimen_of(Specimen(**study.simulate.specimen.model_dump()))
-    return study.specimen_of(read_experiment(study.experiment, ()).specimen)
+    return study.specimen_of(read_description(study.experiment).specimen)
 
 
 def _make(study: Study) -> Made:
@@ -54,8 +54,8 @@ def _make(study: Study) -> Made:
         raise StudyError(f"mesh: '{study.run_dir}' cannot be written ({error}): expected a writable folder with free space") from error
     remarks = list(imported(study.geometry, study.mesh_file).remarks) if study.mesh_file is not None else []
     summary = {
-        "verdict": f"{mesh.n_elements} hex8, {mesh.n_nodes} nodes, {found.volume:.6g} mm^3 of 1/{factor:g} of the body; closed, in one piece, "
-        f"Jacobian ratio {found.jacobian_ratio:.2g} at least",
+        "verdict": f"{mesh.n_elements} hex8, {mesh.n_nodes} nodes, {found.volume:.6g} mm^3 of 1/{factor:g} of the body; closed, in one "
+        f"piece, Jacobian ratio {found.jacobian_ratio:.2g} at least",
         "picture": str(picture),
         "quality": {**asdict(found), "symmetry": factor},
         "sets": _set_rows(mesh),

@@ -21,6 +21,8 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 # run_dir: runs/my-study             # artefacts and figures, relative to the current directory
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
 # mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
+# geometry: {shape: dogbone}         # bar, plate-with-hole, cruciform-arm, or file with unit and sets; look at it: `thermofit mesh`
+# static: null                       # a full-field test of one load step instead of a history: field, load_axis, centre, force
 # specimen: {thickness: 1.2}         # lengths in mm that replace those of experiment.yaml
 # material_axes: {angle: 0}          # degrees from the load to the rolling direction (axis 2 of Hill's parameters), multiple of 90
 
@@ -48,7 +50,7 @@ parameters:
 #   displacement_times: stages                 # or a list of times in s
 #   temperature_times: frames                  # or a list of times in s
 #   reference_time: null                       # s; null: first observation before loading
-# force: {smoothing: phases, noise: null}      # phases or none; noise in N, null: estimated
+# force: {smoothing: phases, noise: null, drives: force}   # phases or none; N, null: estimated; or drives: crosshead, dic
 # ir: {rotation_deg: null, refine: true, edge_margin: 1.0}   # landmarks: as in experiment.yaml, to replace them
 # noise: {displacement: null, temperature: null}              # sigma in mm and K; null: estimated
 # numerics:
@@ -73,7 +75,8 @@ stages:
     coupling: full
     max_evaluations: 2000
     tolerance: 1.0e-5
-    du: {scheme: rigid-body}                   # or neighbour, gradient
+    du: {scheme: rigid-body}                   # or similarity (a uniform scale too), neighbour, gradient
+    # beside: []                               # other measures whose answers are shown beside: [u, similarity]
   plastic:
     free: [M_y0, M_yinf, H_exp, F]
     channels: {du: {}}

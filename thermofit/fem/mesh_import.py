@@ -29,7 +29,7 @@ _FLAT = ("vertex", "line", "line3", "triangle", "quad")
 """Cells that may accompany the hexahedra: geometry and the facets of named groups."""
 _LEFT_HANDED = np.array([0, 3, 2, 1, 4, 7, 6, 5])
 _PLANE = re.compile(r"^\s*([xyz])\s*=\s*([-+0-9.eE]+)\s*$")
-_BROKEN = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, EOFError, struct.error, SystemExit)
+_BROKEN = (RuntimeError, ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, EOFError, struct.error, SystemExit)
 """What meshio raises for files that are not what they say."""
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from thermofit.core.errors import NumericsError
 from thermofit.fem.element import reference_gradients
@@ -21,6 +22,10 @@ class Quality:
     jacobian_ratio: float
     aspect_ratio: float
     boundary: int
+
+
+_COINCIDENT = 1e-7
+"""Share of the body's size within which two nodes are one."""
 
 
 def quality(mesh: Mesh) -> Quality:
@@ -42,20 +47,21 @@ _EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4
 
 
 def check_watertight(mesh: Mesh) -> None:
-    """NumericsError unless every face belongs to at most two elements, every edge of the free faces to an even number of them, all
-    nodes to an element, and the elements hang together."""
+    """NumericsError unless the free faces are the skin of one body.
+
+    Every face belongs to at most two elements, no two nodes coincide (a tear), every node belongs to an element, and all elements hang
+    together.
+    """
     faces = np.sort(mesh.hexes[:, HEX_FACES].reshape(-1, 4), axis=1)
     _, counts = np.unique(faces, axis=0, return_counts=True)
     if counts.max(initial=0) > 2:
         raise NumericsError(f"mesh: a face belongs to {counts.max()} elements, at most 2 are possible; remove duplicate elements")
-    outer = boundary_facets(mesh.hexes)
-    edges = np.sort(np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edge, counts = np.unique(edges, axis=0, return_counts=True)
-    open_edges = edge[counts % 2 == 1]
-    if len(open_edges):
+    size = float(np.max(np.ptp(mesh.nodes, axis=0)))
+    twins = cKDTree(mesh.nodes).query_pairs(_COINCIDENT * size, output_type="ndarray")
+    if len(twins):
         raise NumericsError(
-            f"mesh: the free faces are not closed at {len(open_edges)} edges, the first between nodes {open_edges[0, 0]} and "
-            f"{open_edges[0, 1]}; merge coincident nodes"
+            f"mesh: {len(twins)} pairs of nodes coincide, the first {twins[0, 0]} and {twins[0, 1]}: the body is torn there; merge "
+            "coincident nodes"
         )
     unused = mesh.n_nodes - len(np.unique(mesh.hexes))
     if unused:

@@ -70,7 +70,7 @@ def crop(face: FaceQuads, xy: np.ndarray, u: np.ndarray, margin: float) -> Cropp
     keep = known & (distance >= margin)
     if keep.sum() < 10:
         raise DataError(
-            f"static: {int(keep.sum())} of {len(xy)} points lie on the body and {margin:g} mm from its edges ({counts['outside']} outside), at "
+            f"static: {int(keep.sum())} of {len(xy)} points lie {margin:g} mm inside the body ({counts['outside']} outside), at "
             "least 10 are needed; check static.centre, static.load_axis, static.edge_margin and the lengths of the specimen"
         )
     return Cropped(xy[keep], u[keep], {**counts, "kept": int(keep.sum())})

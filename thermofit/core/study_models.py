@@ -250,8 +250,6 @@ class Sections(Section):
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
         _check_hardening(starts, "parameters.M_yinf")
-        if self.simulate is not None and self.geometry.shape != "dogbone":
-            raise content_error(f"is {self.geometry.shape}, but the virtual experiment of 'simulate' is of a dogbone", "geometry.shape")
         if self.simulate is not None and self.static is not None:
             raise content_error("describes a measured field, but 'simulate' a virtual experiment; leave one of them out", "static")
         if self.simulate is not None:

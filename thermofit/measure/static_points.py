@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.measure.formats.contents import DicStage, Traits
-from thermofit.measure.formats.registry import FORMATS, read_native
+from thermofit.measure.formats.contents import DicStage
+from thermofit.measure.formats.registry import read_native
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ def static_points(path: Path, load_axis: str, centre: tuple[float, float]) -> St
     """The points of one stage, turned by 90 degrees where the load acts along the file's x. DataError for every defect."""
     if not path.is_file():
         raise DataError(f"{path}: the field of the static test does not exist; correct the key static.field or the folder experiment")
-    content = read_native(path) if FORMATS else _stand_in(path)
+    content = read_native(path)
     if not isinstance(content, DicStage) or content.reference is None or content.displacement is None:
         raise DataError(f"{path}: {type(content).__name__} found, expected one DIC stage with coordinates and displacements of its points")
     if content.length_unit != "mm":
@@ -39,9 +39,3 @@ def static_points(path: Path, load_axis: str, centre: tuple[float, float]) -> St
 def turned(vector: np.ndarray) -> np.ndarray:
     """Vectors (n, 2) in axes turned by 90 degrees: what pointed along x points along y."""
     return np.stack([-vector[:, 1], vector[:, 0]], axis=1)
-
-
-def _stand_in(path: Path) -> DicStage:
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    z = np.zeros((len(table), 1))
-    return DicStage(Traits("xy table", path), np.arange(len(table)), np.hstack([table[:, :2], z]), np.hstack([table[:, 2:], z]), "mm")

@@ -33,7 +33,7 @@ def correlogram(xy: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarr
     low = used[rho[used] < _GONE]
     end = low[0] if low.size else len(rho)
     keep = used[used < end]
-    return (keep + 0.5) * spacing, rho[keep]
+    return (keep + 0.5) * spacing, np.minimum(rho[keep], 1.0)
 
 
 def _pairs(xy: np.ndarray, reach: float) -> np.ndarray:

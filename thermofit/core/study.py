@@ -44,7 +44,7 @@ class Study(Sections):
         """The mesh file of the section `geometry`, None where the shape is built in. StudyError for an unset variable."""
         if self.geometry.file is None:
             return None
-        return self.source.parent / Path(_expand(self.geometry.file, self.source, "geometry.file")).expanduser()
+        return path_from(self.source.parent, self.geometry.file, f"{self.source}: key 'geometry.file'")
 
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""

@@ -21,7 +21,7 @@ SUFFIX = {"abaqus": ".inp", "gmsh22": ".msh", "gmsh": ".msh", "vtk": ".vtk"}
 
 
 def nodes_of(name: str) -> np.ndarray:
-    axis, _, at = PLANES[name].partition("=")
+    axis, _, at = {**PLANES, "right": "x=5"}[name].partition("=")
     return np.flatnonzero(np.isclose(BLOCK.nodes[:, "xyz".index(axis)], float(at)))
 
 
@@ -100,6 +100,17 @@ def test_abaqus_surfaces_and_element_sets(tmp_path: Path) -> None:
     path.write_text(text + "*SURFACE, NAME=wrong\nENDS, S7\n")
     with pytest.raises(DataError, match=r"block\.inp, line \d+: surface 'wrong' holds 'ENDS, S7'"):
         import_mesh(path, "mm", {})
+
+
+@pytest.mark.parametrize("plane", [*PLANES, "right"])
+def test_every_face_of_an_abaqus_element(tmp_path: Path, plane: str) -> None:
+    """A surface of single elements on each side of the block holds exactly the facets of that side."""
+    path = written(tmp_path, "abaqus")
+    lines = [f"{k + 1}, S{s}" for k in range(len(BLOCK.hexes)) for s in range(1, 7) if touches(k, s, plane)]
+    path.write_text(path.read_text() + "*SURFACE, NAME=air_side, TYPE=ELEMENT\n" + "\n".join(lines) + "\n")
+    facets = import_mesh(path, "mm", {}).mesh.facets["air_side"]
+    assert np.array_equal(np.unique(np.sort(facets, axis=1), axis=0), np.unique(np.sort(facets_on(plane), axis=1), axis=0))
+    assert len(facets) == len(lines) >= 4
 
 
 def touches(element: int, face: int, name: str) -> bool:

@@ -22,17 +22,21 @@ INTERPOLATE = "interpolate"
 
 @dataclass(frozen=True)
 class LoadSteps:
-    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where recorded, the crosshead mm (n,) there."""
+    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where known, crosshead and DIC elongation mm (n,)."""
 
     time: np.ndarray
     force: np.ndarray
     crosshead: np.ndarray | None = None
+    elongation: np.ndarray | None = None
 
     def until(self, t_end: float) -> LoadSteps:
         """The steps up to t_end, which becomes the last one."""
         time = np.append(self.time[self.time < t_end - 1e-9], t_end)
-        crosshead = None if self.crosshead is None else np.interp(time, self.time, self.crosshead)
-        return LoadSteps(time, np.interp(time, self.time, self.force), crosshead)
+
+        def cut(value: np.ndarray | None) -> np.ndarray | None:
+            return None if value is None else np.interp(time, self.time, value)
+
+        return LoadSteps(time, np.interp(time, self.time, self.force), cut(self.crosshead), cut(self.elongation))
 
 
 @dataclass(frozen=True)
@@ -110,8 +114,8 @@ def measured_of(record: Record) -> Measured:
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:
-    crosshead = record[f"{name}/crosshead"].value if record.has(f"{name}/crosshead") else None
-    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, crosshead)
+    moved = [record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None for key in ("crosshead", "elongation")]
+    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, *moved)
 
 
 def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> FieldObservation:

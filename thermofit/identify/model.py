@@ -155,7 +155,7 @@ def stage_model(
             observations["theta"] = temperature_of(data).between(min(t0, data.load_start), t1)
     if "force" in settings.channels and study.force.drives == "force":
         raise StudyError(
-            f"{study.source.name}: channel force needs force.drives: crosshead; a force that is prescribed as a load has no residual"
+            f"{study.source.name}: channel force needs force.drives: crosshead or dic; a force that is prescribed as a load has no residual"
         )
     end = max(float(o.time[-1]) for o in observations.values())
     steps = steps_for(data, set(observations)).until(end)

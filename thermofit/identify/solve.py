@@ -68,7 +68,8 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
     base = base.with_free(settings.free)
     size, coarse_size = study.mesh_size, PRESETS["coarse"]
     fits: list[FitResult] = []
-    if _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
+    scalable = study.geometry.shape != "file"
+    if scalable and _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
         _, coarse = _settled(study, settings, base, (model_on, coarse_size), job)
         fits += coarse
         base = base.with_vector(coarse[-1].x)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,9 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import StageSettings
+from thermofit.core.study_stages import ElasticStage, StageSettings
+from thermofit.identify.beside import answers, remark_of
+from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.inputs import INTERPOLATE, Measured, measured, start_parameters, with_identified
 from thermofit.identify.model import StageModel, stage_model
 from thermofit.identify.outcome import made
@@ -21,7 +23,7 @@ from thermofit.identify.start import feasible_start
 from thermofit.identify.window import window_times
 from thermofit.material.bounds import beta_warning
 
-_SECTIONS = ("model", "material_axes", "mesh", "parameters", "evaluation", "force", "numerics")
+_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics")
 EARLIER: dict[str, tuple[str, ...]] = {
     "elastic": (),
     "plastic": ("identify-elastic",),
@@ -79,8 +81,20 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     """Solve a stage; its evaluations are kept under the name of `task` until that has left its record."""
     start, replaced = feasible_start(study, stage.data, stage.base)
     solved = solve(study, stage.settings, start, model_maker(study, stage.settings, stage.data), task)
+    solved, honest = _widened(study, solved)
     warning = beta_warning(solved.parameters, study.model)
-    return made(study, stage.base, solved, (replaced, *kind.remarks(study, stage.data, solved), warning or ""))
+    remarks = (replaced, *kind.remarks(study, stage.data, solved), warning or "", honest)
+    if not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
+        return made(study, stage.base, solved, remarks)
+    makers = (lambda other: model_maker(study, other, stage.data), task)
+    rows = answers(study, stage.settings, solved, makers, lambda other: _widened(study, other))
+    record = made(study, stage.base, solved, (*remarks, remark_of(rows)))
+    return replace(record, summary={**record.summary, "side_by_side": rows})
+
+
+def _widened(study: Study, solved: Solved) -> tuple[Solved, str]:
+    """Standard errors for the correlation of neighbouring points, which a single field has in plenty and no time to average."""
+    return with_correlated_noise(solved) if study.static is not None else (solved, "")
 
 
 def model_maker(study: Study, settings: StageSettings, data: Measured) -> Callable[[MeshSize, Parameters], StageModel]:

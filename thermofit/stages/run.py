@@ -105,6 +105,8 @@ def _does_not_apply(study: Study, name: str) -> str:
     """Why a stage is left out, empty where it applies. Asked when its turn comes: `simulate` may have made the raw folder."""
     if name == "simulate" and not study.virtual:
         return "the experiment is measured"
+    if name == "identify-plastic" and study.static is not None:
+        return "the experiment is one elastic load step"
     if name in ("calibrate-ir", "identify-thermal") and study.experiment.is_dir() and not (study.experiment / "ir").is_dir():
         return "the experiment has no infrared frames"
     if name in OPTIONAL and getattr(study, name) is None:

@@ -30,7 +30,7 @@ from thermofit.diagnose.verification import (
 from thermofit.identify.inputs import INTERPOLATE, Measured, field_datasets, measured, start_parameters, with_identified
 
 NAME = "verify"
-_SECTIONS = ("model", "material_axes", "mesh", "parameters", "evaluation", "force", "numerics")
+_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:

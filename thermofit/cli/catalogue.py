@@ -109,7 +109,26 @@ STAGES: tuple[Entry, ...] = (
     ),
 )
 
+LOOP = "Close the loop"
+
 ASIDE: tuple[Entry, ...] = (
+    Entry(
+        "diagnose",
+        LOOP,
+        "What does the residual still hold, and which effect would explain it?",
+        "Fits everything that the stages identified at once, on all channels, and asks how the model would respond to every effect that "
+        "it holds at neutral, physical or of the instruments. Ranked, with the held-out error that each would save; effects that this "
+        "test cannot tell apart are named together.",
+        "diagnose study.yaml --json",
+    ),
+    Entry(
+        "close-loop",
+        LOOP,
+        "Find, trace, add, prove: the effects that the model lacks.",
+        "Adds the effect that lowers the error on held-out data most, refits everything, and goes on until nothing is accepted. "
+        "Reports the error before and after, beside the noise, and writes RUN_DIR/with-effects.yaml.",
+        "close-loop study.yaml --set diagnosis.max_effects=2",
+    ),
     Entry(
         "mesh",
         LOOK,

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from thermofit.cli import printing_loop
 from thermofit.cli.numbers import bounds, number, percent, seconds, with_error
 
 _WIDTH = 140
@@ -55,6 +56,8 @@ def stage_result(result: Result, fresh: bool, wall: float) -> None:
     _parameters(console, result["parameters"], only_free=True)
     _channels(console, result["channels"])
     _lists(console, result)
+    if "ranking" in result:
+        printing_loop.show(console, result)
     _evaluations(console, result["evaluations"])
     print_remarks(console, result.get("remarks") or ())
     for figure in _figures(result):

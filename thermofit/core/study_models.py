@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
 
 from thermofit.core.parameters import param
 from thermofit.core.study_coupon import Coupon
+from thermofit.core.study_diagnosis import Diagnosis
 from thermofit.core.study_errors import content_error
 from thermofit.core.study_geometry import Geometry, StaticTest
 from thermofit.core.study_section import (
@@ -239,6 +240,7 @@ class Sections(Section):
     stages: Stages = Stages()
     gridsearch: GridSearch | None = None
     sensitivity: Sensitivity | None = None
+    diagnosis: Diagnosis = Diagnosis()
     simulate: Simulate | None = None
     coupon: Coupon | None = None
     """Uniaxial records instead of, or besides, a full-field experiment."""

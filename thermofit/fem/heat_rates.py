@@ -201,7 +201,7 @@ def _add_state_rates(
 def add_dilatation_heat(
     data: ElementData, dilatation: np.ndarray, theta: np.ndarray, law: Law, dilatation_rates: np.ndarray, out: np.ndarray
 ) -> None:
-    """The part of `heat_source_rates` that the rates of J at the end of the increment, (n_el, 8, m), make alone; `dilatation` is J there."""
+    """The part of `heat_source_rates` that the rates of J (n_el, 8, m) at the end of the increment make alone; `dilatation` is J there."""
     m, result, rates = out.shape[1], out.reshape(-1), dilatation_rates.reshape(-1)
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero, by_j = np.zeros(_END), np.zeros(LANES), np.empty(8)

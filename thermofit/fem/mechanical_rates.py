@@ -367,3 +367,14 @@ def _new_plastic_part(
     _set_group(out, ALPHA, group, alpha)
     _set_group(out, LAMBDA, group, accumulated)
     return fp_rate
+
+
+@kernel
+def add_answer(equation: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
+    """u (n_np, 3, m) += x (n_eq, m) by equation numbers (n_np, 3); prescribed dofs, with negative ones, stay."""
+    for n in range(equation.shape[0]):
+        for i in range(3):
+            k = equation[n, i]
+            if k >= 0:
+                for m in range(u.shape[2]):
+                    u[n, i, m] += x[k, m]

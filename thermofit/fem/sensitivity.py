@@ -29,7 +29,7 @@ from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.heat import PointHistory
 from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
 from thermofit.fem.linear import Factor, multiply_symmetric
-from thermofit.fem.mechanical_rates import dilatation_rates, load_rates, thermal_load_rates, update_rates
+from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
 from thermofit.material.law import Law
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
@@ -156,17 +156,6 @@ def volume_mean(body: Body, field: np.ndarray) -> np.ndarray:
     return np.asarray(weight @ field / weight.sum())
 
 
-@kernel
-def add_answer(equation: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
-    """u (n_np, 3, m) += x (n_eq, m) by equation numbers (n_np, 3); prescribed dofs, with negative ones, stay."""
-    for n in range(equation.shape[0]):
-        for i in range(3):
-            k = equation[n, i]
-            if k >= 0:
-                for m in range(u.shape[2]):
-                    u[n, i, m] += x[k, m]
-
-
 class Differentiator:
     """Differentiates the steps of one march; holds the buffers of two states."""
 
@@ -242,7 +231,7 @@ class Differentiator:
             points, dilatation = self._update(mechanics, start.points, theta, u)
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
             size = self._change(found, theta)
-            if self._exact_forces or np.any(size > _RESOLVED):
+            if self._exact_forces or np.any(size > min(_RESOLVED, tolerance)):
                 change = np.zeros_like(found) if self.one_way else found - felt
                 answer, series = self._answer(mechanics, ends, (u, dilatation), change)
                 found, felt = found + answer, felt + series * change

@@ -6,7 +6,7 @@ dx/dp = -(dr/dx)^-1 (dr/ds ds/dp + dr/dp), where ds/dp are the derivatives of th
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
@@ -36,6 +36,7 @@ from thermofit.point.step import (
     residual,
 )
 
+_as_tuple: Any = to_fixed_tuple
 N_ALL = N_NUMBERS + 4
 """Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
 TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
@@ -88,7 +89,7 @@ def work_for(n_p: int) -> Work:
 @kernel(forceinline=True)
 def law_and_surroundings(numbers: np.ndarray, flags: tuple[int, int, int]) -> tuple[Law, Surroundings]:
     """Law and Surroundings of complex numbers (N_ALL,); flags = (model, closed_form, plastic)."""
-    first: tuple[Complex, ...] = to_fixed_tuple(numbers, N_NUMBERS)  # type: ignore[call-arg]
+    first = _as_tuple(numbers, N_NUMBERS)
     return Law(*first, flags[0], flags[1], flags[2]), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 

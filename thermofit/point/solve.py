@@ -37,6 +37,7 @@ from thermofit.point.step import (
 )
 
 _as_tuple: Any = to_fixed_tuple
+_new_law: Any = Law
 N_ALL = N_NUMBERS + 4
 """Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
 TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
@@ -90,7 +91,7 @@ def work_for(n_p: int) -> Work:
 def law_and_surroundings(numbers: np.ndarray, flags: tuple[int, int, int]) -> tuple[Law, Surroundings]:
     """Law and Surroundings of complex numbers (N_ALL,); flags = (model, closed_form, plastic)."""
     first = _as_tuple(numbers, N_NUMBERS)
-    return Law(*first, flags[0], flags[1], flags[2]), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    return _new_law(*first, flags[0], flags[1], flags[2]), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)

@@ -27,8 +27,8 @@ def coupon_stage(source: str, name: str, settings: StageSettings, control: str) 
     free = settings.free if "free" in settings.model_fields_set else FREE[name]
     if lost := [parameter for parameter in free if parameter in UNDETERMINED]:
         raise StudyError(
-            f"{source}: key 'stages.{name}.free' holds {', '.join(lost)}, which records of coupons do not determine: leave it out, and give "
-            "its value under 'parameters'"
+            f"{source}: key 'stages.{name}.free' holds {', '.join(lost)}, which records of coupons do not determine: leave it out, and "
+            "give its value under 'parameters'"
         )
     measured = "stress" if control == "strain" else "strain"
     channels = settings.channels

@@ -91,8 +91,8 @@ def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
     step = float(np.median(np.abs(np.diff(strain))))
     if noise["strain"] > _JITTER * step:
         remarks.append(
-            f"noise of the strain ({noise['strain']:.1e}) is not small against its usual step ({step:.1e}): thin the record (key 'points'), "
-            "else the model flows back and forth with the noise"
+            f"noise of the strain ({noise['strain']:.1e}) is not small against its usual step ({step:.1e}): thin the record (key "
+            "'points'), else the model flows back and forth with the noise"
         )
     start = record.theta_air if record.theta_start is None else record.theta_start
     phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)

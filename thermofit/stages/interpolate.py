@@ -45,7 +45,8 @@ _SECTIONS = ("specimen", "evaluation", "force", "ir.edge_margin", "noise", "nume
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Record with displacements, temperatures, their sigma and masks, the load steps and the phases of the test.
 
-    Records of coupons: as read, with their noise and phases. Temperatures need the artefact of `calibrate-ir` where the experiment has infrared frames (StudyError names the command).
+    Of coupons: their records as read, with noise and phases. Temperatures need the artefact of `calibrate-ir` where the experiment has
+    infrared frames (StudyError names the command).
     """
     if study.coupon is not None:
         files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}

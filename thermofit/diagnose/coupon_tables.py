@@ -41,12 +41,10 @@ def coupon_report_text(study: Study, records: Mapping[str, Record], figures: Seq
 
 def _rows(interpolate: Record) -> list[list[str]]:
     out = []
-    for r in interpolate.summary["records"]:
-        strain = f"{r['strain_min']:.4f} to {r['strain_max']:.4f}"
-        stress = f"{r['stress_min']:.1f} to {r['stress_max']:.1f}"
-        heat = "-" if r["noise_theta"] is None else f"{r['noise_theta']:.2g}"
-        noise = [f"{r['noise_strain']:.2g}", f"{r['noise_stress']:.2g}", heat]
-        out.append([str(r["record"]), str(r["n"]), f"{r['duration_s']:.1f}", strain, stress, f"{r['theta_start_K']:.2f}", *noise])
+    for row, facts in zip(interpolate.summary["records"], interpolate.summary["tests"], strict=True):
+        noise = [f"{facts['noise'][name]:.2g}" if name in facts["noise"] else "-" for name in ("strain", "stress", "theta")]
+        start = f"{facts['theta_start']:.2f}"
+        out.append([row["record"], str(row["n"]), f"{row['duration_s']:.4g}", row["strain"], row["stress_MPa"], start, *noise])
     return out
 
 

@@ -75,10 +75,10 @@ def _summary(fields: Sequence[ResidualField], spans: Sequence[Span], worth: dict
     for field in fields:
         row = channels[field.channel]
         if field.channel in found.outside:
-            count = f"{row['n']} values are worth {worth[field.channel]:.3g} independent ones"
+            values = f"{row['n']} values are worth {worth[field.channel]:.3g} independent ones"
             remarks.append(
-                f"{field.channel}: the misfit is that of the model, not of the sensor: {count}; standard errors count that, but not what a "
-                "missing effect does to the parameters"
+                f"{field.channel}: the misfit is that of the model, not of the sensor: {values}; standard errors count that, but not "
+                "what a missing effect does to the parameters"
             )
     return {
         "verdict": found.line,

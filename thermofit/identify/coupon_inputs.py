@@ -132,6 +132,7 @@ def interpolated(study: Study) -> Made:
     summary = {
         "verdict": f"{line}; noise at most {noise}",
         "records": rows,
+        "tests": [_facts(test) for test, _ in found],
         "phases": phases,
         "remarks": remarks,
         "control": section.control,
@@ -140,21 +141,21 @@ def interpolated(study: Study) -> Made:
 
 
 def _row(test: CouponTest) -> dict[str, Any]:
-    """A record as a row of a table."""
+    """A record as a row of a table for the user."""
     return {
         "record": test.name,
         "n": len(test.time),
         "duration_s": float(test.time[-1] - test.time[0]),
-        "strain_min": float(test.strain.min()),
-        "strain_max": float(test.strain.max()),
-        "stress_min": float(test.stress.min()),
-        "stress_max": float(test.stress.max()),
-        "theta_air_K": test.theta_air,
-        "theta_start_K": test.theta_start,
-        "noise_strain": test.noise["strain"],
-        "noise_stress": test.noise["stress"],
-        "noise_theta": test.noise.get("theta"),
+        "strain": f"{test.strain.min():.4f} to {test.strain.max():.4f}",
+        "stress_MPa": f"{test.stress.min():.1f} to {test.stress.max():.1f}",
+        "start_K": test.theta_start,
+        "temperature": "none" if test.theta is None else f"{np.nanmin(test.theta):.2f} to {np.nanmax(test.theta):.2f} K",
     }
+
+
+def _facts(test: CouponTest) -> dict[str, Any]:
+    """What of a record is no array."""
+    return {"name": test.name, "theta_air": test.theta_air, "theta_start": test.theta_start, "noise": dict(test.noise)}
 
 
 def coupon_data(study: Study) -> CouponData:
@@ -164,18 +165,17 @@ def coupon_data(study: Study) -> CouponData:
 
 def coupon_data_of(record: Record) -> CouponData:
     """CouponData from an open record of `interpolate`; StudyError where that was made of fields."""
-    if "records" not in record.summary:
+    if "tests" not in record.summary:
         raise StudyError(f"{record.path}: made of a full-field experiment; run `thermofit interpolate` again for the coupon records")
     tests = []
-    for number, row in enumerate(record.summary["records"]):
-        get = f"records/{number}"
-        phases = tuple(
-            TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in record.summary["phases"] if p["record"] == row["record"]
-        )
-        noise = {name: float(row[f"noise_{name}"]) for name in UNITS if row[f"noise_{name}"] is not None}
+    for number, facts in enumerate(record.summary["tests"]):
+        get, name = f"records/{number}", str(facts["name"])
+        own = [p for p in record.summary["phases"] if p["record"] == name]
+        phases = tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in own)
+        time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
         theta = record[f"{get}/theta"].value if record.has(f"{get}/theta") else None
-        time, strain, stress = (record[f"{get}/{name}"].value for name in ("time", "strain", "stress"))
-        tests.append(CouponTest(row["record"], time, strain, stress, theta, row["theta_air_K"], row["theta_start_K"], noise, phases))
+        air, start = float(facts["theta_air"]), float(facts["theta_start"])
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 

@@ -38,37 +38,46 @@ def first_branch(stress: np.ndarray) -> int:
 def elastic_line(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, noise: float) -> ElasticLine | None:
     """The straight line of the first loading, None where no five samples lie on one; `noise` is that of the strain.
 
-    The line is fitted to growing parts of the first branch until the strain at their upper end leaves it.
+    Lines are fitted to growing parts of the first branch; the largest part that is straight at both of its ends counts.
     """
     n = first_branch(stress)
-    size = np.abs(stress[:n] - stress[0])
+    strain, stress = strain[:n], stress[:n]
+    size = np.abs(stress - stress[0])
     if n < _LEAST + 1 or not size.max() > 0.0:
         return None
-    sign = 1.0 if stress[n - 1] >= stress[0] else -1.0
-    found, limit = None, None
+    limit = None
     for level in np.geomspace(0.05, 1.0, _LEVELS) * size.max():
-        last = int(np.argmax(size >= level))
-        part = np.arange(last + 1)[size[: last + 1] >= _TOE * level]
-        if len(part) < _LEAST:
-            continue
-        slope, offset = _line(strain[part], stress[part])
-        if not slope > 0.0:
-            continue
-        if found is not None:
-            slope_before, offset_before = found
-            tail = part[size[part] >= 0.9 * level]
-            excess = sign * float(np.mean(strain[tail] - (stress[tail] / slope_before + offset_before)))
-            if excess > _DEVIATION * level / slope_before + 3.0 * noise / np.sqrt(len(tail)):
-                break
-        found, limit = (slope, offset), level
-    if found is None or limit is None:
+        part = _part(size, level)
+        if len(part) >= _LEAST and _straight(strain[part], stress[part], level, noise):
+            limit = level
+    if limit is None:
         return None
-    end = int(np.argmax(size >= _SHARE * limit))
-    part = np.arange(end + 1)[size[: end + 1] >= _TOE * limit]
+    part = _part(size, _SHARE * limit)
     if len(part) < _LEAST - 1:
         return None
     slope, offset = _line(strain[part], stress[part])
-    return ElasticLine(slope, offset, end, float(stress[end]))
+    end = int(part[-1])
+    return ElasticLine(slope, offset, end, float(stress[end])) if slope > 0.0 else None
+
+
+def _part(size: np.ndarray, level: float) -> np.ndarray:
+    """Samples up to the first one at a level of stress, without the toe."""
+    last = int(np.argmax(size >= level))
+    return np.arange(last + 1)[size[: last + 1] >= _TOE * level]
+
+
+def _straight(strain: np.ndarray, stress: np.ndarray, level: float, noise: float) -> bool:
+    """Does the strain stay on its line over the stress, at the lower end (a fifth of the stress) and at the upper one (a tenth)?"""
+    slope, offset = _line(strain, stress)
+    if not slope > 0.0:
+        return False
+    away = strain - (stress / slope + offset)
+    place = np.abs(stress - stress[-1]) / np.abs(stress[-1] - stress[0]) if stress[-1] != stress[0] else np.ones(len(stress))
+    for end in (place <= 0.1, place >= 0.8):
+        allowed = _DEVIATION * level / slope + 3.0 * noise / np.sqrt(max(int(end.sum()), 1))
+        if not end.any() or abs(float(away[end].mean())) > allowed:
+            return False
+    return True
 
 
 def _line(strain: np.ndarray, stress: np.ndarray) -> tuple[float, float]:

@@ -135,6 +135,20 @@ def test_commands_one_by_one(twin: Path) -> None:
     assert listed["channels"]["stress"]["n_independent"] > 0.5 * listed["channels"]["stress"]["n"], "noise alone does not remember"
 
 
+def test_other_starts_and_other_values(twin: Path) -> None:
+    """gridsearch and sensitivity take records as they take fields: one optimum from two starts; the capacity moves nothing mechanical."""
+    tree = yaml.safe_load(twin.read_text(encoding="utf-8"))
+    tree["gridsearch"] = {"stage": "plastic", "starts": [{"M_y0": 200.0, "H_exp": 30.0}, {"M_yinf": 900.0}]}
+    tree["sensitivity"] = {"stage": "plastic", "quantity": "E", "values": [190e3, 205e3]}
+    twin.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    for command in ("interpolate", "identify-elastic", "identify-plastic"):
+        assert call(command, twin).exit_code == 0
+    found = call("gridsearch", twin, "--json")
+    assert found.exit_code == 0 and json.loads(found.stdout)["verdict"].startswith("one optimum: 2 of 2 starts")
+    moved = json.loads(call("sensitivity", twin, "--json").stdout)
+    assert 0.001 < moved["largest_change"]["M_y0"] < 0.2
+
+
 def test_a_missing_effect_is_said(twin: Path) -> None:
     """Heat that the model does not know (too small a fixed expansion): not verified, exit 5, and the misfit counts as few values."""
     arguments = ("--set", "parameters.alpha_exp=0", "--set", "stages.thermal.free=[beta, tau, lag]")

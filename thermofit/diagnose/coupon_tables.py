@@ -18,8 +18,8 @@ def coupon_report_text(study: Study, records: Mapping[str, Record], figures: Seq
         f"# {study.name}",
         str(verify.summary["verdict"]) + ".",
         "## Records",
-        f"Prescribed: {interpolate.summary['control']}. Material: model {study.model}. {verify.attributes['thermofit_version']}, source "
-        f"{verify.attributes['source_digest'][:12]}.",
+        f"Prescribed: {interpolate.summary['control']}. Material: model {study.model}. "
+        f"thermofit {verify.attributes['thermofit_version']}, source {verify.attributes['source_digest'][:12]}.",
         table(
             ("record", "samples", "duration s", "strain", "stress MPa", "start K", "noise of strain", "of stress MPa", "of theta K"),
             _rows(interpolate),

@@ -63,3 +63,11 @@ def test_standard_errors_of_a_mean_under_memory() -> None:
 def test_segments_must_add_up() -> None:
     with pytest.raises(ValueError, match="segments of 3 values for a residual of 4"):
         memories(np.ones(4), [1, 2])
+
+
+def test_taper_keeps_the_covariance_positive() -> None:
+    """A misfit that swings: its correlation cut off without a taper would have negative eigenvalues."""
+    residual = np.cos(np.linspace(0.0, 9.0, 60))
+    matrix = noise_operator(memories(residual, [60]))(np.eye(60))
+    assert np.linalg.eigvalsh(matrix).min() > -1e-9
+    assert len(tapered_correlation(residual)) > 10

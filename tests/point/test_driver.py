@@ -10,7 +10,7 @@ from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.material.law import internal_energy, law_of
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
-from thermofit.point.step import ACROSS, ALONG
+from thermofit.point.step import ACROSS, ALONG, decay_share
 
 
 @pytest.mark.parametrize("model", [1, 2])
@@ -70,6 +70,12 @@ def test_heat_loss_is_exponential_whatever_the_step() -> None:
         time = np.linspace(0.0, 120.0, steps + 1)
         found = simulate(parameters, Programme.under_stress(time, np.zeros(len(time)), theta_start=320.0))
         assert found.theta - 296.7 == pytest.approx(23.3 * np.exp(-time / 50.0), rel=1e-12)
+
+
+def test_mean_of_the_decay_at_its_seam() -> None:
+    """(1 - exp(-z))/z by series and by the exponential, on both sides of the change between them."""
+    for z in (1e-7, 1e-3, 9.9e-3, 1.1e-2, 0.5, 30.0):
+        assert decay_share(z) == pytest.approx(-np.expm1(-z) / z, rel=2e-14), z
 
 
 def test_constant_heating_under_loss() -> None:

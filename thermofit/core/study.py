@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.study_coupon_stages import coupon_stage
 from thermofit.core.study_errors import near_miss, sentence
 from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, start_of
 from thermofit.core.study_paths import path_from
@@ -51,6 +52,8 @@ class Study(Sections):
         if name not in type(self.stages).model_fields:
             raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
         settings: StageSettings = getattr(self.stages, name)
+        if self.coupon is not None:
+            settings = coupon_stage(self.source.name, name, settings, self.coupon.control)
         if missing := check_starts(settings, self.parameters):
             raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
         return settings

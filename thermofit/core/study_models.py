@@ -257,7 +257,10 @@ class Sections(Section):
         if self.simulate is not None:
             _check_hardening(self.simulate.truth, "simulate.truth.M_yinf")
         for name in sorted(self.stages.model_fields_set):
-            if missing := check_starts(getattr(self.stages, name), starts):
+            stage = getattr(self.stages, name)
+            if self.coupon is not None and "free" not in stage.model_fields_set:
+                continue  # records of coupons have other defaults
+            if missing := check_starts(stage, starts):
                 raise content_error(f"is missing, but stage {name} identifies it: add its start", f"parameters.{missing}")
         for index, trial in enumerate(self.gridsearch.starts if self.gridsearch else ()):
             key = f"gridsearch.starts.{index}"

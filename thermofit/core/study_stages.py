@@ -20,7 +20,7 @@ from thermofit.core.study_section import (
     word_or,
 )
 
-Channel = Literal["u", "du", "theta", "dtheta", "force"]
+Channel = Literal["u", "du", "theta", "dtheta", "force", "stress", "strain"]
 StageName = Literal["elastic", "plastic", "thermal"]
 Method = Literal["least-squares", "trust-region", "gauss-newton", "nelder-mead", "bobyqa", "sbplx", "cobyla"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -133,7 +133,17 @@ def temperature_of(data: Measured) -> FieldObservation:
     return data.temperature
 
 
-def start_parameters(study: Study, data: Measured) -> Parameters:
+class Surroundings(Protocol):
+    """What knows the temperatures around a specimen, K."""
+
+    @property
+    def theta_air(self) -> float: ...
+
+    @property
+    def theta_clamp(self) -> float: ...
+
+
+def start_parameters(study: Study, data: Surroundings) -> Parameters:
     """Start values of the study with the thermocouple temperatures of the experiment where the study gives none."""
     return study.start_parameters(_Thermocouples(data.theta_air, data.theta_clamp))  # type: ignore[arg-type]
 

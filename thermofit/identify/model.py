@@ -38,7 +38,8 @@ class StageModel:
     """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them.
 
     `one_way`: the mechanics in it was solved once, for the parameters that the model was made with. `linearise`: the error fields with
-    their exact derivatives, None where there are none.
+    their exact derivatives, None where there are none. `segments`: lengths of the parts of the residual that are records over time,
+    within which the misfit is correlated (coupons); None where the noise of the comparisons says it all.
     """
 
     errors: Callable[[Parameters], Errors]
@@ -47,6 +48,7 @@ class StageModel:
     remark: str
     one_way: bool = False
     linearise: Linearise | None = None
+    segments: tuple[int, ...] | None = None
     priors: tuple[Prior, ...] = ()
 
     def residual(self, parameters: Parameters) -> np.ndarray:
@@ -96,8 +98,8 @@ class StageModel:
 
 def field_of(channel: str) -> str:
     """The observed field behind a channel."""
-    if channel == "force":
-        return "force"
+    if channel in ("force", "stress", "strain"):
+        return channel
     return "u" if channel in MECHANICAL_CHANNELS else "theta"
 
 

@@ -17,9 +17,11 @@ from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_section import mesh_size
 from thermofit.fem.specimen_mesh import specimen_mesh
+from thermofit.identify.coupon_inputs import interpolated
 from thermofit.identify.inputs import TestPhase, field_datasets, specimen_dict
 from thermofit.identify.static import static_record
 from thermofit.measure.camera import CameraPose
+from thermofit.measure.coupon import coupon_files
 from thermofit.measure.end_motion import EndMotion, end_motion
 from thermofit.measure.force import SmoothForce, smooth_force, step_times
 from thermofit.measure.interpolation import (
@@ -45,8 +47,12 @@ _SECTIONS = ("geometry", "specimen", "static", "evaluation", "force", "ir.edge_m
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Record with displacements, temperatures, their sigma and masks, the load steps and the phases of the test.
 
-    Temperatures need the artefact of `calibrate-ir` where the experiment has infrared frames (StudyError names the command).
+    Of coupons: their records as read, with noise and phases. Temperatures need the artefact of `calibrate-ir` where the experiment has
+    infrared frames (StudyError names the command).
     """
+    if study.coupon is not None:
+        files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
+        return produce(job(study.run_dir, NAME, study.config_of("coupon"), files), lambda: interpolated(study), force=force)
     if not study.experiment.is_dir():
         mend = f"run `thermofit simulate {study.source.name}` first" if study.virtual else "correct the key 'experiment' of the study"
         raise DataError(f"{study.experiment}: the raw folder does not exist; {mend}")

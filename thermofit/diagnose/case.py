@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,8 @@ class Case:
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
     instruments: frozenset[str]
+    cheap: bool = False
+    """True where a run costs next to nothing: exponents are scanned when effects are ranked, not only when one is tried."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -65,6 +68,26 @@ def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
     return Rows(np.concatenate(channel), np.concatenate(time), np.concatenate(xy), np.concatenate(phase))
 
 
+def scans(effect: Effect) -> tuple[dict[str, float], ...]:
+    """Sets of values to try for the Params of an effect that cannot be felt while it is off: every combination, the neutral one first."""
+    tried = [p for p in effect.params if p.scan]
+    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(p.scan for p in tried))]
+    neutral = {p.name: p.neutral for p in tried}
+    return (neutral, *(s for s in sets if s != neutral))
+
+
+def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:
+    """Columns (n, k) of a dormant effect whose other Params have the given values, from one differentiated run."""
+    names = tuple(p.name for p in effect.params if not p.scan)
+    tiny = {} if effect.amplitude.name in case.instruments else {effect.amplitude.name: _tiny(effect)}
+    _, columns = case.model.linearised(case.parameters.replace(**values, **tiny), names)
+    return columns
+
+
+def _tiny(effect: Effect) -> float:
+    return effect.amplitude.neutral + TINY * float(effect.amplitude.probe or 0.0)
+
+
 @dataclass(frozen=True)
 class Linearised:
     """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by."""
@@ -77,11 +100,7 @@ class Linearised:
 def linearised(case: Case) -> Linearised:
     """All columns from one differentiated run. NumericsError where it fails."""
     dormant = case.dormant()
-    tiny = {
-        e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0)
-        for e in dormant
-        if e.amplitude.name not in case.instruments
-    }
+    tiny = {e.amplitude.name: _tiny(e) for e in dormant if e.amplitude.name not in case.instruments}
     felt = {e.name: tuple(p.name for p in e.params if not p.scan) for e in dormant}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))

@@ -10,10 +10,10 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case
+from thermofit.diagnose.case import Case, scans
 from thermofit.diagnose.held_out import Proof, compared, held_out_residual
-from thermofit.diagnose.score import Score
-from thermofit.diagnose.trace import PRACTICAL, SURE, Traced, traced
+from thermofit.diagnose.score import Score, ranked
+from thermofit.diagnose.trace import PRACTICAL, SURE, Traced, best_scan, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 
@@ -86,26 +86,32 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
 
 
 def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]) -> Parameters:
-    """Parameters with an effect switched on at a first estimate inside its bounds; all its Params are free."""
+    """Parameters with an effect switched on at a first estimate inside its bounds; its Params are free but for scanned ones."""
     added = effect(name)
     start = {}
     for p in added.params:
         value = estimate.get(p.name, p.neutral)
         inside = 1e-6 * (p.upper - p.lower)
         start[p.name] = float(np.clip(value, p.lower + inside, p.upper - inside))
-    return parameters.replace(**start).with_free((*parameters.free, *added.names))
+    free = (p.name for p in added.params if not p.scan)
+    return parameters.replace(**start).with_free((*parameters.free, *free))
 
 
 def _tried(
     here: Traced, fit: FitResult, score: Score, refit: Refit, numerical: np.ndarray | None, how: str
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
-    start = with_effect(here.case.parameters, score.effect, score.estimate)
+    chosen = here.settings.get(score.effect)
+    if chosen is None and len(scans(effect(score.effect))) > 1:
+        chosen, block = best_scan(here.case, here.problem, effect(score.effect))
+        alone = replace(here.problem, dormant={score.effect: (here.problem.dormant[score.effect][0], block)})
+        score = replace(ranked(alone).scores[0], family=score.family)
+    start = with_effect(here.case.parameters, score.effect, {**score.estimate, **(chosen or {})})
     try:
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
-    names = effect(score.effect).names
+    names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how)
     proof = compared(_held_out(here), _held_out(there), here.rows, len(here.split.held_out))
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}

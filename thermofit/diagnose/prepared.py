@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,20 +10,28 @@ import numpy as np
 
 from thermofit.core.artefact import open_record
 from thermofit.core.errors import UntrustworthyError
+from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
-from thermofit.core.study_stages import StageSettings
+from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.diagnose.case import Case, slots_of
 from thermofit.diagnose.refit import JointFit, require_converged
-from thermofit.diagnose.structure import named_phases
+from thermofit.diagnose.structure import Span, named_phases
 from thermofit.diagnose.verification import identified_stages
+from thermofit.effects.catalogue import Effect
 from thermofit.fit.result import FitResult
-from thermofit.identify.inputs import INTERPOLATE, Measured, measured, start_parameters, with_identified
+from thermofit.identify.coupon_inputs import CouponData, coupon_data
+from thermofit.identify.coupon_model import coupon_model, offsets
+from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, joint_free, joint_model, joint_settings, station_names
+from thermofit.identify.model import StageModel
 from thermofit.measure.stations import INFRARED
 
-SECTIONS = ("model", "material_axes", "mesh", "parameters", "evaluation", "force", "numerics", "stages", "diagnosis")
+SECTIONS = (
+    *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
+)
 FINER = 1.5
 """Refinement of the mesh by which the error of the discretisation is measured."""
 
@@ -60,23 +69,84 @@ def diagnosis_mesh(study: Study) -> MeshSize:
     return own if own.n_x * own.n_y * own.n_z <= coarse.n_x * coarse.n_y * coarse.n_z else coarse
 
 
+@dataclass(frozen=True)
+class _Joint:
+    """A joint problem before its fit: settings, start, model, the same model with finer numerics, and what its driver knows."""
+
+    settings: StageSettings
+    base: Parameters
+    model: StageModel
+    finer: Callable[[], tuple[StageModel, float]]
+    known: tuple[Effect, ...]
+    spans: tuple[Span, ...]
+    size: MeshSize
+
+
 def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     """Joint fit of everything that the stages identified, from where they ended. UntrustworthyError where it does not converge."""
+    joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
+    refit = JointFit(study, joint.settings, joint.model, task)
+    parameters, fit = refit(joint.base, "joint")
+    require_converged(fit)
+    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None)
+    finer, share = joint.finer()
+    error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
+    return Prepared(case, fit, refit, error, joint.size)
+
+
+def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
+    """Fields on a body. The error of the mesh is of second order: a mesh finer by r differs by 1 - 1/r^2 of it."""
     data = measured(study)
     base, _ = with_identified(study, start_parameters(study, data), stages)
-    free = tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
+    free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
-    model = joint_model(study, data, settings, size)
-    refit = JointFit(study, settings, model, task)
-    parameters, fit = refit(base.with_free(free), "joint")
-    require_converged(fit)
-    known = slots_of("body", INFRARED if data.temperature is not None else ())
-    case = Case(model, parameters, known, named_phases(data.phases), station_names())
-    return Prepared(case, fit, refit, _numerical_error(study, data, settings, size, case), size)
-
-
-def _numerical_error(study: Study, data: Measured, settings: StageSettings, size: MeshSize, case: Case) -> np.ndarray:
-    """Error (n,) of the mesh in the residual: of second order, so that a mesh finer by r differs by 1 - 1/r^2 of it."""
     finer = MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
-    there = joint_model(study, data, settings, finer).residual(case.parameters)
-    return np.asarray((case.model.residual(case.parameters) - there) / (1.0 - FINER**-2))
+    return _Joint(
+        settings,
+        base.with_free(free),
+        joint_model(study, data, settings, size),
+        lambda: (joint_model(study, data, settings, finer), 1.0 - FINER**-2),
+        slots_of("body", INFRARED if data.temperature is not None else ()),
+        named_phases(data.phases),
+        size,
+    )
+
+
+def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
+    """Records of coupons. The error of the steps is of first order: half the steps differ by half of it."""
+    data = coupon_data(study)
+    base, _ = with_identified(study, start_parameters(study, data), stages)
+    settings = coupon_joint_settings(study, data)
+    fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
+    hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
+    return _Joint(
+        settings,
+        base.with_free(settings.free),
+        coupon_model(study, data, settings, base),
+        lambda: (coupon_model(fine, data, settings, base), 0.5),
+        slots_of("point", SENSOR if hot else ()),
+        coupon_spans(data),
+        MeshSize(n_x=1, n_y=1, n_z=1),
+    )
+
+
+def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
+    """All that the stages of a coupon study identify, on all that they compare."""
+    hot = any(test.theta is not None for test in data.tests)
+    own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
+    free = study.diagnosis.free or tuple(dict.fromkeys(name for s in own for name in s.free))
+    wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
+    channels = {c: ChannelSettings() for c in wanted}
+    return StageSettings.model_construct(
+        **{**own[1].__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
+    )
+
+
+def coupon_spans(data: CouponData) -> tuple[Span, ...]:
+    """Phases of all records on their common time axis."""
+    out = []
+    for test, offset in zip(data.tests, offsets(data.tests), strict=True):
+        spans = named_phases(test.phases)
+        prefix = f"{test.name} " if len(data.tests) > 1 else ""
+        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset) for s in spans]
+    return tuple(out)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.diagnose.case import Case, Linearised, linearised, rows_of
+from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, rows_of, scans
 from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import Columns, Ranking, Score, ranked
+from thermofit.effects.catalogue import Effect
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
@@ -33,6 +34,9 @@ class Traced:
     split: Split
     ranking: Ranking
     proofs: Mapping[str, Proof]
+    problem: Columns
+    settings: Mapping[str, dict[str, float]]
+    """Values of exponents that were scanned, by effect."""
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first."""
@@ -82,7 +86,32 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto") -
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(rows, np.ones(len(rows.time), dtype=bool))
     columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)
+    settings: dict[str, dict[str, float]] = {}
+    if case.cheap:
+        columns = _scanned(case, columns, settings)
     ranking = ranked(columns)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
-    proofs = {effect: proof(found.residual, found.fitted, found.dormant[effect][1], rows, split) for effect in strongest}
-    return Traced(case, found, rows, split, ranking, proofs)
+    proofs = {effect: proof(found.residual, found.fitted, columns.dormant[effect][1], rows, split) for effect in strongest}
+    return Traced(case, found, rows, split, ranking, proofs, columns, settings)
+
+
+def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]) -> Columns:
+    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them."""
+    dormant = dict(columns.dormant)
+    for effect in case.dormant():
+        if len(scans(effect)) > 1:
+            settings[effect.name], block = best_scan(case, columns, effect)
+            dormant[effect.name] = (dormant[effect.name][0], block)
+    return replace(columns, dormant=dormant)
+
+
+def best_scan(case: Case, columns: Columns, effect: Effect) -> tuple[dict[str, float], np.ndarray]:
+    """The values of an effect's exponents at which the predicted drop is largest, and its columns there."""
+    best, kept = -1.0, (scans(effect)[0], columns.dormant[effect.name][1])
+    for k, values in enumerate(scans(effect)):
+        block = columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
+        here = ranked(replace(columns, dormant={effect.name: (columns.dormant[effect.name][0], block)}))
+        score = here.scores[0] if here.scores else None
+        if score is not None and not score.vetoed and score.predicted_drop > best:
+            best, kept = score.predicted_drop, (values, block)
+    return kept

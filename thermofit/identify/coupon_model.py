@@ -16,9 +16,11 @@ from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_stages import StageSettings
+from thermofit.effects.catalogue import effects
 from thermofit.fit.memory import memories
 from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
+from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
 from thermofit.identify.model import StageModel, field_of
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
@@ -36,6 +38,8 @@ class CouponRun:
     data: CouponData
     settings: PointSettings
     common: frozenset[str]
+    per_interval: int = 1
+    """Steps between two samples of a record."""
 
     def parameters_of(self, parameters: Parameters, test: CouponTest) -> Parameters:
         """Parameters of a record: its own air, and free of stress at its own start, unless the study says otherwise."""
@@ -46,20 +50,29 @@ class CouponRun:
         """What drives a record."""
         start = test.theta_start
         if self.data.control == "strain":
-            return Programme.by_strain(test.time, test.strain, start)
-        return Programme.under_stress(test.time, test.stress, start)
+            return Programme.by_strain(*self._refined(test.time, test.strain), start)
+        return Programme.under_stress(*self._refined(test.time, test.stress), start)
+
+    def _refined(self, time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self.per_interval == 1:
+            return time, value
+        index = np.arange((len(time) - 1) * self.per_interval + 1) / self.per_interval
+        return np.interp(index, np.arange(len(time)), time), np.interp(index, np.arange(len(time)), value)
 
     def history(self, parameters: Parameters, test: CouponTest) -> PointHistory:
         """The history of a record. NumericsError names the record that fails."""
         try:
-            return simulate(self.parameters_of(parameters, test), self.programme(test), self.settings)
+            found = simulate(self.parameters_of(parameters, test), self.programme(test), self.settings)
+            return found if self.per_interval == 1 else found.every(self.per_interval)
         except NumericsError as error:
             raise NumericsError(f"{test.name}: {error}") from error
 
     def rates(self, parameters: Parameters, names: tuple[str, ...], test: CouponTest) -> tuple[PointHistory, PointRates]:
         """The history of a record and its derivatives by the named parameters; errors as `history`."""
         try:
-            return simulate_rates(self.parameters_of(parameters, test), names, self.programme(test), self.settings)
+            found, rates = simulate_rates(self.parameters_of(parameters, test), names, self.programme(test), self.settings)
+            n = self.per_interval
+            return (found, rates) if n == 1 else (found.every(n), replace(rates, rates=rates.rates[::n]))
         except NumericsError as error:
             raise NumericsError(f"{test.name}: {error}") from error
 
@@ -71,7 +84,8 @@ def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
 
 def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plastic: bool = True) -> CouponRun:
     """CouponRun of a study; `free` parameters are common to all records."""
-    return CouponRun(data, point_settings(study, plastic=plastic), frozenset({*study.parameters, *free}))
+    common = frozenset({*study.parameters, *free})
+    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval)
 
 
 def offsets(tests: Sequence[CouponTest]) -> np.ndarray:
@@ -159,17 +173,37 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
     seen = observations(data, list(dict.fromkeys(map(field_of, settings.channels))), [windows[n] for n in kept], base["E"])
     run = coupon_run(study, data, settings.free, plastic=set(settings.free) != {"E"})
 
-    def error_of(histories: Sequence[PointHistory]) -> Errors:
-        return {name: np.concatenate([getattr(h, HISTORY[name]) for h in histories])[:, None, None] - o.value for name, o in seen.items()}
+    of_sensor = effects(SENSOR)
+    stations = {name for effect in of_sensor for name in effect.names}
+
+    def channel(name: str, history: PointHistory, test: CouponTest, parameters: Parameters) -> np.ndarray:
+        value = np.asarray(getattr(history, HISTORY[name]))
+        return shown(value, test, parameters) if name == "theta" else value
+
+    def error_of(histories: Sequence[PointHistory], parameters: Parameters) -> Errors:
+        pairs = list(zip(histories, data.tests, strict=True))
+        return {n: np.concatenate([channel(n, h, t, parameters) for h, t in pairs])[:, None, None] - o.value for n, o in seen.items()}
 
     def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
-        found = [run.rates(parameters, names, test) for test in data.tests]
-        slopes = {name: np.concatenate([rates[HISTORY[name]] for _, rates in found])[:, None, None, :] for name in seen}
-        return error_of([history for history, _ in found]), slopes
+        body = tuple(name for name in names if name not in stations)
+        found = [run.rates(parameters, body, test) for test in data.tests]
+        slopes = {}
+        for field in seen:
+            parts = []
+            for (history, rates), test in zip(found, data.tests, strict=True):
+                if field == "theta":
+                    asked = (names, of_sensor)
+                    parts.append(shown_rates(np.asarray(getattr(history, HISTORY[field])), rates[HISTORY[field]], test, parameters, asked))
+                else:
+                    full = np.zeros((len(test.time), len(names)))
+                    full[:, [names.index(n) for n in body]] = rates[HISTORY[field]]
+                    parts.append(full)
+            slopes[field] = np.concatenate(parts)[:, None, None, :]
+        return error_of([history for history, _ in found], parameters), slopes
 
     comparisons = tuple(comparison(c, seen[field_of(c)], _weight(settings, c)) for c in settings.channels)
     return StageModel(
-        lambda parameters: error_of([run.history(parameters, test) for test in data.tests]),
+        lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
         comparisons,
         seen,
         remark,

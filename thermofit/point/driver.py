@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -95,6 +95,11 @@ class PointHistory:
     thermoelastic: np.ndarray
     states: np.ndarray
     counts: dict[str, int]
+
+    def every(self, n: int) -> PointHistory:
+        """The history at every n-th of its times."""
+        arrays = {f.name: getattr(self, f.name)[::n] for f in fields(self) if f.name != "counts"}
+        return PointHistory(counts=self.counts, **arrays)
 
 
 @dataclass(frozen=True)

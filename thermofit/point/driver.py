@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.material.bounds import check_beta
 from thermofit.material.law import law_of
 from thermofit.material.law_rates import N_NUMBERS, NUMBERS, number_rates
-from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, Limits, run
+from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
 
 CHANNELS: tuple[str, ...] = (
@@ -129,7 +129,7 @@ def simulate_rates(
 
 def _numbers(
     parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings
-) -> tuple[np.ndarray, np.ndarray, tuple[int, int, int]]:
+) -> tuple[np.ndarray, np.ndarray, Flags]:
     """Numbers (N_ALL,) of a run, their derivatives (N_ALL, n_p) by the named parameters, and the flags of the law."""
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     numbers, along = np.zeros(N_ALL), np.zeros((N_ALL, len(names)))
@@ -141,7 +141,7 @@ def _numbers(
         along[place] = [float(other == name) for other in names]
     if programme.theta_start is not None:
         numbers[START] = programme.theta_start
-    return numbers, along, (law.model, law.closed_form, law.plastic)
+    return numbers, along, Flags(law.model, law.closed_form, law.plastic, law.effective)
 
 
 def _run(parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings) -> tuple[PointHistory, np.ndarray]:

@@ -12,6 +12,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from thermofit.core.jit import kernel
+from thermofit.material.composition import EFFECT_NUMBERS
 from thermofit.material.law import Law
 from thermofit.material.law_rates import N_NUMBERS, STEP, Complex
 from thermofit.point.step import (
@@ -38,6 +39,8 @@ from thermofit.point.step import (
 
 _as_tuple: Any = to_fixed_tuple
 _new_law: Any = Law
+N_OF_EFFECTS = len(EFFECT_NUMBERS)
+N_BASE = N_NUMBERS - N_OF_EFFECTS
 N_ALL = N_NUMBERS + 4
 """Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
 TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
@@ -46,6 +49,8 @@ TOLERANCE = 2e-14
 ACCEPTED = 1e-12
 """Residual that round-off may leave."""
 MAX_ITERATIONS = 30
+MAX_RETREATS = 6
+"""How often an iteration may come back from a negative plastic increment, where effects are on."""
 YIELD_TOLERANCE = 1e-9
 """Relative excess over the yield stress that still counts as elastic, as in `material.point`."""
 CONVERGED, FAILED = 0, -1
@@ -58,9 +63,19 @@ class Limits(NamedTuple):
     max_cuts: int
 
 
+class Flags(NamedTuple):
+    """What the law is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `material.law.BaseLaw`)."""
+
+    model: int
+    closed_form: int
+    plastic: int
+    effective: int
+
+
 class Work(NamedTuple):
     """Scratch of a run: Jacobian (4, 4), residual (4,), states (`s` and `out` of a step, `before` the one before it, `kept` that of the
-    interval), complex ones, and derivatives of states (N_STATE, n_p)."""
+    interval), complex ones, and derivatives of states (N_STATE, n_p). `numbers` (n_p + 1, N_ALL): those of the run moved along each
+    parameter by i h, last as they are; `asked` (n_p + 1,): whether one of an effect moves."""
 
     jacobian: np.ndarray
     right: np.ndarray
@@ -74,24 +89,35 @@ class Work(NamedTuple):
     rates_kept: np.ndarray
     rhs: np.ndarray
     before: np.ndarray
+    numbers: np.ndarray
+    asked: np.ndarray
 
 
 @kernel(forceinline=True)
-def work_for(n_p: int) -> Work:
-    """Work for n_p parameters."""
+def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
+    """Work for numbers (N_ALL,) of a run and their derivatives (N_ALL, n_p) along parameters."""
+    n_p = along.shape[1]
+    moved, asked = np.empty((n_p + 1, N_ALL), dtype=np.complex128), np.zeros(n_p + 1, dtype=np.bool_)
+    for p in range(n_p + 1):
+        for i in range(N_ALL):
+            moved[p, i] = complex(numbers[i], STEP * along[i, p] if p < n_p else 0.0)
+        if p < n_p:
+            asked[p] = np.any(along[N_BASE:N_NUMBERS, p] != 0.0)
     z = np.zeros((2, N_STATE), dtype=np.complex128)
     s, r = np.zeros((4, N_STATE)), np.zeros((3, N_STATE, n_p))
     return Work(
         np.zeros((N_UNKNOWNS, N_UNKNOWNS)), np.zeros(N_UNKNOWNS), s[0], z[0], z[1], s[1], s[2], r[0], r[1], r[2],
-        np.zeros((N_UNKNOWNS, n_p)), s[3],
+        np.zeros((N_UNKNOWNS, n_p)), s[3], moved, asked,
     )  # fmt: skip
 
 
 @kernel(forceinline=True)
-def law_and_surroundings(numbers: np.ndarray, flags: tuple[int, int, int]) -> tuple[Law, Surroundings]:
-    """Law and Surroundings of complex numbers (N_ALL,); flags = (model, closed_form, plastic)."""
-    first = _as_tuple(numbers, N_NUMBERS)
-    return _new_law(*first, flags[0], flags[1], flags[2]), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float, asked: bool) -> tuple[Law, Surroundings]:
+    """Law in a step of dt s and Surroundings of complex numbers (N_ALL,); `asked`: effects are looked at although none is on."""
+    base, of_effects = _as_tuple(numbers, N_BASE), _as_tuple(numbers[N_BASE:], N_OF_EFFECTS)
+    effective = 1 if asked else flags.effective
+    rest = (flags.model, flags.closed_form, flags.plastic, effective, 1.0 / dt)
+    return _new_law(*base, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
@@ -150,7 +176,7 @@ def newton(
     x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work
 ) -> tuple[int, tuple[float, float, float, float], int]:
     """Solve a step from the guess x: status, solution, iterations; w holds the Jacobian there. law, exchange and state z are complex."""
-    before = np.inf
+    before, retreats = np.inf, 0
     for iteration in range(MAX_ITERATIONS):
         worst = linearised(x, z, step, law, exchange, w)
         if worst < TOLERANCE or (worst < ACCEPTED and worst >= 0.25 * before):
@@ -160,7 +186,14 @@ def newton(
         before = worst
         right = w.right.reshape(N_UNKNOWNS, 1)
         eliminate(w.jacobian, right)
-        x = (x[0] - w.right[0], x[1] - w.right[1], x[2] - w.right[2], x[3] - w.right[3])
+        gamma = x[2] - w.right[2]
+        if law.effective == 1 and step.flows and gamma < 0.0:
+            # The rate of flow enters laws that are defined for flow only; the excess is convex there, so that Newton may overshoot.
+            retreats += 1
+            if retreats > MAX_RETREATS:
+                return FAILED, x, iteration
+            gamma = 0.25 * x[2]
+        x = (x[0] - w.right[0], x[1] - w.right[1], gamma, x[3] - w.right[3])
     return FAILED, x, MAX_ITERATIONS
 
 
@@ -207,30 +240,18 @@ def _complex_state(s: np.ndarray, rates: np.ndarray, p: int, z: np.ndarray) -> N
         z[i] = complex(s[i], STEP * rates[i, p] if p >= 0 else 0.0)
 
 
-@kernel(forceinline=True)
-def _moved_numbers(numbers: np.ndarray, along: np.ndarray, p: int, out: np.ndarray) -> None:
-    """Numbers moved along parameter p by i h."""
-    for i in range(len(numbers)):
-        out[i] = complex(numbers[i], STEP * along[i, p])
-
-
 @kernel
-def differentiate(
-    x: tuple[float, float, float, float], step: Input, numbers: np.ndarray, along: np.ndarray, flags: tuple[int, int, int], w: Work
-) -> None:
+def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flags, w: Work) -> None:
     """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian."""
-    n_p = along.shape[1]
-    moved = np.empty(N_ALL, dtype=np.complex128)
+    n_p = w.rates.shape[1]
     for p in range(n_p):
-        _moved_numbers(numbers, along, p, moved)
-        law, around = law_and_surroundings(moved, flags)
+        law, around = law_and_surroundings(w.numbers[p], flags, step.dt, w.asked[p])
         _complex_state(w.s, w.rates, p, w.z)
         r0, r1, r2, r3 = residual(_moved(x, -1), w.z, step, law, exchange_of(step.dt, around))
         w.rhs[0, p], w.rhs[1, p], w.rhs[2, p], w.rhs[3, p] = -r0.imag, -r1.imag, -r2.imag, -r3.imag
     eliminate(w.jacobian, w.rhs)
     for p in range(n_p):
-        _moved_numbers(numbers, along, p, moved)
-        law, around = law_and_surroundings(moved, flags)
+        law, around = law_and_surroundings(w.numbers[p], flags, step.dt, w.asked[p])
         _complex_state(w.s, w.rates, p, w.z)
         end: Complex = (complex(x[0], w.rhs[0, p]), complex(x[1], w.rhs[1, p]), complex(x[2], w.rhs[2, p]), complex(x[3], w.rhs[3, p]))
         new_state(end, w.z, step, law, exchange_of(step.dt, around), w.z_out)
@@ -239,12 +260,9 @@ def differentiate(
 
 
 @kernel
-def advance(
-    step: Input, guess: tuple[float, float, float, float], numbers: np.ndarray, along: np.ndarray, flags: tuple[int, int, int], w: Work
-) -> tuple[int, bool, int]:
-    """One step from w.s to w.out, and its derivatives where `along` (N_ALL, n_p) has columns: status, whether it flows, iterations."""
-    still = numbers.astype(np.complex128)
-    law, around = law_and_surroundings(still, flags)
+def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags, w: Work) -> tuple[int, bool, int]:
+    """One step from w.s to w.out, and its derivatives by the parameters that w follows: status, whether it flows, iterations."""
+    law, around = law_and_surroundings(w.numbers[-1], flags, step.dt, False)
     exchange = exchange_of(step.dt, around)
     _complex_state(w.s, w.rates, -1, w.z)
     status, x, flows, n = solve_step(w.z, step, law, exchange, guess, w)
@@ -254,8 +272,8 @@ def advance(
     new_state(_moved(x, -1), w.z, taken, law, exchange, w.z_out)
     for i in range(N_STATE):
         w.out[i] = w.z_out[i].real
-    if along.shape[1] > 0:
-        differentiate(x, taken, numbers, along, flags, w)
+    if w.rates.shape[1] > 0:
+        differentiate(x, taken, flags, w)
     return CONVERGED, flows, n
 
 
@@ -266,14 +284,7 @@ def _guess(s: np.ndarray, before: np.ndarray) -> tuple[float, float, float, floa
 
 
 @kernel
-def cross(
-    interval: tuple[float, float, int, bool],
-    numbers: np.ndarray,
-    along: np.ndarray,
-    flags: tuple[int, int, int],
-    limits: Limits,
-    w: Work,
-) -> tuple[int, bool, int, int, int]:
+def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits, w: Work) -> tuple[int, bool, int, int, int]:
     """One interval (length s, target, control, did the step before flow) in equal steps, twice as many where one fails or strains too much.
 
     w.s and w.rates are the state and its derivatives before and, on success, after. Returns status, whether the last step flows, steps,
@@ -292,7 +303,7 @@ def cross(
         for n in range(parts):
             to = begin + (target - begin) * ((n + 1) / parts) if n + 1 < parts else target
             step = Input(length / parts, to, control, flows)
-            status, flows, used = advance(step, _guess(w.s, w.before), numbers, along, flags, w)
+            status, flows, used = advance(step, _guess(w.s, w.before), flags, w)
             iterations += used
             if status != CONVERGED or abs(w.out[STRAIN] - w.s[STRAIN]) > 1.001 * limits.max_strain:
                 done = False
@@ -315,7 +326,7 @@ def run(
     by_stress: np.ndarray,
     numbers: np.ndarray,
     along: np.ndarray,
-    flags: tuple[int, int, int],
+    flags: Flags,
     limits: Limits,
     states: np.ndarray,
     rates: np.ndarray,
@@ -325,13 +336,13 @@ def run(
 
     counts (3,): steps, halvings, Newton iterations. Returns the index of the time that was not reached, -1 where all were.
     """
-    w = work_for(along.shape[1])
+    w = work_for(numbers, along)
     w.s[THETA] = w.s[SENSOR] = numbers[START]
     w.s[REST] = 1.0
     for p in range(along.shape[1]):
         w.rates[THETA, p] = w.rates[SENSOR, p] = along[START, p]
     rest = (numbers[START] * 0.0, 0.0, 0.0, numbers[START])
-    status, _, used = advance(Input(1.0, 0.0, AT_REST, False), rest, numbers, along, flags, w)
+    status, _, used = advance(Input(1.0, 0.0, AT_REST, False), rest, flags, w)
     if status != CONVERGED:
         return 0
     w.s[:] = w.out
@@ -341,7 +352,7 @@ def run(
         if n > 0 or target[0] != 0.0:
             length = time[n] - time[n - 1] if n > 0 else time[1] - time[0]
             interval = (length, target[n], int(by_stress[n]), flows)
-            status, flows, steps, cuts, used = cross(interval, numbers, along, flags, limits, w)
+            status, flows, steps, cuts, used = cross(interval, flags, limits, w)
             counts[0] += steps
             counts[1] += cuts
             counts[2] += used

@@ -23,8 +23,15 @@ from typing import NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.material.law import Law, dissipated_energy, hardening_variable, hill_gradient, pressure_factor, thermoelastic_heat
-from thermofit.material.law import yield_stress as law_yield_stress
+from thermofit.material.law import (
+    Law,
+    hardening_variable,
+    hill_gradient,
+    pressure_factor,
+    released_energy,
+    thermoelastic_heat,
+    yield_stress_at_rate,
+)
 
 STATE: tuple[str, ...] = (
     "plastic_x",
@@ -104,12 +111,6 @@ class End(NamedTuple):
 
 
 @kernel(forceinline=True)
-def yield_stress(alpha: float, accumulated: float, rate: float, theta: float, law: Law) -> float:
-    """Yield stress in MPa at the end of a step; the only call of the law's yield stress: `rate` is dLambda/dt in 1/s, theta in K."""
-    return law_yield_stress(alpha, accumulated, law)[0]
-
-
-@kernel(forceinline=True)
 def decay_share(z: float) -> float:
     """phi(z) = (1 - exp(-z)) / z, the mean of exp(-z s) over 0 < s < 1; by its series for small z."""
     if abs(z.real) < _SMALL:
@@ -141,9 +142,10 @@ def end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Input
         r = gamma / norm if norm.real > 0.0 else zero
         d_x, d_y, d_z = r * g_x, r * g_y, r * g_z
         alpha = hardening_variable(s[ALPHA], gamma, law)[0]
-        sigma_y = yield_stress(alpha, s[LAMBDA] + gamma, gamma / step.dt, theta, law)
+        accumulated = s[LAMBDA] + gamma
+        sigma_y = yield_stress_at_rate(alpha, accumulated, gamma * law.per_second, theta, law)
         excess = norm - sigma_y / law.mu
-        dissipated = zero + dissipated_energy(s[ALPHA], alpha, gamma, law)
+        dissipated = zero + released_energy(s[ALPHA], alpha, gamma, accumulated, theta, law)
     log_j, log_j_n = 2.0 * a + b, 2.0 * s[ACROSS] + s[ALONG]
     j, j_n = np.exp(log_j), np.exp(log_j_n)
     k = pressure_factor(log_j, j, theta, law)[0]

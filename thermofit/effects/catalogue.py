@@ -22,10 +22,13 @@ from thermofit.core.parameters import Param, declare
 MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 KINEMATICS = ("kinematics",)
+"""Motion of the specimen that its model does not have; it acts on the displacements before any instrument."""
+LOAD = ("load",)
+"""Between the machine's record of force and crosshead and what acts on the end of the specimen."""
 MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 """Stations of the measuring chain in their physical order; `camera` is that of the displacements."""
-SLOTS = (*MATERIAL, *HEAT, *KINEMATICS, *MEASUREMENT)
-_NO_EFFECTS = ("catalogue", "scene")
+SLOTS = (*MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
+_NO_EFFECTS = ("base", "catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 
 

@@ -26,13 +26,16 @@ def specimen_body(data: Measured, size: MeshSize, control: str = "force") -> Bod
 
 
 def loading_of(study: Study, steps: LoadSteps) -> Loading:
-    """What drives the model: the smoothed force, or the crosshead less compliance times force. DataError without a crosshead record."""
+    """What drives the model: the smoothed force, or the crosshead less compliance times force, with the force for effects of the machine.
+
+    DataError without a crosshead record.
+    """
     if study.force.drives == "force":
         return Loading(steps.time, steps.force)
     if steps.crosshead is None:
         raise DataError("force.drives is 'crosshead', but force.csv holds no column crosshead_mm; let the force drive or add the column")
     moved = steps.crosshead - steps.crosshead[0] - study.force.compliance * (steps.force - steps.force[0])
-    return Loading(steps.time, moved, "displacement", from_rest=True)
+    return Loading(steps.time, moved, "displacement", from_rest=True, force=steps.force)
 
 
 def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> Run:

@@ -57,7 +57,7 @@ def study(extra: str = "") -> Study:
 @lru_cache(maxsize=1)
 def truth_run() -> History:
     empty = Measured(SPECIMEN, 297.4, 296.7, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
-    return Run(specimen_body(empty, SIZE), Loading(TIME, FORCE), march_settings(study(), "full"))(Parameters.of(TRUTH))
+    return Run(specimen_body(study(), empty, SIZE), Loading(TIME, FORCE), march_settings(study(), "full"))(Parameters.of(TRUTH))
 
 
 @lru_cache(maxsize=1)
@@ -67,7 +67,7 @@ def data() -> Measured:
     steps = LoadSteps(TIME, FORCE, history.u_top)
     shape = (len(TIME), len(XY))
     blank = FieldObservation("u", TIME, XY, np.zeros((*shape, 2)), np.full((*shape, 2), 0.002), np.ones(shape, dtype=bool), "mm")
-    body = specimen_body(Measured(SPECIMEN, 297.4, 296.7, blank, None, blank, {}, 2.0, ()), SIZE)
+    body = specimen_body(study(), Measured(SPECIMEN, 297.4, 296.7, blank, None, blank, {}, 2.0, ()), SIZE)
     look = sampler(body, blank, steps)
     theta = look.temperature(history.theta)
     u = replace(blank, value=look.displacement(history) + 0.002 * rng.normal(size=(*shape, 2)))

@@ -17,7 +17,7 @@ from thermofit.core.errors import DataError
 PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package thermofit."""
 
-KERNEL_ROOMS = ("effects", "material", "fem")
+KERNEL_ROOMS = ("effects", "material", "fem", "point")
 """Rooms whose every source may be compiled into a kernel."""
 
 _OUTSIDE_KERNELS = tuple(

@@ -1,23 +1,20 @@
-"""Effects that the base law already holds: Params which a study may hold fixed, and which then are as dormant as any effect.
+"""Effects that the base law already holds: Params that a study may hold fixed at neutral, and that then are as dormant as any effect.
 
-They have no file of their own, because the kernels know them; here they are listed so that a diagnosis can ask for them like for others.
-Their influence is that of the Param at the value that it is held at: the neutral one, where the mechanism is off, or any other.
+They have no file of their own, because the kernels know their formulas; listed here, they take part in the catalogue as slot `base`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass, replace
 
-from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Param, Parameters, param
+from thermofit.core.parameters import Param, param
 
 
 @dataclass(frozen=True)
 class BaseEffect:
-    """One mechanism of the base law: Params, amplitude first and each with a probe, and where a study finds it in the model.
+    """One mechanism of the base law: its Params with a probe each, the amplitude first.
 
-    `reciprocal`: the data are linear in one over the Param, the contact resistance, which is zero at the neutral value.
+    `reciprocal`: the data are linear in one over the amplitude, a resistance, which is nothing at the neutral value.
     """
 
     name: str
@@ -25,24 +22,6 @@ class BaseEffect:
     formula: str
     source: str
     reciprocal: bool = False
-
-    @property
-    def amplitude(self) -> Param:
-        """The first Param."""
-        return self.params[0]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the Params."""
-        return tuple(p.name for p in self.params)
-
-    def dormant(self, free: Container[str]) -> tuple[str, ...]:
-        """Those of its Params that are held fixed where `free` are free."""
-        return tuple(name for name in self.names if name not in free)
-
-    def is_off(self, parameters: Parameters) -> bool:
-        """Whether the mechanism is absent: its amplitude at the neutral value."""
-        return parameters[self.amplitude.name] == self.amplitude.neutral
 
 
 def _probed(**probes: float) -> tuple[Param, ...]:
@@ -60,17 +39,3 @@ BASE: tuple[BaseEffect, ...] = (
     ),
 )
 """All of them, by subject."""
-_BY_NAME = {e.name: e for e in BASE}
-
-
-def base_effect(name: str) -> BaseEffect:
-    """The effect of the base law of that name; StudyError where there is none."""
-    if name not in _BY_NAME:
-        raise StudyError(f"effect '{name}' is not one of the base law; those are {', '.join(_BY_NAME)}")
-    return _BY_NAME[name]
-
-
-def held(free: Container[str]) -> tuple[BaseEffect, ...]:
-    """Effects of the base law of which a study holds at least one Param fixed, each with only the Params that it holds."""
-    kept = ((e, e.dormant(free)) for e in BASE)
-    return tuple(replace(e, params=tuple(p for p in e.params if p.name in names)) for e, names in kept if names)

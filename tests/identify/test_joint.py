@@ -14,7 +14,9 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.study import Study, load_study
 from thermofit.core.study_section import MeshSize
+from thermofit.diagnose.case import Case, linearised
 from thermofit.diagnose.score import Columns, ranked
+from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effects
 from thermofit.fem.march import History, Loading
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
@@ -194,3 +196,14 @@ def test_where_the_crosshead_drives_the_force_is_compared_as_corrected(values: d
     offset = jacobian[rows, names.index("force_offset.offset")]
     if not values:
         assert np.allclose(offset, -1.0 / 4.0), "N of offset by the noise of the load cell"
+
+
+def test_an_effect_of_the_base_law_that_is_held_at_neutral_is_found() -> None:
+    """Data with thermoelastic cooling, a model without: thermal_expansion comes first among the base law, the machine and the motion."""
+    base = Parameters.of({**TRUTH, "alpha_exp": 0.0}).with_free(("E", "M_y0", "c0"))
+    case = Case(model(study()), base, effects((*BASE, *LOAD, *KINEMATICS)), (), station_names())
+    found = linearised(case)
+    ranking = ranked(Columns(found.residual, found.fitted, found.dormant))
+    assert ranking.scores[0].effect == "thermal_expansion"
+    assert ranking.scores[0].estimate["alpha_exp"] == pytest.approx(2e-5, rel=0.1)
+    assert set(ranking.unfelt) == {"machine_compliance", "jaw_slip"}

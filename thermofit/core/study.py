@@ -16,6 +16,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.study_coupon_stages import coupon_stage
+from thermofit.core.study_effects import declare_effects
 from thermofit.core.study_errors import near_miss, sentence
 from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, start_of
 from thermofit.core.study_paths import path_from
@@ -111,6 +112,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     tree = _read_tree(source)
     for override in overrides:
         _override(tree, override)
+    declare_effects(tree, source)
     try:
         # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
         file = StudyFile.model_validate(json.loads(json.dumps(tree)))

@@ -280,6 +280,8 @@ class StudyFile(Sections):
 
     experiment: str | None = None
     """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw, or only `coupon` records."""
+    effects: tuple[str, ...] = ()
+    """Effect files of your own, relative to the study file; their Params are called <file>.<param>."""
     run_dir: str | None = None
     """Where artefacts and figures go, relative to the current directory; absent: runs/<name>."""
 

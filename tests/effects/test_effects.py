@@ -11,22 +11,21 @@ from hypothesis import strategies as st
 
 import thermofit.effects
 from thermofit.core.parameters import param
+from thermofit.effects.catalogue import _NO_EFFECTS as NOT_EFFECTS
+from thermofit.effects.catalogue import SLOTS
 from thermofit.effects.film_exchange import outward_flux
 from thermofit.effects.linear_hardening import yield_stress
 
-MODULES = sorted(module.name for module in pkgutil.iter_modules(thermofit.effects.__path__))
-SLOTS = {
-    *("free_energy", "yield_stress", "backstress", "flow", "dissipation", "heat_source", "surface_flux", "boundary_temperature"),
-    *("kinematics", "emission", "reflection", "optics", "sensor"),
-}
+MODULES = sorted(module.name for module in pkgutil.iter_modules(thermofit.effects.__path__) if module.name not in NOT_EFFECTS)
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_effect_names_its_slot_and_its_parameters(name: str) -> None:
     module = importlib.import_module(f"thermofit.effects.{name}")
     assert module.SLOT in SLOTS
-    for parameter in module.PARAMS:
-        assert param(parameter).unit
+    assert module.FORMULA and module.SOURCE
+    for declared in module.PARAMS:
+        assert param(declared if isinstance(declared, str) else declared.name).unit
 
 
 @given(st.floats(0.0, 2.0), st.floats(0.0, 1e4))

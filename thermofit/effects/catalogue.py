@@ -27,6 +27,9 @@ MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 SLOTS = (*MATERIAL, *HEAT, *KINEMATICS, *MEASUREMENT)
 _NO_EFFECTS = ("catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
+ON_FACETS = ("surface_flux", "boundary_temperature")
+"""Slots of effects that act on facet sets, which the module constant ON names."""
+FACET_KINDS = ("air", "clamp")
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class Effect:
     act: Callable[..., Any]
     stored: bool = False
     """True for hardening whose work is stored in the material, not dissipated (slot yield_stress)."""
+    on: tuple[str, ...] = ()
+    """Kinds of facet sets, "air" or "clamp", that it acts on (slots surface_flux, boundary_temperature)."""
 
     @property
     def amplitude(self) -> Param:
@@ -89,7 +94,10 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     act = getattr(module, slot, None)
     if act is None:
         raise StudyError(f"{where}: no function '{slot}' found; expected one that acts in the slot {slot}")
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, bool(getattr(module, "STORED", False)))
+    on = getattr(module, "ON", ())
+    if slot in ON_FACETS and (not isinstance(on, tuple) or not on or not set(on) <= set(FACET_KINDS)):
+        raise StudyError(f"{where}: ON is {on!r}; expected a tuple of {', '.join(FACET_KINDS)}: the facet sets that the effect acts on")
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, bool(getattr(module, "STORED", False)), on)
 
 
 def load_effect(path: Path) -> Effect:

@@ -24,7 +24,7 @@ from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions, HeatStep
-from thermofit.fem.conduction_rates import ConditionRates, heat_answer, heat_step_rates, steady_rates
+from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates
 from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.heat import PointHistory
 from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
@@ -402,5 +402,7 @@ class Differentiator:
         heat = np.zeros((self.body.mesh.n_nodes, self.m))
         rates = (PointRates(start.dilatation, start.points), end)
         heat_source_rates(self.body.data, (ends.before, ends.after), rates, (ends.middle, middle_rates), self._sources, heat)
-        motion = ((ends.u[0], start.u), (ends.u[1], u))
-        return np.ascontiguousarray(heat_step_rates(self.body, ends.step, start.theta, heat, self.conditions, motion))
+        motion, conditions = ((ends.u[0], start.u), (ends.u[1], u)), self.conditions.about(middle_rates)
+        flow = (ends.before.accumulated, ends.after.accumulated)
+        add_effect_sources(self.body, ends.step, conditions, flow, (start.points[:, :, LAMBDA], end.state[:, :, LAMBDA]), heat)
+        return np.ascontiguousarray(heat_step_rates(self.body, ends.step, start.theta, heat, conditions, motion))

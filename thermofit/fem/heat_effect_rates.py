@@ -30,8 +30,8 @@ from thermofit.fem.heat_effects import (
     nodal_heat,
     point_power,
     slope_of,
+    stage_media,
 )
-from thermofit.fem.heat_effects import stage_media as _stage_media
 from thermofit.fem.lanes import multiply_directions
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.shape_rates import add_conduction_rates, add_film_rates
@@ -89,7 +89,7 @@ class Along:
 
 @dataclass(frozen=True)
 class LoadRates:
-    """Rates along m directions: of the factors (n_np, m); per facet set q_p and the rate of the slope (n_np, m); of the media (2, n_np, m)."""
+    """Rates along m directions: of the factors (n_np, m); per facet set q_p and s' (n_np, m); of the media (2, n_np, m)."""
 
     factors: Mapping[str, np.ndarray] = field(default_factory=dict)
     flux: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
@@ -112,7 +112,7 @@ def load_rates(body: Body, along: Along, when: Timing, middle_rates: np.ndarray 
         if changes:
             media[name] = np.zeros((2, body.mesh.n_nodes, along.m))
             for column, effect, _ in changes:
-                change = _stage_media(effect, name, about_middle(body)[1], when[0], when[1:])
+                change = stage_media(effect, name, about_middle(body)[1], when[0], when[1:])
                 media[name][:, :, column] = change.imag / STEP
     return LoadRates(factors, flux, media)
 
@@ -230,7 +230,7 @@ def initial_rates(body: Body, along: Along) -> np.ndarray:
 
 def converged(change: np.ndarray, value: np.ndarray) -> bool:
     """True where an iterate of rates (n_np, m) stands still in every column."""
-    return bool(np.all(np.abs(change).max(axis=0) <= 1e-12 * np.abs(value).max(axis=0)))
+    return bool(np.all(np.abs(change).max(axis=0) <= 1e-10 * np.abs(value).max(axis=0)))
 
 
 def needed(middle_rates: np.ndarray | None) -> np.ndarray:

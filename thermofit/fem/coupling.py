@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from thermofit.core.errors import NumericsError
@@ -63,7 +65,7 @@ class HeatOfStep:
         if moved or self._step is None or (loads is not None and loads.linearised):
             self._step = heat_step(body, self._mean, conditions, start.theta, heat, (dt, self._scheme))
         else:
-            self._step = same_step(body, self._step, heat)
+            self._step = same_step(body, replace(self._step, conditions=conditions), heat)
         return self._step.theta
 
     @property

@@ -45,6 +45,8 @@ _ELASTIC_SHARE = 5.0
 """So much more where no point flows: u' and J' alone take part in it, and the answer at the end of a sweep mends both."""
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
+_FAR_ABOVE = 1e3
+"""Multiple of its scale above which a film is an ideal contact but for little."""
 _ASYMMETRY = 4e-4
 """What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
 _ROUND_OFF = 1e-11
@@ -165,6 +167,12 @@ def add_answer(equation: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
                     u[n, i, m] += x[k, m]
 
 
+def usual_change(parameters: Parameters, name: str) -> float:
+    """Usual change of a parameter: its scale; of a film coefficient far above it, that of its reciprocal is 1 / scale."""
+    scale, value = param(name).scale, parameters[name]
+    return value * value / scale if name in ("alpha_air", "alpha_clamp") and value > _FAR_ABOVE * scale else scale
+
+
 class Differentiator:
     """Differentiates the steps of one march; holds the buffers of two states."""
 
@@ -197,7 +205,7 @@ class Differentiator:
         self._exact_forces = False
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
-        self._parameter_scale[: len(asked.names)] = [param(name).scale for name in asked.names]
+        self._parameter_scale[: len(asked.names)] = [usual_change(parameters, name) for name in asked.names]
         self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
     def collect(self, n: int, rates: Rates) -> None:

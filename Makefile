@@ -17,7 +17,7 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow lint format schema bench exp1 exp2 exp3 clean
+.PHONY: help install demo test test-slow lint format schema bench exp1 exp2 exp3 real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
@@ -25,6 +25,7 @@ help:
 	@echo "make lint              style, types, import contract"
 	@echo "make format            format the sources   make schema      rewrite docs/study.schema.json"
 	@echo "make bench             timings              make exp1 | exp2 | exp3 [MESH=coarse]   experiments of the thesis"
+	@echo "make real              coupon records measured by others, from THERMOFIT_DATA: parameters with intervals"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
 
 install: $(STAMP)
@@ -66,6 +67,13 @@ bench: install
 exp1 exp2 exp3: install
 	@status=0; $(BIN)/thermofit run configs/$@.yaml --all --set mesh=$(MESH) || status=$$?; \
 	case $$status in 0|5) $(BIN)/python scripts/thesis_table.py $@ || exit $$?;; esac; exit $$status
+
+# Exit 5 says that a record holds more than the model: the next study still runs.
+real: install
+	@if [ ! -d "$${THERMOFIT_DATA:-}/real" ]; then \
+	  echo "make real: left out, because THERMOFIT_DATA does not name a folder that holds real/: export THERMOFIT_DATA=FOLDER"; \
+	else for study in configs/real-*.yaml; do \
+	  $(BIN)/thermofit run $$study; status=$$?; case $$status in 0|5) ;; *) exit $$status;; esac; done; fi
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks

@@ -29,6 +29,7 @@ import bench_growth
 import bench_kernel
 import bench_machine
 import bench_peers
+import bench_point
 import bench_runs
 import bench_start
 from bench_document import Measured, document, load, save, show
@@ -42,6 +43,7 @@ SECTIONS: dict[str, Callable[[Options, Limits], Part]] = {
     "kernel": bench_kernel.measure,
     "runs": bench_runs.measure,
     "growth": bench_growth.measure,
+    "point": bench_point.measure,
     "peers": bench_peers.measure,
     "start": bench_start.measure,
     "chain": bench_chain.measure,

@@ -244,3 +244,10 @@ def test_mesh_of_the_command_line(scripts: Any) -> None:
     assert bench.mesh_of("full") == bench.mesh_of("12x80x4") == (12, 80, 4)
     with pytest.raises(argparse.ArgumentTypeError, match="12x80x4"):
         bench.mesh_of("12x80")
+
+
+def test_point_section_agrees_with_the_body(scripts: Any) -> None:
+    """The deviation that the benchmark prints is that of the same bar: below the promised 1e-6, and no exact zero."""
+    found = scripts("bench_point").deviations()
+    assert set(found) == {"stress", "lateral strain, width", "lateral strain, thickness", "temperature"}
+    assert all(0.0 < value < 1e-6 for value in found.values()), found

@@ -21,7 +21,7 @@ from thermofit.core.errors import DataError, NumericsError, StudyError, Untrustw
 from thermofit.core.staging import Outcome, artefact_path
 from thermofit.core.study import Study
 
-COMMANDS = ("new", "run", *ORDER, "show")
+COMMANDS = ("new", "run", "inspect", *ORDER, "show")
 STUDY = """
 name: tiny
 mesh: coarse
@@ -107,7 +107,7 @@ def test_overview_reads_like_a_manual() -> None:
     result = call("--help")
     assert result.exit_code == 0
     text = result.output
-    assert all(name in text for name in COMMANDS)
+    assert all(name in text for name in (*COMMANDS, "data"))
     positions = [text.index(f" {name} ") for name in ORDER]
     assert positions == sorted(positions), "the chain is listed in its order"
     for part in ("An example session", "Where results go", "Exit codes", "not to be trusted"):
@@ -121,7 +121,7 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     assert result.exit_code == 0
     assert "Example" in result.output and f"thermofit {command} " in result.output
     assert "--json" in result.output
-    if command not in ("new", "show"):
+    if command not in ("new", "show", "inspect"):
         assert all(option in result.output for option in ("--set", "--run-dir", "--force"))
 
 

@@ -55,20 +55,20 @@ def test_every_effect_of_the_law_acts_and_is_differentiated_in_a_coupled_run() -
 
 @pytest.mark.parametrize("name", AMPLITUDES)
 def test_a_dormant_effect_is_exactly_off_and_its_influence_is_known(name: str) -> None:
-    """The influence is asked for at a thousandth of the probe: at neutral itself a point that rests on the yield surface during a hold
+    """The influence is asked for at a tiny amplitude: at neutral itself a point that rests on the yield surface during a hold
     does not flow, with the least overstress it does."""
     others = {p: PROBES[p] for p in EFFECT_PARAMS if p not in AMPLITUDES}
     (off, _), (plain, _) = run(**others), run()
     assert np.array_equal(off.u, plain.u) and np.array_equal(off.theta, plain.theta)
     h = 0.01 * PROBES[name]
-    _, rates = run((name,), **others, **{name: 0.1 * h})
-    one, two = run(**{name: h})[0], run(**{name: 2.0 * h})[0]
+    _, rates = run((name,), **others, **{name: h})
+    more, less = run(**others, **{name: 1.2 * h})[0], run(**others, **{name: 0.8 * h})[0]
     for field in ("u", "theta"):
-        expected = (4.0 * getattr(one, field) - 3.0 * getattr(plain, field) - getattr(two, field)) / (2.0 * h)
+        expected = (getattr(more, field) - getattr(less, field)) / (0.4 * h)
         size = np.abs(expected).max()
         assert size > 0.0
-        noise = 4e-8 * np.abs(getattr(plain, field)).max() / h
-        assert np.abs(rates[field][..., 0] - expected).max() < 1e-2 * size + noise, field
+        noise = 4e-8 * np.abs(getattr(plain, field)).max() / (0.4 * h)
+        assert np.abs(rates[field][..., 0] - expected).max() < 3e-3 * size + noise, field
 
 
 def test_one_way_heat_run_with_effects_and_their_derivatives() -> None:

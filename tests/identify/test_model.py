@@ -38,9 +38,10 @@ def study(folder: Path, extra: str = "") -> Study:
 def data(tmp_path_factory: pytest.TempPathFactory) -> Measured:
     """A test without noise, observed at its own steps."""
     set_threads(1)
-    settings = march_settings(study(tmp_path_factory.mktemp("truth")), "full")
+    case = study(tmp_path_factory.mktemp("truth"))
+    settings = march_settings(case, "full")
     empty = Measured(SPECIMEN, 297.4, 296.7, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
-    body = specimen_body(empty, SIZE)
+    body = specimen_body(case, empty, SIZE)
     history = Run(body, Loading(TIME, FORCE), settings)(Parameters.of(TRUTH))
     steps = LoadSteps(TIME, FORCE, history.u_top)
     xy = np.array([[0.0, -15.0], [8.0, -15.0], [-8.0, 3.0], [0.0, 15.0], [9.0, 12.0]])

@@ -14,14 +14,14 @@ FACE = MESH.node_sets["face"]
 
 def test_operator_is_the_nodal_value_at_nodes() -> None:
     xy = MESH.nodes[FACE, :2]
-    operator = face_operator(MESH.nodes, FACE, xy)
+    operator = face_operator(MESH, xy)
     theta = np.random.default_rng(0).normal(size=(2, MESH.n_nodes))
     assert np.allclose(operator.temperature(theta)[:, :, 0], theta[:, FACE], atol=1e-13)
 
 
 def test_operator_reproduces_a_linear_field_and_mirrors_u_x() -> None:
     xy = np.array([[3.3, 7.7], [-3.3, 7.7], [0.0, -12.0], [-11.9, 1.0]])
-    operator = face_operator(MESH.nodes, FACE, xy)
+    operator = face_operator(MESH, xy)
     u = np.zeros((1, MESH.n_nodes, 3))
     u[0, :, 0] = -0.01 * MESH.nodes[:, 0]
     u[0, :, 1] = 0.03 * MESH.nodes[:, 1] + 0.2

@@ -53,7 +53,7 @@ def coupled_run(parameters: Parameters = TRUTH) -> History:
 def seen(history: History) -> tuple[np.ndarray, np.ndarray]:
     """Displacements mm (n_t, n_s, 2) and temperatures K (n_t, n_s, 1) of a run at the observed points, without noise."""
     mesh = dogbone_mesh(SPECIMEN, *MESH)
-    operator = face_operator(mesh.nodes, mesh.node_sets["face"], XY)
+    operator = face_operator(mesh, XY)
     return operator.displacement(history.u), operator.temperature(history.theta)
 
 

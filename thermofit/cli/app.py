@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit import __version__
-from thermofit.cli.catalogue import ABOUT, LOOK, MANUAL, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
+from thermofit.cli import measured
+from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, on_study
 from thermofit.core.errors import StudyError
@@ -62,6 +63,9 @@ def new(
         write_template(file, experiment, overwrite=force)
         line = f"study written: {file}; set starts and bounds, then `thermofit run {file}`"
         typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
+
+
+measured.register(app)
 
 
 def stage_function(name: str) -> Callable[..., Outcome]:
@@ -142,7 +146,7 @@ def _lazy(name: str) -> Callable[..., Outcome]:
     return call
 
 
-for _entry in STAGES:
+for _entry in (*STAGES, *ASIDE):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
 
 

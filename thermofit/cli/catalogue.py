@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-START, CHAIN, TRUST, LOOK = "Start", "The chain, in order", "Can the result be trusted?", "Look"
+START, DATA, CHAIN, TRUST, LOOK = "Start", "Measured data", "The chain, in order", "Can the result be trusted?", "Look"
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,37 @@ STAGES: tuple[Entry, ...] = (
     ),
 )
 
+LOOP = "Close the loop"
+
+ASIDE: tuple[Entry, ...] = (
+    Entry(
+        "diagnose",
+        LOOP,
+        "What does the residual still hold, and which effect would explain it?",
+        "Fits everything that the stages identified at once, on all channels, and asks how the model would respond to every effect that "
+        "it holds at neutral, physical or of the instruments. Ranked, with the held-out error that each would save; effects that this "
+        "test cannot tell apart are named together.",
+        "diagnose study.yaml --json",
+    ),
+    Entry(
+        "close-loop",
+        LOOP,
+        "Find, trace, add, prove: the effects that the model lacks.",
+        "Adds the effect that lowers the error on held-out data most, refits everything, and goes on until nothing is accepted. "
+        "Reports the error before and after, beside the noise, and writes RUN_DIR/with-effects.yaml.",
+        "close-loop study.yaml --set diagnosis.max_effects=2",
+    ),
+    Entry(
+        "mesh",
+        LOOK,
+        "The mesh of a study: checked, counted, drawn.",
+        "Makes the mesh of the section 'geometry' (a built-in shape or a file), checks its Jacobians and free faces, lists its "
+        "sets, and draws RUN_DIR/mesh.png with every set in its colour: look at it before a long run.",
+        "mesh study.yaml --set mesh=coarse",
+    ),
+)
+"""Commands on a study that are no link of the chain."""
+
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
 
@@ -144,6 +175,19 @@ MANUAL = "\n".join(
         "  5   done, but the answer is not to be trusted: the verdict says why",
         "Errors are one sentence on stderr. With --json the result, or the error, is JSON on stdout.",
     )
+)
+
+DATA_HELP = (
+    "Public sets of measured data: list them, fetch them.\n\n"
+    "Each file is known by GitHub project, commit, path and SHA-256, with its licence and how to cite it. A local mirror, the folder "
+    "'real' of the folder that THERMOFIT_DATA names, is taken first; what is not there is downloaded."
+)
+
+INSPECT_HELP = (
+    "What is this file or folder?\n\n"
+    "Format, encoding, separator and decimal sign; columns with meaning and unit, and where the unit comes from; points, stages, frames; "
+    "missing values, gaps and repeated times; noise of each channel; suspicions about signs and clocks; and the lines to put into a study "
+    "or an experiment.yaml. Found by content, not by name. A folder is listed by format and sequence."
 )
 
 RUN_HELP = (

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from thermofit.cli import printing_loop
 from thermofit.cli.numbers import bounds, number, percent, seconds, with_error
 
 _WIDTH = 140
@@ -30,14 +31,15 @@ def as_json(result: Result) -> None:
     typer.echo(json.dumps(result, allow_nan=False, indent=2))
 
 
-def _console() -> Console:
+def make_console() -> Console:
+    """A console as wide as the terminal, or of a fixed width."""
     console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console.width = _WIDTH
     return console
 
 
-def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: int = 1) -> Table:
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: int = 1) -> Table:
     """A table; the first `text_columns` columns are left-justified, the others hold numbers."""
     made = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for index, column in enumerate(columns):
@@ -49,22 +51,24 @@ def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], te
 
 def stage_result(result: Result, fresh: bool, wall: float) -> None:
     """Tables of one stage, its warnings, the path of its artefact, and last its verdict."""
-    console = _console()
+    console = make_console()
     console.print(f"{result['stage']}  {'fresh: nothing has changed' if fresh else 'done in ' + seconds(wall)}", style="bold")
     _parameters(console, result["parameters"], only_free=True)
     _channels(console, result["channels"])
     _lists(console, result)
+    if "ranking" in result:
+        printing_loop.show(console, result)
     _evaluations(console, result["evaluations"])
-    _remarks(console, result.get("remarks") or ())
+    print_remarks(console, result.get("remarks") or ())
     for figure in _figures(result):
         console.print(f"figure    {figure}", soft_wrap=True)
     console.print(f"artefact  {result['artefact']}", soft_wrap=True)
-    _verdict(console, result)
+    print_verdict(console, result)
 
 
 def step(result: Result) -> None:
     """One line of the chain, with the warnings of the stage below."""
-    console = _console()
+    console = make_console()
     if "skipped" in result:
         console.print(_wrapped(console, f"{result['stage']:<17} {'left out':>11}  ", result["skipped"]), style="dim")
         return
@@ -77,18 +81,18 @@ def step(result: Result) -> None:
 
 def chain_result(result: Result) -> None:
     """The final table of the chain, the figures, and the verdict."""
-    console = _console()
+    console = make_console()
     console.print()
     rows = result["table"]
     if rows:
         known = any(row["true"] is not None for row in rows)
         columns = ["parameter", "unit", *(["true"] if known else []), "start", "identified", "+-", *(["deviation"] if known else []), ""]
-        console.print(_table("", columns, (_final_row(row, known) for row in rows), 2))
+        console.print(table("", columns, (_final_row(row, known) for row in rows), 2))
     _channels(console, result["channels"])
     for figure in result["figures"]:
         console.print(f"figure    {figure}", soft_wrap=True)
     console.print(f"results   {result['run_dir']}", soft_wrap=True)
-    _verdict(console, result)
+    print_verdict(console, result)
 
 
 def _final_row(row: Result, known: bool) -> list[str]:
@@ -100,23 +104,23 @@ def _final_row(row: Result, known: bool) -> list[str]:
 
 def artefact(description: Result) -> None:
     """Everything about an artefact but the values of its fields."""
-    console = _console()
+    console = make_console()
     attributes = description["attributes"]
     console.print(f"{description['stage']}  made {attributes['created']} by thermofit {attributes['thermofit_version']}", style="bold")
     _parameters(console, description["parameters"], only_free=False)
     _channels(console, description["channels"])
     _lists(console, description)
     _evaluations(console, description["evaluations"])
-    _pairs(console, "summary", _plain(description))
-    _remarks(console, description.get("remarks") or ())
+    print_pairs(console, "summary", _plain(description))
+    print_remarks(console, description.get("remarks") or ())
     data = description["datasets"]
     if data:
         rows = ([n, d["unit"], ", ".join(d["dims"]), " x ".join(map(str, d["shape"])) or "scalar", d["dtype"]] for n, d in data.items())
-        console.print(_table("datasets", ("name", "unit", "axes", "shape", "type"), rows, 5))
-    _pairs(console, "provenance", _provenance(attributes, description["inputs"]))
-    _pairs(console, "config (what is not shown is null)", {k: v for k, v in _flat(description["config"]).items() if v != _NONE})
+        console.print(table("datasets", ("name", "unit", "axes", "shape", "type"), rows, 5))
+    print_pairs(console, "provenance", _provenance(attributes, description["inputs"]))
+    print_pairs(console, "config (what is not shown is null)", {k: v for k, v in _flat(description["config"]).items() if v != _NONE})
     console.print(f"artefact  {description['artefact']}", soft_wrap=True)
-    _verdict(console, description)
+    print_verdict(console, description)
 
 
 def _parameters(console: Console, parameters: Mapping[str, Result], only_free: bool) -> None:
@@ -128,7 +132,7 @@ def _parameters(console: Console, parameters: Mapping[str, Result], only_free: b
         value, sigma = with_error(p["value"], p["sigma"])
         flag = "at bound" if p["at_bound"] else "" if p["free"] else "fixed"
         rows.append([name, p["unit"], value, sigma, number(p["start"], 6), bounds(p["lower"], p["upper"]), flag])
-    console.print(_table("", ("parameter", "unit", "value", "+-", "start", "bounds", ""), rows, 2))
+    console.print(table("", ("parameter", "unit", "value", "+-", "start", "bounds", ""), rows, 2))
 
 
 def _channels(console: Console, channels: Mapping[str, Result]) -> None:
@@ -136,7 +140,7 @@ def _channels(console: Console, channels: Mapping[str, Result]) -> None:
         return
     keys = ("n", "rms", "floor_rms", "chi2_reduced")
     rows = ([name, str(c.get("unit", "")), *(number(c.get(key), 4) for key in keys)] for name, c in channels.items())
-    console.print(_table("", ("channel", "unit", "n", "rms error", "noise", "chi2/n"), rows, 2))
+    console.print(table("", ("channel", "unit", "n", "rms error", "noise", "chi2/n"), rows, 2))
 
 
 def _lists(console: Console, result: Result) -> None:
@@ -147,7 +151,7 @@ def _lists(console: Console, result: Result) -> None:
         columns = list(dict.fromkeys(name for row in value for name in row))
         first = [c for c in columns if any(isinstance(row.get(c), str) for row in value)]
         columns = [*first, *(c for c in columns if c not in first)]
-        console.print(_table(key, columns, ([number(row.get(c)) for c in columns] for row in value), len(first)))
+        console.print(table(key, columns, ([number(row.get(c)) for c in columns] for row in value), len(first)))
 
 
 def _is_rows(value: Any) -> bool:
@@ -163,7 +167,8 @@ def _evaluations(console: Console, counts: Result) -> None:
     console.print(f"evaluations: {text or 'none'}" + (f"; {seconds(counts['wall_s'])}" if counts.get("wall_s") is not None else ""))
 
 
-def _remarks(console: Console, remarks: Iterable[str]) -> None:
+def print_remarks(console: Console, remarks: Iterable[str]) -> None:
+    """One line for each remark."""
     for remark in remarks:
         console.print(_wrapped(console, "! ", str(remark)), style="yellow")
 
@@ -174,8 +179,9 @@ def _figures(result: Result) -> list[str]:
     return [str(path) for path in ([result["picture"]] if result.get("picture") else []) + paths]
 
 
-def _verdict(console: Console, result: Result) -> None:
-    style = "bold green" if result["trustworthy"] else "bold red"
+def print_verdict(console: Console, result: Result) -> None:
+    """The last line: green, or red where the result is not to be trusted."""
+    style = "bold green" if result.get("trustworthy", True) else "bold red"
     console.print(f"verdict   {result['verdict']}", style=style, soft_wrap=True)
 
 
@@ -186,9 +192,10 @@ def _wrapped(console: Console, lead: str, text: str) -> str:
     )
 
 
-def _pairs(console: Console, title: str, pairs: Mapping[str, str]) -> None:
+def print_pairs(console: Console, title: str, pairs: Mapping[str, str]) -> None:
+    """A table of two columns, nothing where there are no pairs."""
     if pairs:
-        console.print(_table(title, ("key", "value"), pairs.items(), 2))
+        console.print(table(title, ("key", "value"), pairs.items(), 2))
 
 
 def _plain(description: Result) -> dict[str, str]:

@@ -4,7 +4,7 @@ Layout, schema version 1. Root attributes: `schema`, `schema_version`, `stage`, 
 `packages` (JSON), `identity` (unlike for each writing), `seed` (absent where nothing was drawn), `config` (JSON),
 `inputs` (JSON: name -> sha256), `input_paths` (JSON), `summary` (JSON). Every dataset has the text attributes `unit` ("1" where it has
 none) and `dims` (names of its axes, separated by blanks). `parameters/NAME` is a scalar dataset with the attributes of
-ParameterResult. This is the only module that knows HDF5.
+ParameterResult. Only this module writes HDF5; files of other programmes are read by `foreign_hdf5`.
 """
 
 from __future__ import annotations

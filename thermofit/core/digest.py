@@ -7,6 +7,7 @@ changes the digest even where the concatenated text stays the same.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -17,7 +18,7 @@ from thermofit.core.errors import DataError
 PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package thermofit."""
 
-KERNEL_ROOMS = ("effects", "material", "fem")
+KERNEL_ROOMS = ("effects", "material", "fem", "point")
 """Rooms whose every source may be compiled into a kernel."""
 
 _OUTSIDE_KERNELS = tuple(
@@ -25,6 +26,8 @@ _OUTSIDE_KERNELS = tuple(
 )
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 
+EFFECTS_VARIABLE = "THERMOFIT_EFFECTS"
+"""Environment variable that names effect files of the user; set from the key `effects` of a study."""
 _BLOCK = 1 << 20
 _THREADS = 4
 
@@ -53,20 +56,34 @@ def path_digest(path: Path) -> str:
 
 
 def source_digest(rooms: Sequence[str] = ()) -> str:
-    """sha256 over the .py sources of the named rooms (folders of thermofit); of the whole package where none is named.
+    """sha256 over the .py sources of the named rooms (folders of thermofit), of all where none is named, and the user's effects.
 
     Computed once per process: the code that runs is the code that was loaded, whatever is edited meanwhile.
     """
-    return _source_digest(PACKAGE, tuple(sorted(rooms)))
+    return _with_effects(_source_digest(PACKAGE, tuple(sorted(rooms))))
 
 
 def kernel_digest(package: Path = PACKAGE) -> str:
     """sha256 over all sources that a compiled kernel may contain.
 
     These are the kernel rooms, what core lends to them (constants are frozen into compiled code), and every other module that
-    imports `thermofit.core.jit`. In doubt a source is in: a needless compilation is slow, a stale kernel is wrong.
+    imports `thermofit.core.jit`, and the effect files of the user. In doubt a source is in: a needless compilation is slow, a stale
+    kernel is wrong.
     """
-    return _combined(package, (path for path in _sources(package) if _may_be_compiled(package, path)))
+    return _with_effects(_combined(package, (path for path in _sources(package) if _may_be_compiled(package, path))))
+
+
+def _with_effects(own: str) -> str:
+    """A digest that knows the effect files of the user as well; the same where there are none."""
+    foreign = effect_files()
+    if not foreign:
+        return own
+    return hashlib.sha256("".join([own, *(path_digest(path) for path in foreign)]).encode()).hexdigest()
+
+
+def effect_files() -> tuple[Path, ...]:
+    """Effect files of the user, as the environment names them (`EFFECTS_VARIABLE`)."""
+    return tuple(Path(name) for name in os.environ.get(EFFECTS_VARIABLE, "").split(os.pathsep) if name)
 
 
 @lru_cache(maxsize=16)

@@ -97,7 +97,8 @@ class CouponRecord:
     """One uniaxial test of a coupon, nominal quantities, tension positive, rows in increasing time.
 
     `time` s (n,), `strain` (n,) elongation over gauge length, `stress` MPa (n,) force over initial area, `temperature` K (n,) of a sensor
-    on the specimen, None where there is none. `noise`: standard deviation of "strain", "stress", "theta" as estimated or declared.
+    on the specimen, None where there is none; `theta_air` K of its surroundings, `theta_start` K before the test (None: theta_air).
+    `noise`: standard deviation of "strain", "stress", "theta" as estimated or declared.
     `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended.
     """
 
@@ -110,3 +111,4 @@ class CouponRecord:
     noise: dict[str, float] = field(default_factory=dict)
     phases: tuple[tuple[float, float, str], ...] = ()
     remarks: tuple[str, ...] = ()
+    theta_start: float | None = None

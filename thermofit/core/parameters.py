@@ -54,6 +54,8 @@ LAW: tuple[Param, ...] = (
     Param("theta_air", "K", 297.0, 200.0, 1000.0, 1.0, "air temperature (4.13)"),
     Param("theta_clamp", "K", 297.0, 200.0, 1000.0, 1.0, "jaw temperature (4.13)"),
     Param("theta_ref", "K", 297.0, 200.0, 1000.0, 1.0, "stress-free reference temperature theta_0 (4.3)"),
+    Param("tau", "s", 1e12, 1e-3, 1e12, 1e2, "time constant of the heat loss of a coupon"),
+    Param("lag", "s", 0.0, 0.0, 1e3, 1.0, "time constant of the temperature sensor on a coupon"),
 )
 
 NAMES: tuple[str, ...] = tuple(param.name for param in LAW)

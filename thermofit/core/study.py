@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import re
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
@@ -16,12 +15,13 @@ from pydantic import ValidationError
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.study_coupon_stages import coupon_stage
+from thermofit.core.study_effects import declare_effects
 from thermofit.core.study_errors import near_miss, sentence
 from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, start_of
+from thermofit.core.study_paths import path_from
 from thermofit.core.study_section import MeshSize, ParameterStart, mesh_size
 from thermofit.core.study_stages import StageSettings
-
-_VARIABLE = re.compile(r"\$\{([^}]*)\}")
 
 
 class Study(Sections):
@@ -30,7 +30,7 @@ class Study(Sections):
     source: Path
     """The study file, absolute."""
     experiment: Path
-    """Raw folder, absolute; <run_dir>/raw for a virtual experiment."""
+    """Raw folder, absolute; <run_dir>/raw for a virtual experiment and where there are only coupon records."""
     run_dir: Path
     """Folder of artefacts and figures, absolute."""
     virtual: bool
@@ -41,11 +41,20 @@ class Study(Sections):
         """Numbers of elements of the mesh."""
         return mesh_size(self.mesh)
 
+    @property
+    def mesh_file(self) -> Path | None:
+        """The mesh file of the section `geometry`, None where the shape is built in. StudyError for an unset variable."""
+        if self.geometry.file is None:
+            return None
+        return path_from(self.source.parent, self.geometry.file, f"{self.source}: key 'geometry.file'")
+
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
         if name not in type(self.stages).model_fields:
             raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
         settings: StageSettings = getattr(self.stages, name)
+        if self.coupon is not None:
+            settings = coupon_stage(self.source.name, name, settings, self.coupon.control)
         if missing := check_starts(settings, self.parameters):
             raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
         return settings
@@ -103,6 +112,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     tree = _read_tree(source)
     for override in overrides:
         _override(tree, override)
+    declare_effects(tree, source)
     try:
         # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
         file = StudyFile.model_validate(json.loads(json.dumps(tree)))
@@ -110,13 +120,15 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         raise StudyError(_say(source, error, overrides)) from None
     except (TypeError, ValueError, RecursionError) as error:
         raise StudyError(f"{source}: expected texts, numbers, lists and sections only, but found something else ({error})") from None
-    run_dir = Path(_expand(file.run_dir or f"runs/{file.name}", source, "run_dir")).expanduser().absolute()
+    run_dir = path_from(Path.cwd(), file.run_dir or f"runs/{file.name}", f"{source}: key 'run_dir'")
     if file.experiment is None:
         raw = run_dir / "raw"
     else:
-        raw = source.parent.absolute() / Path(_expand(file.experiment, source, "experiment")).expanduser()
+        raw = path_from(source.parent, file.experiment, f"{source}: key 'experiment'")
     sections = {name: getattr(file, name) for name in Sections.model_fields}
-    return Study(**sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=file.experiment is None)
+    return Study(
+        **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=file.experiment is None and file.simulate is not None
+    )
 
 
 def json_schema() -> dict[str, Any]:
@@ -144,18 +156,6 @@ def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
     cause = " with " + " ".join(guilty[-1].split()) if guilty else ""
     return f"{source}{cause}: {text}{more}"
-
-
-def _expand(text: str, source: Path, key: str) -> str:
-    """Replace ${VARIABLE} by the environment's value."""
-
-    def value(match: re.Match[str]) -> str:
-        name = match.group(1)
-        if not os.environ.get(name):
-            raise StudyError(f"{source}: key '{key}' is '{text}', but the environment variable {name} is not set: export {name}=FOLDER")
-        return os.environ[name]
-
-    return _VARIABLE.sub(value, text)
 
 
 class _Loader(yaml.SafeLoader):

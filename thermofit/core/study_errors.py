@@ -43,6 +43,10 @@ _ALTERNATIVES: Mapping[str, str] = {
     TAG + "size": "coarse, full or {n_x: .., n_y: .., n_z: ..}",
     TAG + "times": "a list of times in s, or the word of the commented study",
     TAG + "interval": "auto, all or [t0, t1] in s",
+    TAG + "column": "the name of a column or {column: ..., unit: ...}",
+    TAG + "strain": "the name of a column or {column: ...}, {true_strain: ...} or {extension: ..., gauge_length: ...}",
+    TAG + "stress": "the name of a column or {column: ..., unit: ...}, {true_stress: ...} or {force: ..., area: ...}",
+    TAG + "temperature": "the name of a column or {column: ..., unit: ..., file: ..., time: ..., offset_s: auto}",
 }
 """What was expected where a key may be a word or a number too, by union member."""
 

@@ -8,7 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
 
 from thermofit.core.parameters import param
+from thermofit.core.study_coupon import Coupon
+from thermofit.core.study_diagnosis import Diagnosis
 from thermofit.core.study_errors import content_error
+from thermofit.core.study_geometry import Geometry, StaticTest
 from thermofit.core.study_section import (
     Count,
     Mesh,
@@ -97,10 +100,13 @@ class Force(Section):
     """`phases`: smoothed to its noise level, phase by phase; `none`: as measured."""
     noise: Positive | None = None
     """Standard deviation of the load cell in N; null: estimated from the data."""
-    drives: Literal["force", "crosshead"] = "force"
-    """What loads the model: the measured force, or the crosshead less `compliance` times the force (then compare channel force)."""
+    drives: Literal["force", "crosshead", "dic"] = "force"
+    """What loads the model: the measured force; the crosshead less `compliance` times the force; or `dic`, the elongation that the
+    DIC points near the model's end sections show. Where it is not the force, compare channel force."""
     compliance: NonNegative = 0.0
     """Compliance of the machine in mm/N, where the crosshead drives."""
+    band: Positive = 2.0
+    """Where DIC drives: points within this many mm of the model's end sections give its elongation."""
 
 
 Pixel = tuple[Number, Number]
@@ -220,7 +226,9 @@ class Sections(Section):
     model: Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)] = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
     mesh: Mesh = "full"
+    geometry: Geometry = Geometry()
     specimen: SpecimenOverride = SpecimenOverride()
+    static: StaticTest | None = None
     material_axes: MaterialAxes = MaterialAxes()
     parameters: ParameterSettings = Field(default={})
     """Start (or fixed) values by name: a number, or {start: ..., bounds: [.., ..], scale: ...}."""
@@ -232,7 +240,10 @@ class Sections(Section):
     stages: Stages = Stages()
     gridsearch: GridSearch | None = None
     sensitivity: Sensitivity | None = None
+    diagnosis: Diagnosis = Diagnosis()
     simulate: Simulate | None = None
+    coupon: Coupon | None = None
+    """Uniaxial records instead of, or besides, a full-field experiment."""
 
     @model_validator(mode="after")
     def _physics(self) -> Sections:
@@ -241,10 +252,15 @@ class Sections(Section):
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
         _check_hardening(starts, "parameters.M_yinf")
+        if self.simulate is not None and self.static is not None:
+            raise content_error("describes a measured field, but 'simulate' a virtual experiment; leave one of them out", "static")
         if self.simulate is not None:
             _check_hardening(self.simulate.truth, "simulate.truth.M_yinf")
         for name in sorted(self.stages.model_fields_set):
-            if missing := check_starts(getattr(self.stages, name), starts):
+            stage = getattr(self.stages, name)
+            if self.coupon is not None and "free" not in stage.model_fields_set:
+                continue  # records of coupons have other defaults
+            if missing := check_starts(stage, starts):
                 raise content_error(f"is missing, but stage {name} identifies it: add its start", f"parameters.{missing}")
         for index, trial in enumerate(self.gridsearch.starts if self.gridsearch else ()):
             key = f"gridsearch.starts.{index}"
@@ -263,14 +279,18 @@ class StudyFile(Sections):
     """The study file as it is written. Paths may hold ${VARIABLES} of the environment."""
 
     experiment: str | None = None
-    """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw."""
+    """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw, or only `coupon` records."""
+    effects: tuple[str, ...] = ()
+    """Effect files of your own, relative to the study file; their Params are called <file>.<param>."""
     run_dir: str | None = None
     """Where artefacts and figures go, relative to the current directory; absent: runs/<name>."""
 
     @model_validator(mode="after")
     def _has_data(self) -> StudyFile:
-        if self.experiment is None and self.simulate is None:
-            raise content_error("is missing: name the raw folder, or describe a virtual experiment under 'simulate'", "experiment")
+        if self.experiment is None and self.simulate is None and self.coupon is None:
+            raise content_error(
+                "is missing: name the raw folder, or describe a virtual experiment under 'simulate' or records under 'coupon'", "experiment"
+            )
         return self
 
 

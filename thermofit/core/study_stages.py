@@ -20,7 +20,7 @@ from thermofit.core.study_section import (
     word_or,
 )
 
-Channel = Literal["u", "du", "theta", "dtheta", "force"]
+Channel = Literal["u", "du", "theta", "dtheta", "force", "stress", "strain"]
 StageName = Literal["elastic", "plastic", "thermal"]
 Method = Literal["least-squares", "trust-region", "gauss-newton", "nelder-mead", "bobyqa", "sbplx", "cobyla"]
 
@@ -50,8 +50,9 @@ class ChannelSettings(Section):
 class RelativeDisplacement(Section):
     """Measure du that rigid-body motion cannot reach (2.10) to (2.17)."""
 
-    scheme: Literal["rigid-body", "neighbour", "gradient"] = "rigid-body"
-    """`rigid-body`: best translation and rotation removed; `neighbour`: (2.11) to (2.14); `gradient`: (2.15) to (2.17)."""
+    scheme: Literal["rigid-body", "similarity", "neighbour", "gradient"] = "rigid-body"
+    """`rigid-body`: best translation and rotation removed; `similarity`: a uniform scale too (a specimen that moves towards one camera);
+    `neighbour`: (2.11) to (2.14); `gradient`: (2.15) to (2.17)."""
     components: Annotated[tuple[Literal["xx", "yy", "xy", "yx"], ...], Field(min_length=1), AfterValidator(no_repeats)] = ("xx", "yy")
     """Differences that `neighbour` and `gradient` use."""
     distance: Positive | None = None
@@ -92,6 +93,8 @@ class ElasticStage(StageSettings):
     free: Free = ("E", "nu")
     channels: Channels = Field(default={"du": ChannelSettings()})
     window: Window = "auto"
+    beside: Annotated[tuple[Literal["u", "rigid-body", "similarity", "neighbour", "gradient"], ...], AfterValidator(no_repeats)] = ()
+    """Other measures of the displacement whose answers are shown beside that of the stage (thesis Table 5.2)."""
 
 
 class PlasticStage(StageSettings):

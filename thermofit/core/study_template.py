@@ -21,6 +21,8 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 # run_dir: runs/my-study             # artefacts and figures, relative to the current directory
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
 # mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
+# geometry: {shape: dogbone}         # bar, plate-with-hole, cruciform-arm, or file with unit and sets; look at it: `thermofit mesh`
+# static: null                       # a full-field test of one load step instead of a history: field, load_axis, centre, force
 # specimen: {thickness: 1.2}         # lengths in mm that replace those of experiment.yaml
 # material_axes: {angle: 0}          # degrees from the load to the rolling direction (axis 2 of Hill's parameters), multiple of 90
 
@@ -48,7 +50,7 @@ parameters:
 #   displacement_times: stages                 # or a list of times in s
 #   temperature_times: frames                  # or a list of times in s
 #   reference_time: null                       # s; null: first observation before loading
-# force: {smoothing: phases, noise: null}      # phases or none; noise in N, null: estimated
+# force: {smoothing: phases, noise: null, drives: force}   # phases or none; N, null: estimated; or drives: crosshead, dic
 # ir: {rotation_deg: null, refine: true, edge_margin: 1.0}   # landmarks: as in experiment.yaml, to replace them
 # noise: {displacement: null, temperature: null}              # sigma in mm and K; null: estimated
 # numerics:
@@ -73,7 +75,8 @@ stages:
     coupling: full
     max_evaluations: 2000
     tolerance: 1.0e-5
-    du: {scheme: rigid-body}                   # or neighbour, gradient
+    du: {scheme: rigid-body}                   # or similarity (a uniform scale too), neighbour, gradient
+    # beside: []                               # other measures whose answers are shown beside: [u, similarity]
   plastic:
     free: [M_y0, M_yinf, H_exp, F]
     channels: {du: {}}
@@ -89,6 +92,30 @@ stages:
 #   stage: thermal
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
 # sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
+
+## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
+# coupon:
+#   control: strain                            # what is prescribed: strain or stress
+#   records:
+#     - file: records/machine.xlsx           # relative to this file; ${VARIABLES} as above
+#       # test: Values A                       # tag or sheet, where a file holds several
+#       time: "C_1_Temps[s]"                   # or {column: t, unit: min}; without a time: rate: 1.0e-4 (1/s)
+#       strain: {extension: "C_1_Angle[mm]", gauge_length: 8.0}       # or a column, or {true_strain: e_true}; unit: "%"
+#       stress: {force: "C_1_Force[kN]", diameter: 5.98}              # or area, or width and thickness, or {true_stress: ...}
+#       temperature:
+#         column: Temperature
+#         file: records/temperature.xlsx
+#         offset_s: auto                       # of its clock, from the force that both files repeat
+#       tension: negative                      # sign of the raw channels in tension
+#       initial_temperature_degC: 23.8
+#       # air_temperature_degC: 23.8
+#       # window: [0.0, 300.0]                 # s
+#       # exclude: [[10.0, 12.0]]
+#       # strain_max: 0.1
+#       # until: maximum-force                 # before necking
+#       # jumps: [566]                         # data rows at which the extensometer slipped
+#       points: 2000                           # thin, turning points kept
+#       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02}
 
 ## A virtual experiment instead of a measured one: take away `experiment` above.
 # simulate:

@@ -41,7 +41,7 @@ def stress_stretch(verified: Verification, data: Measured) -> dict[str, Dataset]
 
 def _steps_sampler(verified: Verification, xy: np.ndarray) -> Sampler:
     mesh = verified.body.mesh
-    return Sampler(face_operator(mesh.nodes, mesh.node_sets["face"], xy), np.arange(len(verified.steps.time)), 0)
+    return Sampler(face_operator(mesh, xy), np.arange(len(verified.steps.time)), 0)
 
 
 def _at_steps(observation: FieldObservation, verified: Verification) -> FieldObservation:

@@ -104,26 +104,29 @@ def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split) -
 
 
 def proof(residual: np.ndarray, fitted: np.ndarray, effect: np.ndarray, rows: Rows, split: Split) -> Proof:
-    """Held-out error with and without an effect; `fitted` (n, p), `effect` (n, k) columns."""
+    """Held-out error with and without an effect by linear algebra; `fitted` (n, p), `effect` (n, k) columns."""
     before = held_out_residual(residual, fitted, split)
     after = held_out_residual(residual, np.concatenate([fitted, effect], axis=1), split)
-    used = np.isfinite(before)
+    return compared(before, after, rows, len(split.held_out))
+
+
+def compared(before: np.ndarray, after: np.ndarray, rows: Rows, folds: int) -> Proof:
+    """Proof from held-out residuals (n,) without and with an effect, nan in rows that were never held out."""
+    used = np.isfinite(before) & np.isfinite(after)
     without, with_effect = before[used] ** 2, after[used] ** 2
-    groups = _groups(rows, used)
+    groups = groups_of(rows, used)
     count = int(groups.max()) + 1
     a = np.bincount(groups, without, count)
     b = np.bincount(groups, with_effect, count)
     gain = float(1.0 - b.sum() / a.sum())
     spread = (a - b) - gain * a
     sigma = float(np.sqrt(count / max(count - 1, 1) * (spread**2).sum()) / a.sum())
-    by_channel = {
-        int(c): (float(without[rows.channel[used] == c].mean()), float(with_effect[rows.channel[used] == c].mean()))
-        for c in np.unique(rows.channel[used])
-    }
-    return Proof(float(without.mean()), float(with_effect.mean()), by_channel, gain, sigma, len(split.held_out))
+    channel = rows.channel[used]
+    by_channel = {int(c): (float(without[channel == c].mean()), float(with_effect[channel == c].mean())) for c in np.unique(channel)}
+    return Proof(float(without.mean()), float(with_effect.mean()), by_channel, gain, sigma, folds)
 
 
-def _groups(rows: Rows, used: np.ndarray, n_t: int = 12, n_y: int = 3) -> np.ndarray:
+def groups_of(rows: Rows, used: np.ndarray, n_t: int = 12, n_y: int = 3) -> np.ndarray:
     """Blocks of rows that may be taken as independent: by time and by place along the load."""
     t, y = rows.time[used], rows.xy[used, 1]
     edges = np.unique(np.quantile(t, np.linspace(0.0, 1.0, n_t + 1)))

@@ -31,15 +31,17 @@ _UNFELT = 1e-6
 class Columns:
     """Linearised problem at the optimum: residual (n,), fitted (n, p), and per effect its names and columns (n, k), per unit of the Params.
 
-    `noise` applies the correlation matrix of the noise to columns (n, k), None for independent noise; `inflation` >= 1 is the factor on
-    the variance by which the residual remembers its neighbours more than the noise does.
+    `noise` applies the correlation matrix of the noise to columns (n, k), None for independent noise. `groups` (n,) numbers rows that may
+    be correlated with each other, whatever the reason: the variance is never taken smaller than these groups show it. `numerical` (n,):
+    error of the discretisation in the residual.
     """
 
     residual: np.ndarray
     fitted: np.ndarray
     dormant: Mapping[str, tuple[tuple[str, ...], np.ndarray]]
     noise: Callable[[np.ndarray], np.ndarray] | None = None
-    inflation: float = 1.0
+    groups: np.ndarray | None = None
+    numerical: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -47,13 +49,14 @@ class Score:
     """What the residual says of one effect.
 
     `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
-    r.r; `detectability` |s| / |S| in 0..1; `detectable` the smallest amplitude that would pass the threshold; `vetoed` says in words why
-    the estimate cannot be, empty where it can.
+    r.r, `numerical_drop` that of the discretisation error alone; `detectability` |s| / |S| in 0..1; `detectable` the smallest amplitude
+    that would pass the threshold; `vetoed` says in words why the estimate cannot be, empty where it can.
     """
 
     effect: str
     z: float
     predicted_drop: float
+    numerical_drop: float
     estimate: Mapping[str, float]
     sigma: Mapping[str, float]
     detectability: float
@@ -136,9 +139,8 @@ def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, thres
     gram = s.T @ s
     right = s.T @ left
     step = -np.linalg.solve(gram, right)
-    spread = s if columns.noise is None else columns.noise(s)
     inverse = np.linalg.inv(gram)
-    covariance = columns.inflation * inverse @ (0.5 * (s.T @ spread + spread.T @ s)) @ inverse
+    covariance = inverse @ _meat(columns, s, left + s @ step) @ inverse
     size = float(step @ np.linalg.solve(covariance, step))
     felt = _felt_names(names, block, s)
     sd = np.sqrt(np.diag(covariance))
@@ -148,6 +150,7 @@ def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, thres
         effect=effect,
         z=_normal_quantile(size, len(step)),
         predicted_drop=float(-right @ step),
+        numerical_drop=0.0 if columns.numerical is None else _drop(s, columns.numerical, inverse),
         estimate=estimate,
         sigma=dict(zip(felt, sd.tolist(), strict=True)),
         detectability=float(np.linalg.norm(s)) / whole,
@@ -155,6 +158,27 @@ def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, thres
         vetoed=_veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
         family=family,
     )
+
+
+def _drop(s: np.ndarray, error: np.ndarray, inverse: np.ndarray) -> float:
+    """Fall of the square sum that the effect would make of an error vector alone."""
+    right = s.T @ error
+    return float(right @ inverse @ right)
+
+
+def _meat(columns: Columns, s: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """s^T C s (k, k): by the correlation of the noise, or by what groups of rows show of it, whichever is larger in every direction."""
+    spread = s if columns.noise is None else columns.noise(s)
+    meat = 0.5 * (s.T @ spread + spread.T @ s)
+    if columns.groups is None:
+        return np.asarray(meat)
+    count = int(columns.groups.max()) + 1
+    sums = np.stack([np.bincount(columns.groups, s[:, k] * rest, count) for k in range(s.shape[1])], axis=1)
+    shown = sums.T @ sums * count / max(count - 1, 1)
+    root = np.linalg.cholesky(meat)
+    inner = np.linalg.solve(root, np.linalg.solve(root, shown).T)
+    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+    return np.asarray(root @ (vectors * np.maximum(values, 1.0)) @ vectors.T @ root.T)
 
 
 def _felt_names(names: tuple[str, ...], block: np.ndarray, s: np.ndarray) -> tuple[str, ...]:

@@ -22,17 +22,17 @@ def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[P
         "## Noise of the data",
         table(("quantity", "standard deviation", "estimated by"), _noise_rows(interpolate)),
         "## Parameters",
-        table(*_parameter_rows(study, verify)),
+        table(*parameter_rows(study, verify)),
         "Standard errors hold the noise of the fields only: force, earlier stages, boundary temperatures, mesh and steps count as exact.",
         "## Channels",
         "Coupled run with all parameters; `noise` is the rms that noise alone would give.",
         table(("channel", "n", "rms", "noise", "unit", "chi2/n", "lag-1", "lag-1 of noise"), _channel_rows(verify.summary["channels"])),
         "## Phases of the test",
-        table(("channel", "phase", "t0 s", "t1 s", "n", "rms", "noise", "unit", "chi2/n", "lag-1", "lag-1 of noise"), _phase_rows(verify)),
+        table(("channel", "phase", "t0 s", "t1 s", "n", "rms", "noise", "unit", "chi2/n", "lag-1", "lag-1 of noise"), phase_rows(verify)),
         "## Energy and coupling",
         table(("quantity", "value", "unit"), _energy_rows(verify)),
         "## Remarks",
-        *_remarks(records),
+        *remark_lines(records),
         "## Figures",
         *(f"![{path.stem}]({path.parent.name}/{path.name})" for path in figures),
     ]
@@ -77,7 +77,7 @@ def _noise_rows(interpolate: Record) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _parameter_rows(study: Study, verify: Record) -> tuple[list[str], list[list[str]]]:
+def parameter_rows(study: Study, verify: Record) -> tuple[list[str], list[list[str]]]:
     """Columns and rows of the identified parameters, with the truth of a virtual experiment where there is one."""
     truth = None if study.simulate is None else study.simulate.truth
     columns = ["parameter", "unit", "value", "standard error", "start", "bounds"]
@@ -114,7 +114,8 @@ def _channel_rows(channels: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
     return rows
 
 
-def _phase_rows(verify: Record) -> list[list[str]]:
+def phase_rows(verify: Record) -> list[list[str]]:
+    """Rows of the table of phases."""
     rows = []
     for r in verify.summary["phases"]:
         place = [r["channel"], r["phase"], f"{r['t0_s']:.1f}", f"{r['t1_s']:.1f}", str(r["n"])]
@@ -138,7 +139,7 @@ def _energy_rows(verify: Record) -> list[list[str]]:
     return rows
 
 
-def _remarks(records: Mapping[str, Record]) -> list[str]:
+def remark_lines(records: Mapping[str, Record]) -> list[str]:
     """Every remark of every stage; stages whose answer is not to be trusted come with their verdict."""
     lines = []
     for stage, record in records.items():

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from thermofit.core.digest import effect_files
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, declare
 
@@ -134,3 +135,5 @@ def _discover() -> None:
 
 
 _discover()
+for _path in effect_files():
+    load_effect(_path)

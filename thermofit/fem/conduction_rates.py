@@ -49,6 +49,8 @@ from thermofit.material.law_rates import STEP, padded
 
 _STEADY_SWEEPS = 50
 """Limit of the iterations for the rates of a steady temperature under effects."""
+_FAR_ABOVE = 1e3
+"""Multiple of its scale above which a film is an ideal contact but for little."""
 Motion = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Displacement u (n_np, 3) mm and its rates (n_np, 3, m) at the start of a step, and both at its end."""
 
@@ -159,6 +161,12 @@ def _effect_supplies(body: Body, step: HeatStep, states: tuple[np.ndarray, np.nd
             supply = supply + step.conditions.c0 * capacity_supply(body, found.factors["capacity"], start - theta)
         out.append(supply)
     return out
+
+
+def usual_change(parameters: Parameters, name: str) -> float:
+    """Usual change of a parameter: its scale; of a film coefficient far above it, that of its reciprocal is 1 / scale."""
+    scale, value = param(name).scale, parameters[name]
+    return value * value / scale if name in ("alpha_air", "alpha_clamp") and value > _FAR_ABOVE * scale else scale
 
 
 def add_effect_sources(

@@ -192,6 +192,7 @@ def _add_state_rates(
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero = np.zeros(_END), np.zeros(LANES)
     for e in range(data.hexes.shape[0]):
+        dissipates = np.any(dissipation[:3, e] != 0.0)
         for b in range(0, m, LANES):
             for a in range(8):
                 copy_lanes(w, _NODAL + a * LANES, zero, 0)
@@ -203,8 +204,9 @@ def _add_state_rates(
                 for k in range(2):
                     by_lambda = volume * (dissipation[_D_LAMBDA, e, q] * (2 * k - 1) + dissipation[_ACCUMULATED, e, q] * k)
                     add_lanes(w, _HEAT, volume * c * t * by_j[k][e, q], dilatations[k], point * m + b)
-                    add_lanes(w, _HEAT, volume * dissipation[_ALPHA_N + k, e, q], states[k], (point * N_STATE + ALPHA) * m + b)
-                    add_lanes(w, _HEAT, by_lambda, states[k], (point * N_STATE + LAMBDA) * m + b)
+                    if dissipates:
+                        add_lanes(w, _HEAT, volume * dissipation[_ALPHA_N + k, e, q], states[k], (point * N_STATE + ALPHA) * m + b)
+                        add_lanes(w, _HEAT, by_lambda, states[k], (point * N_STATE + LAMBDA) * m + b)
                 for a in range(8):
                     add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
             for a in range(8):
@@ -215,7 +217,7 @@ def _add_state_rates(
 def add_dilatation_heat(
     data: ElementData, dilatation: np.ndarray, theta: np.ndarray, law: Law, dilatation_rates: np.ndarray, out: np.ndarray
 ) -> None:
-    """The part of `heat_source_rates` that the rates of J at the end of the increment, (n_el, 8, m), make alone; `dilatation` = J."""
+    """The part of `heat_source_rates` that the rates of J (n_el, 8, m) at the end of the increment make alone; `dilatation` is J there."""
     m, result, rates = out.shape[1], out.reshape(-1), dilatation_rates.reshape(-1)
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero, by_j = np.zeros(_END), np.zeros(LANES), np.empty(8)

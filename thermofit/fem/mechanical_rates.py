@@ -25,8 +25,9 @@ from thermofit.fem.element_lanes import SHAPE_BY_POINTS, element_kinematics
 from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT, MEAN, Vector
 from thermofit.fem.responses import States
 from thermofit.material.lanes import WIDTH, Lanes, spread
+from thermofit.material.lanes_fused import dot, multiply_add, product, product_added
 from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row
-from thermofit.material.lanes_tensor import Tensor, full, product, tensor_scaled, transposed
+from thermofit.material.lanes_tensor import Tensor, full, tensor_scaled, transposed
 from thermofit.material.law import Law
 from thermofit.material.law_rates import N_NUMBERS, Directions
 from thermofit.material.point import ALPHA, LAMBDA
@@ -43,7 +44,6 @@ from thermofit.material.rates import (
     plastic_part_rates,
     pressure_rates,
     stress_rates,
-    total,
     virgin_stress_rates,
 )
 from thermofit.material.tensor import Symmetric
@@ -83,7 +83,7 @@ def _at_point(nodal: np.ndarray, nodes: np.ndarray, q: int, group: int) -> Lanes
     """Rates (n_np, m) of a nodal field at a Gauss point."""
     value = spread(0.0)
     for a in range(8):
-        value = value + number(SHAPE_BY_POINTS, a, q) * _group(nodal, nodes[a], group)
+        value = multiply_add(number(SHAPE_BY_POINTS, a, q), _group(nodal, nodes[a], group), value)
     return value
 
 
@@ -94,7 +94,8 @@ def _add_nodal(w: np.ndarray, q: int, m: Tensor, group: int, force: np.ndarray) 
         g0, g1, g2 = number(w, GRADIENT + 3 * q, a), number(w, GRADIENT + 3 * q + 1, a), number(w, GRADIENT + 3 * q + 2, a)
         for i in range(3):
             k = 3 * a + i
-            _set_group(force, k, group, _group(force, k, group) + (m[3 * i] * g0 + m[3 * i + 1] * g1 + m[3 * i + 2] * g2))
+            value = multiply_add(m[3 * i], g0, _group(force, k, group))
+            _set_group(force, k, group, multiply_add(m[3 * i + 2], g2, multiply_add(m[3 * i + 1], g1, value)))
 
 
 @kernel(forceinline=True)
@@ -103,7 +104,7 @@ def _add_mean(w: np.ndarray, power: Lanes, group: int, force: np.ndarray) -> Non
     for a in range(8):
         for i in range(3):
             k = 3 * a + i
-            _set_group(force, k, group, _group(force, k, group) + power * number(w, MEAN + i, a))
+            _set_group(force, k, group, multiply_add(power, number(w, MEAN + i, a), _group(force, k, group)))
 
 
 @kernel(forceinline=True)
@@ -214,9 +215,9 @@ def _velocity_gradient(w: np.ndarray, nodes: np.ndarray, q: int, u_rates: np.nda
         g0, g1, g2 = number(w, GRADIENT + 3 * q, a), number(w, GRADIENT + 3 * q + 1, a), number(w, GRADIENT + 3 * q + 2, a)
         x, y, z = _vector(u_rates, nodes[a], group)
         lv = (
-            lv[0] + g0 * x, lv[1] + g1 * x, lv[2] + g2 * x,
-            lv[3] + g0 * y, lv[4] + g1 * y, lv[5] + g2 * y,
-            lv[6] + g0 * z, lv[7] + g1 * z, lv[8] + g2 * z,
+            multiply_add(g0, x, lv[0]), multiply_add(g1, x, lv[1]), multiply_add(g2, x, lv[2]),
+            multiply_add(g0, y, lv[3]), multiply_add(g1, y, lv[4]), multiply_add(g2, y, lv[5]),
+            multiply_add(g0, z, lv[6]), multiply_add(g1, z, lv[7]), multiply_add(g2, z, lv[8]),
         )  # fmt: skip
     return lv
 
@@ -234,7 +235,7 @@ def _mean_dilatation(w: np.ndarray, nodes: np.ndarray, u_rates: np.ndarray, grou
     value = spread(0.0)
     for a in range(8):
         x, y, z = _vector(u_rates, nodes[a], group)
-        value = value + number(w, MEAN, a) * x + number(w, MEAN + 1, a) * y + number(w, MEAN + 2, a) * z
+        value = value + dot(number(w, MEAN, a), x, number(w, MEAN + 1, a), y, number(w, MEAN + 2, a), z)
     return value
 
 
@@ -289,7 +290,8 @@ def update_rates(
     u_rates, state_rates_n, theta_rates = rates
     n_el, n_groups = data.hexes.shape[0], theta_rates.shape[1] // WIDTH
     for chunk in prange(_CHUNKS):
-        w, point, f_rows = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(10)
+        w, point, f_rows, o = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(10), spread(0.0)
+        no_rate = (o, o, o, o, o, o, o, o, o)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             f, j = element_kinematics(data, e, u, w)
             _keep_tensor(f_rows, f)
@@ -313,16 +315,16 @@ def update_rates(
                     _set_group(dilatation_rates[e], q, group, number(f_rows, 9, q) * wanted)
                     d = (wanted - trace) * (1.0 / 3.0)
                     l_bar = (lv[0] + d, lv[1], lv[2], lv[3], lv[4] + d, lv[5], lv[6], lv[7], lv[8] + d)
-                    f_el_rate = product(l_bar, elastic_part(c))
                     theta = _at_point(theta_rates, data.hexes[e], q, group)
+                    fp_rate = no_rate
                     if not virgin:
                         set_row(point, THETA_RATE, theta)
                         fp_rate = _new_plastic_part(
                             c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
                         )
-                        f_el_rate = total(f_el_rate, product(_numbers_of(f_rows, q), fp_rate))
                     if not forces:
                         continue
+                    f_el_rate = product_added(product(l_bar, elastic_part(c)), _numbers_of(f_rows, q), fp_rate)
                     k = pressure_rates(c, theta, wanted, along.in_pressure, point)
                     m, p = _deviator(stress_rates(c, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
                     power_rate = power_rate + p
@@ -368,3 +370,14 @@ def _new_plastic_part(
     _set_group(out, ALPHA, group, alpha)
     _set_group(out, LAMBDA, group, accumulated)
     return fp_rate
+
+
+@kernel
+def add_answer(equation: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
+    """u (n_np, 3, m) += x (n_eq, m) by equation numbers (n_np, 3); prescribed dofs, with negative ones, stay."""
+    for n in range(equation.shape[0]):
+        for i in range(3):
+            k = equation[n, i]
+            if k >= 0:
+                for m in range(u.shape[2]):
+                    u[n, i, m] += x[k, m]

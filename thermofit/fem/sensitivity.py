@@ -24,12 +24,12 @@ from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions, HeatStep
-from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates
+from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates, usual_change
 from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.heat import PointHistory
 from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
 from thermofit.fem.linear import Factor, multiply_symmetric
-from thermofit.fem.mechanical_rates import dilatation_rates, load_rates, thermal_load_rates, update_rates
+from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
@@ -41,12 +41,12 @@ _RESOLVED = 2e-3
 """Last relative change of theta' that is not worth another solve for u'."""
 _FORCE_SHARE = 4e-3
 """Share of the force rates of a direction, per tolerance of theta', that may stay out of balance when its states are differentiated."""
-_ELASTIC_SHARE = 5.0
+_ELASTIC_SHARE = 2.0
 """So much more where no point flows: u' and J' alone take part in it, and the answer at the end of a sweep mends both."""
+_BORROWED = 0.2
+"""Share of the tolerance where the factor is that of an earlier elastic step: its answers are less exact."""
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
-_FAR_ABOVE = 1e3
-"""Multiple of its scale above which a film is an ideal contact but for little."""
 _ASYMMETRY = 4e-4
 """What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
 _ROUND_OFF = 1e-11
@@ -156,23 +156,6 @@ def volume_mean(body: Body, field: np.ndarray) -> np.ndarray:
     return np.asarray(weight @ field / weight.sum())
 
 
-@kernel
-def add_answer(equation: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
-    """u (n_np, 3, m) += x (n_eq, m) by equation numbers (n_np, 3); prescribed dofs, with negative ones, stay."""
-    for n in range(equation.shape[0]):
-        for i in range(3):
-            k = equation[n, i]
-            if k >= 0:
-                for m in range(u.shape[2]):
-                    u[n, i, m] += x[k, m]
-
-
-def usual_change(parameters: Parameters, name: str) -> float:
-    """Usual change of a parameter: its scale; of a film coefficient far above it, that of its reciprocal is 1 / scale."""
-    scale, value = param(name).scale, parameters[name]
-    return value * value / scale if name in ("alpha_air", "alpha_clamp") and value > _FAR_ABOVE * scale else scale
-
-
 class Differentiator:
     """Differentiates the steps of one march; holds the buffers of two states."""
 
@@ -241,6 +224,8 @@ class Differentiator:
         self._respond(mechanics)
         self._take_buffer(start)
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
+        borrowed = mechanics.kept and mechanics.largest_increment == 0.0
+        tolerance = self.asked.tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
         softens = bool(np.any(self._response[:, :, BY_THETA]))
         for sweep in range(MAX_SWEEPS):
@@ -250,13 +235,13 @@ class Differentiator:
             points, dilatation = self._update(mechanics, start.points, theta, u)
             found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
             size = self._change(found, theta)
-            if self._exact_forces or np.any(size > _RESOLVED):
+            if self._exact_forces or np.any(size > min(_RESOLVED, tolerance)):
                 change = np.zeros_like(found) if self.one_way else found - felt
                 answer, series = self._answer(mechanics, ends, (u, dilatation), change)
                 found, felt = found + answer, felt + series * change
                 size = self._change(found, theta)
             theta = found
-            if np.all(size <= self.asked.tolerance):
+            if np.all(size <= tolerance):
                 self._clean = True
                 past = ((ends.step.length, start.theta), *start.past[:1])
                 return Rates(u, found, points, dilatation, self._top_rate, past)

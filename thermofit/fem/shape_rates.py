@@ -14,141 +14,99 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.fem.element import ElementData
+from thermofit.fem.element_lanes import element_kinematics
+from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT
 from thermofit.fem.heat import FacetData
-from thermofit.fem.lanes import add_lanes, copy_lanes, multiply_add
+from thermofit.fem.lanes import add_lanes, copy_lanes
+from thermofit.material.lanes import WIDTH, Lanes, spread
+from thermofit.material.lanes_fused import dot, multiply_add
+from thermofit.material.lanes_memory import lane_workspace, number, row, set_row
 from thermofit.material.law_rates import LANES
-from thermofit.material.tensor import determinant, inverse_transpose
 
-Vector = tuple[float, float, float]
-Nodal = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]
-
-# Workspace of an element: u' of its nodes, result of both temperatures, each LANES numbers; behind them g_a and h of the point.
-_U, _RESULT = 0, 24 * LANES
-_G = _RESULT + 16 * LANES
-_H = _G + 24
-_END = _H + 6
+_H, _SLOPE = 0, 16
+"""Rows of the workspace of an element: weight J g_a . h of the points for both temperatures; behind them the map of u' to the result."""
+_MAP_ROWS = _SLOPE + 48
+Eight = tuple[Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes]
 
 
 @kernel
 def add_conduction_rates(data: ElementData, u: np.ndarray, u_rates: np.ndarray, theta: np.ndarray, factor: float, out: np.ndarray) -> None:
-    """out (2, n_np, m) += factor (int grad N_a . J C^-1 . grad theta dV)' at fixed theta (2, n_np) K by the motion u_rates (n_np, 3, m)."""
-    m = u_rates.shape[2]
-    motion, result, n = u_rates.reshape(-1), out.reshape(-1), out.shape[1]
-    w, zero, point = np.zeros(_END), np.zeros(LANES), np.zeros((8, 30))
-    f, f_inv_t, corner = np.empty((3, 3)), np.empty((3, 3)), np.empty((8, 5))
+    """out (2, n_np, m) += factor (int grad N_a . J C^-1 . grad theta dV)' at fixed theta (2, n_np) K by the motion u_rates (n_np, 3, m).
+
+    What an element gives is linear in the u' of its nodes: the map is formed once and serves all directions.
+    """
+    n_groups, n = u_rates.shape[2] // WIDTH, out.shape[1]
+    w, slope, h = lane_workspace(ELEMENT_ROWS), lane_workspace(_MAP_ROWS), np.empty((2, 8, 3))
     for e in range(data.hexes.shape[0]):
-        for a in range(8):
-            node = data.hexes[e, a]
-            corner[a, 0], corner[a, 1], corner[a, 2] = u[node, 0], u[node, 1], u[node, 2]
-            corner[a, 3], corner[a, 4] = theta[0, node], theta[1, node]
-        for q in range(8):
-            _gradients(data.gradient[e, q], factor * data.volume[e, q], corner, f, f_inv_t, point[q])
-        for b in range(0, m, LANES):
-            for a in range(8):
-                for i in range(3):
-                    copy_lanes(w, _U + (3 * a + i) * LANES, motion, (data.hexes[e, a] * 3 + i) * m + b)
-                for k in range(2):
-                    copy_lanes(w, _RESULT + (8 * k + a) * LANES, zero, 0)
-            for q in range(8):
-                for r in range(30):
-                    w[_G + r] = point[q, r]
-                _add_point(w)
+        nodes = data.hexes[e]
+        element_kinematics(data, e, u, w)
+        for k in range(2):
+            _temperature_gradients(w, theta[k], nodes, factor, h[k], slope, _H + 8 * k)
+            for b in range(8):
+                _set_slopes(w, b, h[k], slope, _H + 8 * k, _SLOPE + 24 * k + 3 * b)
+        for group in range(n_groups):
             for k in range(2):
-                for a in range(8):
-                    add_lanes(result, (k * n + data.hexes[e, a]) * m + b, 1.0, w, _RESULT + (8 * k + a) * LANES)
+                result = _mapped(slope, _SLOPE + 24 * k, nodes, u_rates, group)
+                _add_to_nodes(out, k * n, nodes, group, result)
 
 
 @kernel(forceinline=True)
-def _gradients(gradient: np.ndarray, weight: float, corner: np.ndarray, f: np.ndarray, f_inv_t: np.ndarray, point: np.ndarray) -> None:
-    """g_a (8, 3) and, for both temperatures, weight J h (2, 3) of a point, one behind the other.
-
-    `gradient` (8, 3) is dN_a/dX, `corner` (8, 5) holds u and both temperatures of the nodes.
-    """
-    for i in range(3):
-        for j in range(3):
-            s = 1.0 if i == j else 0.0
+def _temperature_gradients(
+    w: np.ndarray, theta: np.ndarray, nodes: np.ndarray, factor: float, h: np.ndarray, slope: np.ndarray, at: int
+) -> None:
+    """factor J w h (8, 3) of all points, and its product with g_a of all nodes into the rows of `slope` from `at` on."""
+    for q in range(8):
+        g, weight = GRADIENT + 3 * q, factor * number(w, J_WEIGHT, q)
+        for i in range(3):
+            s = 0.0
             for a in range(8):
-                s += corner[a, i] * gradient[a, j]
-            f[i, j] = s
-    det = determinant(f)
-    inverse_transpose(f, det, f_inv_t)
-    weight *= det
-    for i in range(3):
-        first, second = 0.0, 0.0
-        for a in range(8):
-            s = f_inv_t[i, 0] * gradient[a, 0] + f_inv_t[i, 1] * gradient[a, 1] + f_inv_t[i, 2] * gradient[a, 2]
-            point[3 * a + i] = s
-            first += corner[a, 3] * s
-            second += corner[a, 4] * s
-        point[24 + i], point[27 + i] = weight * first, weight * second
+                s += theta[nodes[a]] * number(w, g + i, a)
+            h[q, i] = weight * s
+        set_row(slope, at + q, dot(h[q, 0], row(w, g), h[q, 1], row(w, g + 1), h[q, 2], row(w, g + 2)))
 
 
 @kernel(forceinline=True)
-def _three(w: np.ndarray, at: int) -> Vector:
-    return (w[at], w[at + 1], w[at + 2])
+def _set_slopes(w: np.ndarray, b: int, h: np.ndarray, slope: np.ndarray, at: int, to: int) -> None:
+    """Derivatives of the result at all nodes a by u' of node b: sum_q J w [g_b (g_a . h) - g_a (g_b . h) - (g_a . g_b) h]."""
+    o = spread(0.0)
+    x, y, z = o, o, o
+    for q in range(8):
+        g = GRADIENT + 3 * q
+        g0, g1, g2, by_h = row(w, g), row(w, g + 1), row(w, g + 2), row(slope, at + q)
+        b0, b1, b2, minus = number(w, g, b), number(w, g + 1, b), number(w, g + 2, b), -number(slope, at + q, b)
+        both = -dot(b0, g0, b1, g1, b2, g2)
+        x = multiply_add(b0, by_h, multiply_add(minus, g0, multiply_add(h[q, 0], both, x)))
+        y = multiply_add(b1, by_h, multiply_add(minus, g1, multiply_add(h[q, 1], both, y)))
+        z = multiply_add(b2, by_h, multiply_add(minus, g2, multiply_add(h[q, 2], both, z)))
+    set_row(slope, to, x)
+    set_row(slope, to + 1, y)
+    set_row(slope, to + 2, z)
 
 
 @kernel(forceinline=True)
-def _scaled(x: float, g: Vector) -> Vector:
-    return (x * g[0], x * g[1], x * g[2])
+def _mapped(slope: np.ndarray, at: int, nodes: np.ndarray, u_rates: np.ndarray, group: int) -> Eight:
+    """Result at the eight nodes by the u' of all nodes."""
+    n_groups, o = u_rates.shape[2] // WIDTH, spread(0.0)
+    s = (o, o, o, o, o, o, o, o)
+    for b in range(8):
+        for i in range(3):
+            x, k = row(u_rates, (3 * nodes[b] + i) * n_groups + group), at + 3 * b + i
+            s = (
+                multiply_add(number(slope, k, 0), x, s[0]), multiply_add(number(slope, k, 1), x, s[1]),
+                multiply_add(number(slope, k, 2), x, s[2]), multiply_add(number(slope, k, 3), x, s[3]),
+                multiply_add(number(slope, k, 4), x, s[4]), multiply_add(number(slope, k, 5), x, s[5]),
+                multiply_add(number(slope, k, 6), x, s[6]), multiply_add(number(slope, k, 7), x, s[7]),
+            )  # fmt: skip
+    return s
 
 
 @kernel(forceinline=True)
-def _added(s: Vector, x: float, g: Vector) -> Vector:
-    """s + x g."""
-    return (multiply_add(x, g[0], s[0]), multiply_add(x, g[1], s[1]), multiply_add(x, g[2], s[2]))
-
-
-@kernel(forceinline=True)
-def _row(w: np.ndarray, at: int, g: Nodal) -> Vector:
-    """sum_a x_a g_a of a component x of nodal vectors in the lane of `at`."""
-    step = 3 * LANES
-    s = _scaled(w[at], g[0])
-    s = _added(s, w[at + step], g[1])
-    s = _added(s, w[at + 2 * step], g[2])
-    s = _added(s, w[at + 3 * step], g[3])
-    s = _added(s, w[at + 4 * step], g[4])
-    s = _added(s, w[at + 5 * step], g[5])
-    s = _added(s, w[at + 6 * step], g[6])
-    return _added(s, w[at + 7 * step], g[7])
-
-
-@kernel(forceinline=True)
-def _product(a: Vector, b: Vector, s: float) -> float:
-    """a . b + s."""
-    return multiply_add(a[0], b[0], multiply_add(a[1], b[1], multiply_add(a[2], b[2], s)))
-
-
-@kernel(forceinline=True)
-def _add_nodes(w: np.ndarray, at: int, g: Nodal, v: Vector) -> None:
-    """Nodal numbers += g_a . v in the lane of `at`."""
-    w[at] = _product(g[0], v, w[at])
-    w[at + LANES] = _product(g[1], v, w[at + LANES])
-    w[at + 2 * LANES] = _product(g[2], v, w[at + 2 * LANES])
-    w[at + 3 * LANES] = _product(g[3], v, w[at + 3 * LANES])
-    w[at + 4 * LANES] = _product(g[4], v, w[at + 4 * LANES])
-    w[at + 5 * LANES] = _product(g[5], v, w[at + 5 * LANES])
-    w[at + 6 * LANES] = _product(g[6], v, w[at + 6 * LANES])
-    w[at + 7 * LANES] = _product(g[7], v, w[at + 7 * LANES])
-
-
-@kernel(forceinline=True)
-def _add_point(w: np.ndarray) -> None:
-    """Results of all lanes += g_a . [(tr l) h - (l + l^T) h] of the point.
-
-    The numbers of the point are local while the loop runs, which is long enough not to be unrolled: so it becomes vector instructions.
-    """
-    g = (
-        _three(w, _G), _three(w, _G + 3), _three(w, _G + 6), _three(w, _G + 9),
-        _three(w, _G + 12), _three(w, _G + 15), _three(w, _G + 18), _three(w, _G + 21),
-    )  # fmt: skip
-    h_1, h_2 = _three(w, _H), _three(w, _H + 3)
-    for m in range(LANES):
-        x, y, z = _row(w, m, g), _row(w, m + LANES, g), _row(w, m + 2 * LANES, g)
-        xy, yz, xz = -(x[1] + y[0]), -(y[2] + z[1]), -(x[2] + z[0])
-        t = ((y[1] + z[2] - x[0], xy, xz), (xy, x[0] + z[2] - y[1], yz), (xz, yz, x[0] + y[1] - z[2]))
-        _add_nodes(w, _RESULT + m, g, (_product(t[0], h_1, 0.0), _product(t[1], h_1, 0.0), _product(t[2], h_1, 0.0)))
-        _add_nodes(w, _RESULT + 8 * LANES + m, g, (_product(t[0], h_2, 0.0), _product(t[1], h_2, 0.0), _product(t[2], h_2, 0.0)))
+def _add_to_nodes(out: np.ndarray, start: int, nodes: np.ndarray, group: int, values: Eight) -> None:
+    """Rows `start` + nodes of out, seen as (n, m), += values."""
+    n_groups = out.shape[2] // WIDTH
+    for a in range(8):
+        at = (start + nodes[a]) * n_groups + group
+        set_row(out, at, row(out, at) + values[a])
 
 
 # Workspace of a facet: u' of its nodes, tangents' and area'.

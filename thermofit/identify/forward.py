@@ -11,24 +11,36 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.fem.body import Body, tension_body
-from thermofit.fem.dogbone import dogbone_mesh
 from thermofit.fem.history import NOBODY, Watch
 from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.fem.mesh_quality import symmetry_of
 from thermofit.fem.newton import NewtonSettings
 from thermofit.fem.sensitivity import Sensitivity
+from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.measure.observation import FaceOperator, FieldObservation, face_operator
 
 
-def specimen_body(data: Measured, size: MeshSize, control: str = "force") -> Body:
-    """Quarter model of the measured specimen, its upper end under force or displacement control."""
-    return tension_body(dogbone_mesh(data.specimen, size.n_x, size.n_y, size.n_z), control=control)
+def specimen_body(study: Study, data: Measured, size: MeshSize, control: str = "force") -> Body:
+    """Model of the measured specimen, its upper end under force or displacement control; `symmetry` is what its mesh says."""
+    mesh = specimen_mesh(study.geometry, data.specimen, size, study.mesh_file)
+    return tension_body(mesh, control=control, symmetry=symmetry_of(mesh))
 
 
 def loading_of(study: Study, steps: LoadSteps) -> Loading:
-    """What drives the model: the smoothed force, or the crosshead less compliance times force. DataError without a crosshead record."""
+    """What drives the model: the smoothed force, the crosshead less compliance times force, or the elongation seen by DIC.
+
+    DataError where the record has no crosshead, StudyError where it was interpolated for another drive.
+    """
     if study.force.drives == "force":
         return Loading(steps.time, steps.force)
+    if study.force.drives == "dic":
+        if steps.elongation is None:
+            raise StudyError(
+                f"{study.source.name}: force.drives is 'dic', but interpolate.h5 holds no elongation; run `thermofit interpolate "
+                f"{study.source.name}` again"
+            )
+        return Loading(steps.time, steps.elongation, "displacement", from_rest=True)
     if steps.crosshead is None:
         raise DataError("force.drives is 'crosshead', but force.csv holds no column crosshead_mm; let the force drive or add the column")
     moved = steps.crosshead - steps.crosshead[0] - study.force.compliance * (steps.force - steps.force[0])
@@ -38,7 +50,7 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
 def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> Run:
     """The run of a study's specimen through load steps."""
     loading = loading_of(study, steps)
-    return Run(specimen_body(data, size, loading.control), loading, settings)
+    return Run(specimen_body(study, data, size, loading.control), loading, settings)
 
 
 def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_points: bool = False) -> MarchSettings:
@@ -117,4 +129,4 @@ def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Samp
         raise StudyError(
             f"steps: an observation time of {observation.name} is {worst:.3g} s off the load steps; run `thermofit interpolate` again"
         )
-    return Sampler(face_operator(body.mesh.nodes, body.mesh.node_sets["face"], observation.xy), index, 0)
+    return Sampler(face_operator(body.mesh, observation.xy), index, 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,17 +22,21 @@ INTERPOLATE = "interpolate"
 
 @dataclass(frozen=True)
 class LoadSteps:
-    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where recorded, the crosshead mm (n,) there."""
+    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where known, crosshead and DIC elongation mm (n,)."""
 
     time: np.ndarray
     force: np.ndarray
     crosshead: np.ndarray | None = None
+    elongation: np.ndarray | None = None
 
     def until(self, t_end: float) -> LoadSteps:
         """The steps up to t_end, which becomes the last one."""
         time = np.append(self.time[self.time < t_end - 1e-9], t_end)
-        crosshead = None if self.crosshead is None else np.interp(time, self.time, self.crosshead)
-        return LoadSteps(time, np.interp(time, self.time, self.force), crosshead)
+
+        def cut(value: np.ndarray | None) -> np.ndarray | None:
+            return None if value is None else np.interp(time, self.time, value)
+
+        return LoadSteps(time, np.interp(time, self.time, self.force), cut(self.crosshead), cut(self.elongation))
 
 
 @dataclass(frozen=True)
@@ -110,8 +114,8 @@ def measured_of(record: Record) -> Measured:
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:
-    crosshead = record[f"{name}/crosshead"].value if record.has(f"{name}/crosshead") else None
-    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, crosshead)
+    moved = [record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None for key in ("crosshead", "elongation")]
+    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, *moved)
 
 
 def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> FieldObservation:
@@ -129,7 +133,17 @@ def temperature_of(data: Measured) -> FieldObservation:
     return data.temperature
 
 
-def start_parameters(study: Study, data: Measured) -> Parameters:
+class Surroundings(Protocol):
+    """What knows the temperatures around a specimen, K."""
+
+    @property
+    def theta_air(self) -> float: ...
+
+    @property
+    def theta_clamp(self) -> float: ...
+
+
+def start_parameters(study: Study, data: Surroundings) -> Parameters:
     """Start values of the study with the thermocouple temperatures of the experiment where the study gives none."""
     return study.start_parameters(_Thermocouples(data.theta_air, data.theta_clamp))  # type: ignore[arg-type]
 

@@ -180,6 +180,8 @@ def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSe
     channels: dict[str, ChannelSettings] = {"du": ChannelSettings()}
     if data.temperature is not None:
         channels["dtheta"] = ChannelSettings()
+    if study.diagnosis.channels is not None:
+        channels = {c: ChannelSettings() for c in study.diagnosis.channels}
     return StageSettings.model_construct(
         **{**study.stages.plastic.__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
     )

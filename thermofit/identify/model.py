@@ -38,7 +38,8 @@ class StageModel:
     """What a stage minimises: error fields of given parameters, and the comparisons that make the residual of them.
 
     `one_way`: the mechanics in it was solved once, for the parameters that the model was made with. `linearise`: the error fields with
-    their exact derivatives, None where there are none.
+    their exact derivatives, None where there are none. `segments`: lengths of the parts of the residual that are records over time,
+    within which the misfit is correlated (coupons); None where the noise of the comparisons says it all.
     """
 
     errors: Callable[[Parameters], Errors]
@@ -47,6 +48,7 @@ class StageModel:
     remark: str
     one_way: bool = False
     linearise: Linearise | None = None
+    segments: tuple[int, ...] | None = None
     priors: tuple[Prior, ...] = ()
 
     def residual(self, parameters: Parameters) -> np.ndarray:
@@ -96,8 +98,8 @@ class StageModel:
 
 def field_of(channel: str) -> str:
     """The observed field behind a channel."""
-    if channel == "force":
-        return "force"
+    if channel in ("force", "stress", "strain"):
+        return channel
     return "u" if channel in MECHANICAL_CHANNELS else "theta"
 
 
@@ -155,7 +157,7 @@ def stage_model(
             observations["theta"] = temperature_of(data).between(min(t0, data.load_start), t1)
     if "force" in settings.channels and study.force.drives == "force":
         raise StudyError(
-            f"{study.source.name}: channel force needs force.drives: crosshead; a force that is prescribed as a load has no residual"
+            f"{study.source.name}: channel force needs force.drives: crosshead or dic; a force that is prescribed as a load has no residual"
         )
     end = max(float(o.time[-1]) for o in observations.values())
     steps = steps_for(data, set(observations)).until(end)

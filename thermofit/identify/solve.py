@@ -19,7 +19,8 @@ from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize
 from thermofit.core.study_stages import StageSettings
-from thermofit.fit.covariance import Covariance, covariance
+from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
+from thermofit.fit.memory import memories, noise_operator
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
@@ -68,7 +69,8 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
     base = base.with_free(settings.free)
     size, coarse_size = study.mesh_size, PRESETS["coarse"]
     fits: list[FitResult] = []
-    if _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
+    scalable = study.geometry.shape != "file" and study.coupon is None
+    if scalable and _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
         _, coarse = _settled(study, settings, base, (model_on, coarse_size), job)
         fits += coarse
         base = base.with_vector(coarse[-1].x)
@@ -106,7 +108,7 @@ def checkpoint_folder(job: Job, label: str) -> str:
     return f".{job.stage}.{label}.evaluations"
 
 
-def _key(job: Job, base: Parameters) -> str:
+def evaluation_key(job: Job, base: Parameters) -> str:
     """All that an evaluation depends on besides the free parameters; of the inputs it is their content that counts."""
     inputs = {name: path_digest(path) for name, path in job.inputs.items()}
     return json_text({"config": job.config, "inputs": inputs, "base": dict(base.values), "source": source_digest()})
@@ -128,9 +130,9 @@ def _minimise(
     study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, start: tuple[np.ndarray | None, int]
 ) -> tuple[StageModel, FitResult]:
     (model_on, size), (jacobian, turn) = on, start
-    label = f"{size.n_x}x{size.n_y}x{size.n_z}" + (f".{turn}" if turn else "")
+    label = ("point" if study.coupon is not None else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")
     model = remembering(model_on(size, base))
-    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), _key(job, base))
+    store = Checkpoint(job.path.parent / checkpoint_folder(job, label), evaluation_key(job, base))
     problem, change = stage_problem(study, settings, base, model, jacobian)
     options = Settings(
         x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
@@ -204,9 +206,11 @@ def remembering(model: StageModel, count: int = 3) -> StageModel:
 def _covariance(model: StageModel, fit: FitResult) -> tuple[Covariance | None, str]:
     if fit.jacobian is None:
         return None, "no standard errors: the Jacobian at the optimum could not be formed"
-    noisy = any(c.noise is not None for c in model.comparisons)
+    noise: NoiseOperator | None = model.noise if any(c.noise is not None for c in model.comparisons) else None
+    if model.segments is not None:
+        noise = noise_operator(memories(fit.residual, model.segments))
     try:
-        return covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, model.noise if noisy else None), ""
+        return covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, noise), ""
     except UntrustworthyError as error:
         return None, f"no standard errors: {error}"
 

@@ -146,6 +146,15 @@ def yield_stress(alpha: float, accumulated: float, law: Law) -> tuple[float, flo
 
 
 @kernel(inline="always")
+def yield_stress_at_rate(alpha: float, accumulated: float, rate: float, theta: float, law: Law) -> float:
+    """Yield stress in MPa with all effects, (base + sum of terms) * product of factors, at the rate of Lambda in 1/s and theta K."""
+    value = yield_stress(alpha, accumulated, law)[0]
+    if law.effective == 0:
+        return value
+    return (value + added_yield_stress(accumulated, rate, theta, law)) * yield_factor(accumulated, rate, theta, law)
+
+
+@kernel(inline="always")
 def flow_stress(alpha: float, accumulated: float, d_lambda: float, theta: float, law: Law) -> tuple[float, float, float]:
     """Yield stress with all effects: (base + sum of terms) * product of factors, MPa, at the rate d_lambda / dt and theta K.
 

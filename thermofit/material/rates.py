@@ -26,6 +26,16 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.material.lanes import Lanes, any_lane, spread, where
+from thermofit.material.lanes_fused import (
+    added,
+    congruence,
+    double_contraction,
+    multiply_add,
+    product,
+    product_added,
+    pulled_back,
+    symmetric_sum,
+)
 from thermofit.material.lanes_memory import column, row, set_column, set_row
 from thermofit.material.lanes_tensor import (
     Tensor,
@@ -34,14 +44,12 @@ from thermofit.material.lanes_tensor import (
     full,
     inner_gram,
     outer_gram,
-    product,
-    symmetric_sum,
     transposed,
 )
 from thermofit.material.law import Law
 from thermofit.material.law_rates import HILL, MU, N_NUMBERS
 from thermofit.material.point import LAMBDA, hill
-from thermofit.material.tensor import Symmetric, added, congruence, double_contraction, scaled
+from thermofit.material.tensor import Symmetric, scaled
 
 # Places in the response of a point.
 IS_PLASTIC, NORM, RATIO, SHARE, DENOMINATOR = range(5)
@@ -225,8 +233,15 @@ def _summed(c: np.ndarray, at: int, active: np.ndarray, w: np.ndarray) -> Lanes:
     """Rate through the active numbers of the law, whose gradient stands in c from `at` on."""
     value = spread(0.0)
     for i in range(active.shape[0]):
-        value = value + c[at + i] * row(w, NUMBER_RATES + active[i])
+        value = multiply_add(c[at + i], row(w, NUMBER_RATES + active[i]), value)
     return value
+
+
+@kernel(forceinline=True)
+def _contracted(c: np.ndarray, at: int, q: tuple[Lanes, Lanes, Lanes, Lanes, Lanes]) -> Lanes:
+    """Product of the five numbers in c from `at` on and q."""
+    value = multiply_add(c[at + 1], q[1], c[at] * q[0])
+    return multiply_add(c[at + 4], q[4], multiply_add(c[at + 3], q[3], multiply_add(c[at + 2], q[2], value)))
 
 
 @kernel(forceinline=True)
@@ -251,7 +266,7 @@ def flow_rates(
     at = GRADIENTS + in_pressure.shape[0]
     sigma = _summed(c, at, in_yield, w) + c[BY_ALPHA] * alpha_n + c[BY_LAMBDA] * lambda_n + c[BY_THETA] * row(w, THETA_RATE)
     x = product(nine(c, _X), fp_rate)
-    moved = _pulled_back(nine(c, _F_TRIAL), strain)
+    moved = pulled_back(nine(c, _F_TRIAL), strain)
     c_rate = (
         2.0 * x[0] + moved[0],
         2.0 * x[4] + moved[1],
@@ -263,7 +278,7 @@ def flow_rates(
     b = congruence(six(c, _EXP), c_rate)
     q = _five(added(hill(b, law), e, 1.0))
     t = r * ((sigma - mu_rate * c[NORM]) * (1.0 / law.mu) - h)
-    v_b_q = c[_VB] * q[0] + c[_VB + 1] * q[1] + c[_VB + 2] * q[2] + c[_VB + 3] * q[3] + c[_VB + 4] * q[4]
+    v_b_q = _contracted(c, _VB, q)
     slope = c[BY_GAMMA]
     eta = (law.mu * (double_contraction(flow, b) + h + v_b_q) + mu_rate * c[NORM] - sigma - (slope / c[SHARE]) * t) * (1.0 / c[DENOMINATOR])
     gamma = (eta + t) * (1.0 / c[SHARE])
@@ -271,38 +286,16 @@ def flow_rates(
     y = (o, o, o, o, o, o)
     for m in range(5):
         k = _B + 5 * m
-        b_q = c[k] * q[0] + c[k + 1] * q[1] + c[k + 2] * q[2] + c[k + 3] * q[3] + c[k + 4] * q[4]
+        b_q = _contracted(c, k, q)
         y = added(y, six(c, _DY + 6 * m), c[_BN + m] * eta + r * b_q)
     alpha = c[ALPHA_BY_ALPHA] * alpha_n + c[ALPHA_BY_GAMMA] * gamma + _summed(c, at + in_yield.shape[0], in_yield, w)
     return y, alpha, lambda_n + gamma
 
 
 @kernel(forceinline=True)
-def _pulled_back(f: Tensor, s: Symmetric) -> Symmetric:
-    """f^T . s . f."""
-    t = product(transposed(f), full(s))
-    return (
-        t[0] * f[0] + t[1] * f[3] + t[2] * f[6],
-        t[3] * f[1] + t[4] * f[4] + t[5] * f[7],
-        t[6] * f[2] + t[7] * f[5] + t[8] * f[8],
-        t[0] * f[1] + t[1] * f[4] + t[2] * f[7],
-        t[3] * f[2] + t[4] * f[5] + t[5] * f[8],
-        t[0] * f[2] + t[1] * f[5] + t[2] * f[8],
-    )
-
-
-@kernel(forceinline=True)
-def total(a: Tensor, b: Tensor) -> Tensor:
-    """a + b."""
-    return (
-        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8],
-    )  # fmt: skip
-
-
-@kernel(forceinline=True)
 def plastic_part_rates(c: np.ndarray, fp_n: Tensor, fp_rate: Tensor, y_rate: Symmetric) -> Tensor:
     """(F_p^-1)' = (F_p(n)^-1)' y + F_p(n)^-1 y'."""
-    return total(product(fp_rate, full(six(c, _EXP))), product(fp_n, full(y_rate)))
+    return product_added(product(fp_rate, full(six(c, _EXP))), fp_n, full(y_rate))
 
 
 @kernel(forceinline=True)

@@ -81,11 +81,11 @@ def plain(observation: FieldObservation, choice: Weight = "sigma") -> Comparison
     return Comparison(observation.name, lambda e: root * e[take], None, rows, sigma, w, observation.unit)
 
 
-def rigid_free(observation: FieldObservation, choice: Weight = "sigma") -> Comparison:
+def rigid_free(observation: FieldObservation, choice: Weight = "sigma", *, scale: bool = False) -> Comparison:
     """Relative displacements of all points at once: at every time the best small rigid motion is taken out of the error.
 
     What is left is what no translation and no small in-plane rotation of the deformed
-    specimen can explain. The generators are 1, 1 and the rotation of the current position X + u.
+    specimen can explain. The generators are 1, 1 and the rotation of the current position X + u; with `scale` that position too.
     """
     rows = _rows(observation.mask, 2)
     take = tuple(rows.T)
@@ -102,6 +102,8 @@ def rigid_free(observation: FieldObservation, choice: Weight = "sigma") -> Compa
         current = observation.xy[rows[part, 1]] + observation.value[n, rows[part, 1]]
         x_row = rows[part, 2] == 0
         generators = np.stack([x_row * 1.0, ~x_row * 1.0, np.where(x_row, -current[:, 1], current[:, 0])], axis=1)
+        if scale:
+            generators = np.column_stack([generators, np.where(x_row, current[:, 0], current[:, 1])])
         bases.append(np.linalg.qr(root[part, None] * generators)[0])
 
     def residual(error: np.ndarray) -> np.ndarray:
@@ -150,8 +152,8 @@ def neighbour_differences(observation: FieldObservation, scheme: RelativeScheme,
 
 def relative_displacements(observation: FieldObservation, scheme: RelativeScheme, choice: Weight = "sigma") -> Comparison:
     """Channel du by the scheme chosen (2.10)."""
-    if scheme.scheme == "rigid-body":
-        return rigid_free(observation, choice)
+    if scheme.scheme in ("rigid-body", "similarity"):
+        return rigid_free(observation, choice, scale=scheme.scheme == "similarity")
     return neighbour_differences(observation, scheme, choice)
 
 

@@ -62,6 +62,15 @@ def face_grid(nodes: np.ndarray) -> FaceGrid:
     return FaceGrid(order, x, nodes[order, 1].mean(axis=1))
 
 
+def is_face_grid(nodes: np.ndarray) -> bool:
+    """True where face nodes (n_n, 2) mm are the rows and columns of a quarter model."""
+    try:
+        face_grid(nodes)
+    except StudyError:
+        return False
+    return True
+
+
 def locate(grid: FaceGrid, points: np.ndarray) -> Place:
     """Quadrilateral and natural coordinates of reference points (n_p, 2) mm.
 

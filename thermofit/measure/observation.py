@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.measure.face import face_grid, locate
+from thermofit.fem.mesh import Mesh
+from thermofit.measure.face import face_grid, is_face_grid, locate
+from thermofit.measure.face_quads import face_quads, quad_weights
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,15 @@ class FaceOperator:
         return np.asarray(np.einsum("tsa,sa->ts", theta[:, self.node], self.weight))[:, :, None]
 
 
-def face_operator(nodes: np.ndarray, face: np.ndarray, xy: np.ndarray) -> FaceOperator:
-    """FaceOperator for reference points xy (n_s, 2) mm on the nodes `face` of a quarter model (StudyError where it is no grid)."""
-    grid = face_grid(nodes[face, :2])
+def face_operator(mesh: Mesh, xy: np.ndarray) -> FaceOperator:
+    """FaceOperator for reference points xy (n_s, 2) mm on the face of a mesh, by symmetry on its other half too.
+
+    StudyError where a point is not on the face.
+    """
+    face = mesh.node_sets["face"]
+    if not is_face_grid(mesh.nodes[face, :2]):
+        return FaceOperator(*quad_weights(face_quads(mesh), xy))
+    grid = face_grid(mesh.nodes[face, :2])
     place = locate(grid, xy)
     r, c = place.row, place.column
     corners = np.stack([grid.order[r, c], grid.order[r, c + 1], grid.order[r + 1, c], grid.order[r + 1, c + 1]], axis=1)

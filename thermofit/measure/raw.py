@@ -7,16 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, DicField, Experiment, ForceRecord, InfraredSequence
+from thermofit.measure.formats.frames import read_frame_files
+from thermofit.measure.formats.sequence import read_dic_files
 from thermofit.measure.raw_description import DESCRIPTION, Description, FieldSource, read_description
 from thermofit.measure.raw_text import read_header, read_lines, read_table, read_time
 
 __all__ = ["read_description", "read_dic", "read_experiment", "read_force", "read_infrared"]
 
+Field = TypeVar("Field", DicField, InfraredSequence)
 _DIC_COLUMNS = ("id", "x_mm", "y_mm", "z_mm", "ux_mm", "uy_mm", "uz_mm")
 _FORCE_COLUMNS = ("time_s", "force_N")
 _REFERENCE_TOLERANCE = 1e-3
@@ -101,6 +105,8 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     source = description.dic
     if source is None:
         raise DataError(f"{description.folder / DESCRIPTION}: key 'dic' is missing; add it to read displacements")
+    if source.files is not None:
+        return _counted(*read_dic_files(source.files, source.rules, source.side), source, "stage")
     paths, remarks = _files(source, "stage", "stage")
     stages = [_read_stage(path) for path in paths]
     order = _order(np.array([time for time, _ in stages]), paths)
@@ -130,6 +136,13 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     return DicField(time, point_id.astype(np.int64), reference, displacement, source.side), tuple(remarks)
 
 
+def _counted(field: Field, remarks: tuple[str, ...], source: FieldSource, word: str) -> tuple[Field, tuple[str, ...]]:
+    """A field of native exports; a remark where their number is not the declared one."""
+    if source.count is None or source.count == len(field.time):
+        return field, remarks
+    return field, (*remarks, f"{source.files}: {len(field.time)} {word}s found, {source.count} declared in {DESCRIPTION}")
+
+
 def _read_frame(path: Path, shape: tuple[int, int] | None, origin: str) -> tuple[float, np.ndarray]:
     """Time in s and temperatures K (n_row, n_col) float32 of one frame; `shape` is what `origin` makes us expect."""
     lines = read_lines(path, "a frame: '# time_s: <t>', one line of temperatures for each pixel row")
@@ -144,11 +157,27 @@ def _read_frame(path: Path, shape: tuple[int, int] | None, origin: str) -> tuple
     return time, (table + CELSIUS).astype(np.float32)
 
 
+def _check_landmarks(description: Description, n: int) -> None:
+    """DataError where the landmarks are those of a frame that is not among the `n`."""
+    if description.landmarks is not None and description.landmarks.frame >= n:
+        raise DataError(
+            f"{description.folder / DESCRIPTION}: key 'ir.landmarks_frame' is {description.landmarks.frame}, but there are only "
+            f"{n} frames, counted from 0; correct it"
+        )
+
+
 def read_infrared(description: Description) -> tuple[InfraredSequence, tuple[str, ...]]:
     """All frames in the order of time, as float32 K, and remarks; DataError for defects of a file and for unequal sizes."""
     source = description.ir
     if source is None:
         raise DataError(f"{description.folder / DESCRIPTION}: key 'ir' is missing; add it to read temperatures")
+    if source.files is not None:
+        infrared, said = _counted(*read_frame_files(source.files, source.rules, source.side), source, "frame")
+        if description.image_shape not in (None, infrared.frames.shape[1:]):
+            found = "{} x {}".format(*infrared.frames.shape[1:])
+            raise DataError(f"{source.files}: the frames have {found} pixels, expected ir.image_shape of {DESCRIPTION}; correct it")
+        _check_landmarks(description, len(infrared.time))
+        return infrared, said
     paths, remarks = _files(source, "frame", "frame")
     time = np.empty(len(paths))
     time[0], first = _read_frame(paths[0], description.image_shape, f"{DESCRIPTION} (ir.image_shape)")
@@ -159,11 +188,7 @@ def read_infrared(description: Description) -> tuple[InfraredSequence, tuple[str
     order = _order(time, paths)
     if moved := _resorted(order, source.folder, "frame"):
         remarks, time, frames = remarks + moved, time[order], frames[order]
-    if description.landmarks is not None and description.landmarks.frame >= len(frames):
-        raise DataError(
-            f"{description.folder / DESCRIPTION}: key 'ir.landmarks_frame' is {description.landmarks.frame}, but there are only "
-            f"{len(frames)} frames, counted from 0; correct it"
-        )
+    _check_landmarks(description, len(frames))
     return InfraredSequence(time, frames, source.side), tuple(remarks)
 
 

@@ -14,6 +14,7 @@ import yaml
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, Landmarks, Specimen
+from thermofit.measure.formats.clock import Rules
 from thermofit.measure.raw_text import read_lines, shorten
 
 DESCRIPTION = "experiment.yaml"
@@ -33,6 +34,7 @@ _KNOWN = frozenset(
         *("specimen", "temperatures", "time", "force", "dic", "ir", "programme", "theta_air_degC", "theta_clamp_degC", "file", "folder"),
         *("unit", "side", "stages", "frames", "image_shape", "landmarks_frame", "landmarks", "length", "length_mm", "edge_left"),
         *("edge_right", "circle", "p1", "p2", "p3"),
+        *("files", "mm_per_pixel", "times", "rate", "time_offset_s", "axes", "origin_mm", "coordinates_of"),
     )
 )
 """All keys that are read: none of them is another one misspelt."""
@@ -40,11 +42,16 @@ _KNOWN = frozenset(
 
 @dataclass(frozen=True)
 class FieldSource:
-    """Where a full field lies: `folder`, `side` ("front" or "back"), `count` of files as declared, or None."""
+    """Where a full field lies: `folder`, `side` ("front" or "back"), `count` of files as declared, or None.
+
+    `files` is the pattern of native exports that are read instead of the folder, by `rules`; None where there are none.
+    """
 
     folder: Path
     side: str
     count: int | None
+    files: Path | None = None
+    rules: Rules = Rules()
 
 
 @dataclass(frozen=True)
@@ -254,6 +261,68 @@ def _image_shape(ir: _Section) -> tuple[int, int] | None:
     return value[0], value[1]
 
 
+def _optional_number(section: _Section, key: str, above: float = -math.inf) -> float | None:
+    """A finite number larger than `above`, None where the key is absent."""
+    return None if _optional(section, key) is None else _number(section, key, above)
+
+
+def _numbers(section: _Section, key: str, n: int | None = None) -> tuple[float, ...]:
+    """A list of finite numbers, of length `n` where it is given; empty where the key is absent."""
+    value = _optional(section, key)
+    found = [_finite(number) for number in value] if isinstance(value, list) else []
+    if value is not None and (not found or None in found or (n is not None and len(found) != n)):
+        raise DataError(f"{section.at(key)} is {shorten(value)}; expected a list of {n or 'the'} numbers")
+    return tuple(number for number in found if number is not None)
+
+
+def _axes(section: _Section) -> tuple[str, str, str]:
+    """Axis of the file, with sign, for each axis of the specimen; x, y, z where the section does not say."""
+    value = _optional(section, "axes")
+    if value is None:
+        return ("x", "y", "z")
+    group = _as_section(section, "axes", value)
+    axes = [str(group.content.get(name, name)) for name in "xyz"]
+    if set(group.content) - set("xyz") or sorted(axis.lstrip("+-") for axis in axes) != ["x", "y", "z"] or any(len(a) > 2 for a in axes):
+        raise DataError(f"{section.at('axes')} is {shorten(value)}; expected x, y and z of the file, each once, such as {{x: y, y: -x}}")
+    return (axes[0], axes[1], axes[2])
+
+
+def _native(section: _Section) -> tuple[Path | None, Rules]:
+    """Pattern of native exports inside the folder, and what the section says of them; None where it names a folder instead."""
+    if _optional(section, "files") is None:
+        told = [key for key in ("mm_per_pixel", "origin_mm", "coordinates_of") if section.content.get(key) is not None]
+        if told:
+            raise DataError(f"{section.at(told[0])} is for native exports; add 'files', such as files: exports/*.csv, or remove it")
+        return None, Rules()
+    if section.content.get("folder") is not None:
+        raise DataError(f"{section.at('files')} is given besides 'folder'; keep one of them")
+    text = _text(section, "files", None)
+    pattern = Path(text)
+    if pattern.is_absolute() or ".." in pattern.parts:
+        raise DataError(f"{section.at('files')} is {shorten(text)}; expected files inside {section.path.parent}: put or link them there")
+    origin = _numbers(section, "origin_mm", 3) or (0.0, 0.0, 0.0)
+    coordinates = _optional(section, "coordinates_of")
+    if coordinates is not None:
+        coordinates = _word(section, "coordinates_of", ("reference", "deformed"))
+    return section.path.parent / pattern, Rules(
+        "" if _optional(section, "unit") is None else _text(section, "unit", None),
+        _optional_number(section, "mm_per_pixel", 0.0),
+        _numbers(section, "times"),
+        _optional_number(section, "rate", 0.0),
+        _optional_number(section, "time_offset_s") or 0.0,
+        _axes(section),
+        (origin[0], origin[1], origin[2]),
+        coordinates or "",
+    )
+
+
+def _source(section: _Section, name: str, side: str | None, count: str) -> FieldSource:
+    """Where a field lies: its folder, or native exports."""
+    files, rules = _native(section)
+    sides = _word(section, "side", ("front", "back"), side)
+    return FieldSource(_child(section, "folder", name), sides, _count(section, count), files, rules)
+
+
 def read_description(folder: Path) -> Description:
     """Read `experiment.yaml` of a raw folder; DataError for a missing folder, file or key, a wrong unit or type."""
     folder = Path(folder)
@@ -267,12 +336,12 @@ def read_description(folder: Path) -> Description:
     force = _as_section(top, "force", _required(top, "force"))
     dic, ir, image_shape, landmarks = None, None, None, None
     if (value := _optional(top, "dic")) is not None:
-        section = _as_section(top, "dic", value)
-        dic = FieldSource(_child(section, "folder", "dic"), _word(section, "side", ("front", "back"), "front"), _count(section, "stages"))
+        dic = _source(_as_section(top, "dic", value), "dic", "front", "stages")
     if (value := _optional(top, "ir")) is not None:
         section = _as_section(top, "ir", value)
-        _word(section, "unit", ("degC",))
-        ir = FieldSource(_child(section, "folder", "ir"), _word(section, "side", ("front", "back")), _count(section, "frames"))
+        ir = _source(section, "ir", None, "frames")
+        if ir.files is None:
+            _word(section, "unit", ("degC",))
         image_shape, landmarks = _image_shape(section), _landmarks(section)
     programme = _optional(top, "programme")
     if programme is not None and not isinstance(programme, list):

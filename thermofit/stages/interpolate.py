@@ -16,9 +16,13 @@ from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Sp
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_section import mesh_size
-from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.specimen_mesh import specimen_mesh
+from thermofit.identify.coupon_inputs import interpolated
 from thermofit.identify.inputs import TestPhase, field_datasets, specimen_dict
+from thermofit.identify.static import static_record
 from thermofit.measure.camera import CameraPose
+from thermofit.measure.coupon import coupon_files
+from thermofit.measure.end_motion import EndMotion, end_motion
 from thermofit.measure.force import SmoothForce, smooth_force, step_times
 from thermofit.measure.interpolation import (
     NodalDisplacement,
@@ -37,18 +41,27 @@ NAME = "interpolate"
 CALIBRATE = "calibrate-ir"
 _LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
 """Noise of data without noise: sigma must not vanish, because it divides the residual."""
-_SECTIONS = ("specimen", "evaluation", "force", "ir.edge_margin", "noise", "numerics")
+_SECTIONS = ("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise", "numerics")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Record with displacements, temperatures, their sigma and masks, the load steps and the phases of the test.
 
-    Temperatures need the artefact of `calibrate-ir` where the experiment has infrared frames (StudyError names the command).
+    Of coupons: their records as read, with noise and phases. Temperatures need the artefact of `calibrate-ir` where the experiment has
+    infrared frames (StudyError names the command).
     """
+    if study.coupon is not None:
+        files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
+        return produce(job(study.run_dir, NAME, study.config_of("coupon"), files), lambda: interpolated(study), force=force)
     if not study.experiment.is_dir():
         mend = f"run `thermofit simulate {study.source.name}` first" if study.virtual else "correct the key 'experiment' of the study"
         raise DataError(f"{study.experiment}: the raw folder does not exist; {mend}")
     inputs: dict[str, Path] = {"experiment": study.experiment}
+    if study.mesh_file is not None:
+        inputs["mesh"] = study.mesh_file
+    if study.static is not None:
+        task = job(study.run_dir, NAME, study.config_of(*_SECTIONS), inputs)
+        return produce(task, lambda: static_record(study), force=force)
     if (study.experiment / "ir").is_dir():
         inputs[CALIBRATE] = artefact_path(study.run_dir, CALIBRATE)
         read_record(inputs[CALIBRATE], CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
@@ -61,7 +74,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     if experiment.dic is None:
         raise DataError(f"{study.experiment}: experiment.yaml declares no displacements; add its dic section")
     specimen, size = study.specimen_of(experiment.specimen), mesh_size(study.evaluation.nodes)
-    mesh = dogbone_mesh(specimen, size.n_x, size.n_y, size.n_z)
+    mesh = specimen_mesh(study.geometry, specimen, size, study.mesh_file)
     window = study.evaluation.window
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     nodal = interpolate_displacements(experiment.dic, points.xy)
@@ -74,6 +87,10 @@ def _make(study: Study, calibrated: Path | None) -> Made:
         fields.append(temperature)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
+    load_start = next((p.t0 for p in label_phases(smooth) if p.label in ("elastic", "loading")), float(smooth.time[0]))
+    if study.force.drives == "dic":
+        ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
+        datasets |= _elongation(end_motion(experiment.dic, ends, study.force.band), datasets, load_start, summary)
     for field in fields:
         datasets.update(field_datasets(field))
     datasets["points/node"] = Dataset(points.node, "1", ("point",))
@@ -82,7 +99,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     summary |= {
         "specimen": specimen_dict(specimen),
         "temperatures": {"theta_air": experiment.theta_air, "theta_clamp": experiment.theta_clamp},
-        "load_start_s": next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0])),
+        "load_start_s": load_start,
         "phases": [{"t0": p.t0, "t1": p.t1, "label": p.label} for p in phases],
         "force": _force_summary(smooth),
         "repairs": list(experiment.repairs),
@@ -179,6 +196,16 @@ def _force_datasets(
             crosshead = np.interp(steps, experiment.force.time, experiment.force.crosshead)
             datasets[f"steps/{name}/crosshead"] = Dataset(crosshead, "mm", ("step",))
     return datasets
+
+
+def _elongation(motion: EndMotion, datasets: dict[str, Dataset], load_start: float, summary: dict[str, Any]) -> dict[str, Dataset]:
+    """What the DIC points say of the elongation of the model, at the load steps."""
+    summary["elongation"] = {"noise_mm": motion.noise, "points": motion.points}
+    out = {"elongation/time": Dataset(motion.time, "s", ("stage",)), "elongation/value": Dataset(motion.elongation, "mm", ("stage",))}
+    for name in ("displacement", "temperature", "all"):
+        steps = datasets[f"steps/{name}/time"].value
+        out[f"steps/{name}/elongation"] = Dataset(motion.at(steps, load_start), "mm", ("step",))
+    return out
 
 
 _CLOSEST = 1e-3

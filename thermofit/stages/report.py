@@ -12,7 +12,9 @@ from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.diagnose.coupon_tables import coupon_report_text
 from thermofit.diagnose.figures import STYLE, save_figures
+from thermofit.diagnose.figures_coupon import coupon_figures
 from thermofit.diagnose.figures_curves import force_figure, over_time_figure, stress_stretch_figure, temperature_figure
 from thermofit.diagnose.figures_maps import residual_maps, rms_maps
 from thermofit.diagnose.figures_search import correlation_figure, objective_figure
@@ -37,7 +39,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     stages = (INTERPOLATE, *identified_stages(study), VERIFY)
     paths = {stage: artefact_path(study.run_dir, stage) for stage in stages}
     records = {stage: read_record(path, stage, f"thermofit {stage} {study.source.name}") for stage, path in paths.items()}
-    sections = ("name", "model", "mesh", "stages", "simulate")
+    sections = ("name", "model", "mesh", "stages", "simulate", "coupon")
     task = job(study.run_dir, NAME, study.config_of(*sections), paths)
     outcome = produce(task, lambda: _make(study, records), force=force)
     if outcome.fresh and not all(Path(path).exists() for path in (*outcome.record.summary[FIGURES], outcome.record.summary["report"])):
@@ -49,9 +51,11 @@ def _make(study: Study, records: dict[str, Record]) -> Made:
     text = study.run_dir / TEXT
     try:
         with matplotlib.rc_context(STYLE):
-            figures = save_figures(study.run_dir / FIGURES, _figures(study, records))
+            pictures = _figures(study, records) if study.coupon is None else coupon_figures(records)
+            figures = save_figures(study.run_dir / FIGURES, pictures)
         with replacing(text, durable=False) as temporary:
-            temporary.write_text(report_text(study, records, figures), encoding="utf-8")
+            words = report_text if study.coupon is None else coupon_report_text
+            temporary.write_text(words(study, records, figures), encoding="utf-8")
     except OSError as error:
         raise StudyError(f"report: '{study.run_dir}' cannot be written ({error}): expected a writable folder with free space") from error
     summary = {

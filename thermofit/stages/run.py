@@ -103,8 +103,15 @@ def chain(
 
 def _does_not_apply(study: Study, name: str) -> str:
     """Why a stage is left out, empty where it applies. Asked when its turn comes: `simulate` may have made the raw folder."""
+    if study.coupon is not None:
+        if name in ("simulate", "calibrate-ir"):
+            return "the experiment is a record of coupons"
+        if name == "identify-thermal" and not any(record.temperature for record in study.coupon.records):
+            return "no record holds a temperature"
     if name == "simulate" and not study.virtual:
         return "the experiment is measured"
+    if name == "identify-plastic" and study.static is not None:
+        return "the experiment is one elastic load step"
     if name in ("calibrate-ir", "identify-thermal") and study.experiment.is_dir() and not (study.experiment / "ir").is_dir():
         return "the experiment has no infrared frames"
     if name in OPTIONAL and getattr(study, name) is None:

@@ -11,6 +11,7 @@ from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.diagnose.coupon_verification import verified_coupons
 from thermofit.diagnose.curves import moments, snapshots, stress_stretch, temperature_curves
 from thermofit.diagnose.energy import energy_curves, energy_totals
 from thermofit.diagnose.structure import Span, named_phases, node_rms, time_rms
@@ -27,23 +28,27 @@ from thermofit.diagnose.verification import (
     phase_table,
     verification,
 )
+from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.inputs import INTERPOLATE, Measured, field_datasets, measured, start_parameters, with_identified
 
 NAME = "verify"
-_SECTIONS = ("model", "material_axes", "mesh", "parameters", "evaluation", "force", "numerics")
+_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Record with predicted fields, residuals per channel and phase, maps, curves, coupling error and energy balance.
 
     Stages that have not run are absent: their parameters keep the start of the study. StudyError where `interpolate` or
-    `identify-elastic` is missing (names the command); NumericsError where the coupled run fails.
+    `identify-elastic` is missing (names the command); NumericsError where the coupled run fails. Of coupons: every record by the point
+    driver.
     """
-    data = measured(study)
+    data = measured(study) if study.coupon is None else coupon_data(study)
     stages = identified_stages(study)
     parameters, identified = with_identified(study, start_parameters(study, data), stages)
     inputs: dict[str, Path] = {INTERPOLATE: artefact_path(study.run_dir, INTERPOLATE), **identified}
     task = job(study.run_dir, NAME, study.config_of(*_SECTIONS), inputs)
+    if isinstance(data, CouponData):
+        return produce(task, lambda: verified_coupons(study, data, parameters, stages), force=force)
     return produce(task, lambda: _make(study, data, parameters, stages), force=force)
 
 

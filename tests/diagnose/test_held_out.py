@@ -1,0 +1,66 @@
+"""Held-out proof: folds, buffers, and what the proof says where an effect is there and where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermofit.diagnose.held_out import Rows, held_out_residual, proof, split_by_blocks, split_by_phase
+
+N_T, N_S = 60, 50
+
+
+def rows() -> Rows:
+    t, s = np.meshgrid(np.linspace(0.0, 100.0, N_T), np.arange(N_S), indexing="ij")
+    xy = np.stack([s.ravel() % 5, s.ravel() // 5], axis=1).astype(float)
+    time = t.ravel()
+    return Rows(np.zeros(len(time), dtype=int), time, xy, (time > 60.0).astype(int))
+
+
+def test_blocks_hold_out_every_row_once_with_a_buffer_around() -> None:
+    here = rows()
+    split = split_by_blocks(here, (10, 5), (2.0, 0.6))
+    assert np.all(sum(h.astype(int) for h in split.held_out) == 1)
+    for held, near in zip(split.held_out, split.buffer, strict=True):
+        assert not np.any(held & near) and near.any()
+        seen = ~(held | near)
+        for k in np.flatnonzero(held)[::97]:
+            close = (np.abs(here.time[seen] - here.time[k]) < 1.0) & (np.abs(here.xy[seen, 1] - here.xy[k, 1]) < 0.3)
+            assert not close.any()
+
+
+def test_phases_are_folds_and_one_phase_is_none() -> None:
+    here = rows()
+    split = split_by_phase(here, ("loading", "cooling"), 3.0)
+    assert split is not None and len(split.held_out) == 2 and "cooling" in split.by
+    assert not np.any(split.held_out[0] & split.held_out[1])
+    assert split_by_phase(Rows(here.channel, here.time, here.xy, np.zeros(len(here.time), dtype=int)), ("loading",), 3.0) is None
+
+
+def test_held_out_residual_is_that_of_a_fit_to_the_other_rows() -> None:
+    random, here = np.random.default_rng(1), rows()
+    split = split_by_blocks(here, (5, 2), (2.0, 0.6))
+    columns, residual = random.normal(size=(len(here.time), 3)), random.normal(size=len(here.time))
+    found = held_out_residual(residual, columns, split)
+    held, seen = split.held_out[0], ~(split.held_out[0] | split.buffer[0])
+    step = np.linalg.lstsq(columns[seen], -residual[seen], rcond=None)[0]
+    assert found[held] == pytest.approx(residual[held] + columns[held] @ step, abs=1e-10)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3])
+def test_an_effect_is_proved_only_where_it_is(size: float) -> None:
+    here = rows()
+    split = split_by_blocks(here, (10, 5), (2.0, 0.6))
+    fitted = np.stack([np.ones(len(here.time)), here.time / 100.0], axis=1)
+    effect = np.sin(here.time / 9.0)[:, None]
+    gains = []
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        residual = random.normal(size=len(here.time)) - size * effect[:, 0]
+        found = proof(residual, fitted, effect, here, split)
+        gains.append((found.gain, found.sigma))
+        assert found.folds == 5 and found.by_channel[0][0] == pytest.approx(found.without)
+    sure = np.mean([gain > 2.0 * sigma for gain, sigma in gains])
+    assert sure > 0.95 if size else sure < 0.15
+    if size:
+        assert np.mean([g for g, _ in gains]) == pytest.approx(0.5 * size**2 / (1.0 + 0.5 * size**2), rel=0.2)

@@ -1,0 +1,113 @@
+"""Scores of dormant effects on linear problems whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermofit.core.errors import UntrustworthyError
+from thermofit.core.parameters import Param, declare, param
+from thermofit.diagnose.score import Columns, likeness, ranked
+
+N, P = 4000, 6
+for _name in ("made", "other", "third", "fourth"):
+    declare((Param(f"made_{_name}.a", "1", 0.0, -100.0, 100.0, 1.0, "amplitude", probe=1.0),))
+declare((Param("made_positive.a", "1", 0.0, 0.0, 100.0, 1.0, "amplitude", probe=1.0),))
+declare((Param("made_pair.a", "1", 0.0, -9.0, 9.0, 1.0, "one", probe=1.0), Param("made_pair.b", "1", 0.0, -9.0, 9.0, 1.0, "two")))
+
+
+def problem(seed: int = 0) -> tuple[np.random.Generator, np.ndarray, dict[str, tuple[tuple[str, ...], np.ndarray]]]:
+    random = np.random.default_rng(seed)
+    fitted = random.normal(size=(N, P))
+    dormant = {f"made_{n}": ((f"made_{n}.a",), random.normal(size=(N, 1)) * 0.3) for n in ("made", "other", "third", "fourth")}
+    return random, fitted, dormant
+
+
+def test_planted_effect_is_first_with_its_estimate_and_drop() -> None:
+    random, fitted, dormant = problem()
+    # residual = prediction - observation of a model that lacks the effect: minus its columns
+    residual = random.normal(size=N) - 0.5 * dormant["made_third"][1][:, 0]
+    residual -= fitted @ np.linalg.lstsq(fitted, residual, rcond=None)[0]
+    found = ranked(Columns(residual, fitted, dormant))
+    first = found.scores[0]
+    assert first.effect == "made_third" and first.z > 5.0 > found.threshold > 1.9
+    assert first.estimate["made_third.a"] == pytest.approx(0.5, abs=4 * first.sigma["made_third.a"])
+    full = np.concatenate([fitted, dormant["made_third"][1]], axis=1)
+    rest = residual - full @ np.linalg.lstsq(full, residual, rcond=None)[0]
+    assert first.predicted_drop == pytest.approx(residual @ residual - rest @ rest, rel=1e-9)
+    assert first.z == pytest.approx(np.sqrt(first.predicted_drop), rel=1e-9)
+    assert first.detectable == pytest.approx(found.threshold * first.sigma["made_third.a"])
+
+
+def test_what_a_fitted_parameter_takes_up_is_not_an_effect() -> None:
+    """A column inside the span of the fitted ones is unfelt; one nearly inside has a small detectability."""
+    random, fitted, dormant = problem()
+    dormant["made_made"] = (("made_made.a",), fitted @ np.ones((P, 1)))
+    dormant["made_other"] = (("made_other.a",), fitted @ np.ones((P, 1)) + 1e-3 * random.normal(size=(N, 1)))
+    found = ranked(Columns(random.normal(size=N), fitted, dormant))
+    assert found.unfelt == ("made_made",)
+    other = next(s for s in found.scores if s.effect == "made_other")
+    assert 1e-4 < other.detectability < 1e-2
+
+
+def test_effects_that_look_alike_are_one_family() -> None:
+    random, fitted, dormant = problem()
+    dormant["made_other"] = (("made_other.a",), dormant["made_made"][1] + 0.05 * random.normal(size=(N, 1)))
+    found = ranked(Columns(random.normal(size=N), fitted, dormant))
+    families = {s.effect: set(s.family) for s in found.scores}
+    assert families["made_made"] == families["made_other"] == {"made_made", "made_other"}
+    assert families["made_third"] == {"made_third"}
+    assert likeness({"a": dormant["made_made"][1], "b": -dormant["made_made"][1]})["a", "b"] == pytest.approx(1.0)
+
+
+def test_estimate_outside_its_bounds_is_vetoed() -> None:
+    random, fitted, _ = problem()
+    s = random.normal(size=(N, 1))
+    found = ranked(Columns(0.01 * random.normal(size=N) + s[:, 0], fitted, {"made_positive": (("made_positive.a",), s)}))
+    assert "outside" in found.scores[0].vetoed and found.scores[0].estimate["made_positive.a"] < param("made_positive.a").lower
+
+
+def test_no_effect_passes_by_chance_more_often_than_said() -> None:
+    """The largest of four |z| passes the threshold in about LEVEL of the tests with nothing planted."""
+    random, fitted, dormant = problem()
+    passed = 0
+    for _ in range(400):
+        found = ranked(Columns(random.normal(size=N), fitted, dormant))
+        passed += max(s.z for s in found.scores) > found.threshold
+    assert 6 <= passed <= 36
+
+
+def test_rows_that_hang_together_count_as_few() -> None:
+    """Residual and column constant within 40 groups: the plain z is far too sure, that by groups is not."""
+    random, fitted, _ = problem()
+    groups = np.repeat(np.arange(40), N // 40)
+    large = []
+    for _ in range(200):
+        s, r = random.normal(size=40)[groups], 3.0 * random.normal(size=40)[groups]
+        dormant = {"made_made": (("made_made.a",), s[:, None])}
+        assert ranked(Columns(r, fitted, dormant)).scores[0].z >= 0.0
+        large.append(ranked(Columns(r, fitted, dormant, groups=groups)).scores[0].z > 2.6)
+    assert np.mean(large) < 0.06
+
+
+def test_error_of_the_discretisation_is_scored_like_the_residual() -> None:
+    random, fitted, dormant = problem()
+    error = 0.2 * dormant["made_other"][1][:, 0]
+    found = ranked(Columns(random.normal(size=N), fitted, dormant, numerical=error))
+    drops = {s.effect: s.numerical_drop for s in found.scores}
+    s = dormant["made_other"][1][:, 0]
+    s = s - fitted @ np.linalg.lstsq(fitted, s, rcond=None)[0]
+    assert drops["made_other"] == pytest.approx(0.04 * s @ s, rel=1e-9) and drops["made_third"] < 0.01 * drops["made_other"]
+
+
+def test_two_params_of_one_effect_are_judged_together() -> None:
+    random, fitted, _ = problem()
+    block = random.normal(size=(N, 2))
+    residual = random.normal(size=N) - block @ [0.0, 0.2]
+    found = ranked(Columns(residual, fitted, {"made_pair": (("made_pair.a", "made_pair.b"), block)})).scores[0]
+    assert found.z > 5.0 and found.estimate["made_pair.b"] == pytest.approx(0.2, abs=4 * found.sigma["made_pair.b"])
+
+
+def test_more_parameters_than_data_is_refused() -> None:
+    with pytest.raises(UntrustworthyError, match="nothing to judge"):
+        ranked(Columns(np.ones(3), np.eye(3), {}))

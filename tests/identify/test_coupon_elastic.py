@@ -1,0 +1,47 @@
+"""The elastic part of a coupon record: slope, zero of strain, and where the line ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thermofit.identify.coupon_elastic import elastic_line, first_branch
+
+E, YIELD = 200e3, 300.0
+
+
+def record(n: int = 400, noise: float = 1e-6, offset: float = 3e-4, toe: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A bilinear record to 1 % strain whose strain is off by `offset`, soft by `toe` (strain) at its beginning."""
+    true = np.linspace(0.0, 0.01, n)
+    stress = np.where(true < YIELD / E, E * true, YIELD + 2e3 * (true - YIELD / E))
+    strain = true + offset - toe * np.exp(-stress / 10.0) + noise * np.random.default_rng(1).normal(size=n)
+    return np.linspace(0.0, 100.0, n), strain, stress
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_slope_zero_and_end(sign: float) -> None:
+    time, strain, stress = record()
+    found = elastic_line(time, sign * strain, sign * stress, 1e-6)
+    assert found is not None
+    assert found.slope == pytest.approx(E, rel=5e-3)
+    assert found.offset == pytest.approx(sign * 3e-4, abs=5e-6)
+    assert 0.75 * YIELD < abs(found.stress) < 1.02 * YIELD
+    assert stress[found.end] <= 1.02 * YIELD
+
+
+def test_toe_is_left_out() -> None:
+    found = elastic_line(*record(toe=1e-4), noise=1e-6)
+    assert found is not None
+    assert found.slope == pytest.approx(E, rel=0.03)
+
+
+def test_no_line_without_samples() -> None:
+    time, strain, stress = record(n=12)
+    assert elastic_line(time, strain, stress, 1e-6) is None
+    assert elastic_line(time, strain, np.zeros(12), 1e-6) is None
+
+
+def test_first_branch_ends_at_the_reversal() -> None:
+    stress = np.concatenate([np.linspace(0.0, 200.0, 51), np.linspace(200.0, -300.0, 101)[1:]])
+    assert first_branch(stress) == 51
+    assert first_branch(np.linspace(0.0, 10.0, 7)) == 7

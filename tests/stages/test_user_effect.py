@@ -1,0 +1,95 @@
+"""docs/effects.md followed literally: a user's effect file takes part like the built-in ones."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import tiny
+import yaml
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
+
+_ASK = """
+import json, sys
+import numpy as np
+from thermofit.core.study import load_study
+study = load_study(sys.argv[1])
+from thermofit.core.parameters import Parameters, known_names
+from thermofit.effects.catalogue import effects
+from thermofit.material.law import flow_stress, law_of, yield_stress
+base = Parameters.of({"theta_ref": 297.0})
+off, on = law_of(base), law_of(base.replace(**{"my_softening.rate": 0.2}))
+print(json.dumps({
+    "known": "my_softening.rate" in known_names(),
+    "slot": [e.slot for e in effects() if e.name == "my_softening"],
+    "off": [flow_stress.py_func(0.03, 0.1, 0.01, 297.0, off)[0], yield_stress.py_func(0.03, 0.1, off)[0]],
+    "on": flow_stress.py_func(0.03, 0.1, 0.01, 297.0, on)[0],
+}))
+"""
+
+
+def written(folder: Path) -> Path:
+    """The effect file and the study of the page, as they stand there."""
+    text = PAGE.read_text(encoding="utf-8")
+    name = re.search(r"Save this as `([a-z_]+\.py)`", text)
+    code = re.search(r"```python\n(.*?)```", text, re.S)
+    lines = re.findall(r"```yaml\n(.*?)```", text, re.S)
+    assert name is not None and code is not None and len(lines) == 2
+    (folder / name.group(1)).write_text(code.group(1), encoding="utf-8")
+    study = folder / "study.yaml"
+    content = {**tiny.tree(folder / "run"), "simulate": tiny.tree(folder / "run").get("simulate"), **yaml.safe_load(lines[0])}
+    study.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return study
+
+
+def python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {k: v for k, v in os.environ.items() if k != "THERMOFIT_EFFECTS"}
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, env=environment)
+
+
+def test_the_page_is_right(tmp_path: Path) -> None:
+    """The effect is known, dormant, and changes the yield stress as its formula says."""
+    ran = python("-c", _ASK, str(written(tmp_path)))
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert found["known"] and found["slot"] == ["yield_factor"]
+    assert found["off"][0] == found["off"][1]
+    assert found["on"] == pytest.approx(found["off"][0] * (1.0 - 0.2 * 0.1), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_the_users_effect_is_a_candidate_of_the_diagnosis(tmp_path: Path) -> None:
+    study = written(tmp_path)
+    for command in (["run", str(study), "--until", "verify"], ["diagnose", str(study), "--json"]):
+        ran = python("-c", "from thermofit.cli import main; main()", *command)
+        assert ran.returncode in (0, 5), ran.stderr
+    assert "my_softening" in [row["effect"] for row in json.loads(ran.stdout)["ranking"]]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("PARAMS = 1\n", "SLOT is missing"),
+        ("SLOT = 'nowhere'\nPARAMS = ()\nFORMULA = SOURCE = ''\n", "expected one of"),
+        ("SLOT = 'yield_factor'\nPARAMS = (1,)\nFORMULA = SOURCE = ''\n", "expected Param"),
+        ("def broken(:\n", "does not run"),
+    ],
+)
+def test_what_is_wrong_with_an_effect_file_is_said(tmp_path: Path, text: str, said: str) -> None:
+    study = written(tmp_path)
+    (tmp_path / "my_softening.py").write_text(text, encoding="utf-8")
+    ran = python("-c", "from thermofit.cli import main; main()", "diagnose", str(study))
+    assert ran.returncode == 2 and said in ran.stderr and "my_softening.py" in ran.stderr and "Traceback" not in ran.stderr, ran.stderr
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    study = written(tmp_path)
+    (tmp_path / "my_softening.py").unlink()
+    ran = python("-c", "from thermofit.cli import main; main()", "diagnose", str(study))
+    assert ran.returncode == 2 and "my_softening.py" in ran.stderr

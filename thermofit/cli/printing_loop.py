@@ -1,0 +1,76 @@
+"""Tables of `diagnose` and `close-loop` on a terminal: the ranked effects, what was tried, error before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from thermofit.cli.numbers import number
+
+_SHOWN = 12
+
+
+def show(console: Console, result: Mapping[str, Any]) -> None:
+    """Ranking of the first round, trials of all rounds, before and after."""
+    _ranking(console, result["ranking"])
+    _trials(console, result.get("rounds") or ())
+    if "before" in result and "after" in result:
+        _before_after(console, result["before"], result["after"])
+    for text in result.get("undecided") or ():
+        console.print(f"undecided  {text}", soft_wrap=True)
+    if result.get("study"):
+        console.print(f"study     {result['study']}", soft_wrap=True)
+
+
+def _table(title: str, columns: tuple[str, ...]) -> Table:
+    out = Table(title=title, title_justify="left")
+    for k, column in enumerate(columns):
+        out.add_column(column, justify="left" if k == 0 else "right")
+    return out
+
+
+def _estimate(row: Mapping[str, Any]) -> str:
+    parts = []
+    for name, e in row["estimate"].items():
+        unit = "" if e["unit"] == "1" else f" {e['unit']}"
+        sigma = "" if e["sigma"] is None else f" +- {number(e['sigma'])}"
+        parts.append(f"{name.partition('.')[2] or name} {number(e['value'])}{sigma}{unit}")
+    return "\n".join(parts)
+
+
+def _gain(row: Mapping[str, Any]) -> str:
+    if row["held_out_gain"] is None:
+        return "-"
+    return f"{100 * row['held_out_gain']:.2f} +- {100 * row['held_out_sigma']:.2f}"
+
+
+def _ranking(console: Console, rows: list[Mapping[str, Any]]) -> None:
+    out = _table("effects, the strongest first", ("effect", "also", "z", "one-step estimate", "held-out gain %", "detectable", "remark"))
+    for row in rows[:_SHOWN]:
+        mark = "added" if row["accepted"] else row["remark"]
+        also = ", ".join(row["family"][1:])
+        out.add_row(row["effect"], also, f"{row['z']:.2f}", _estimate(row), _gain(row), number(row["detectable"]), mark)
+    console.print(out)
+    if len(rows) > _SHOWN:
+        console.print(f"and {len(rows) - _SHOWN} weaker ones, see --json")
+
+
+def _trials(console: Console, rounds: Any) -> None:
+    tried = [(n, t) for n, r in enumerate(rounds, start=1) for t in r["tried"]]
+    if not tried:
+        return
+    out = _table("tried by a refit", ("round", "effect", "estimate", "held-out gain %", "result"))
+    for n, t in tried:
+        out.add_row(str(n), t["effect"], _estimate(t), _gain(t), t["remark"] or "added")
+    console.print(out)
+
+
+def _before_after(console: Console, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+    out = _table("rms error", ("channel", "noise", "fit before", "fit after", "held out before", "held out after"))
+    for channel, floor in before["floor"].items():
+        cells = [floor, before["fit"][channel], after["fit"][channel], before["held_out"][channel], after["held_out"][channel]]
+        out.add_row(channel, *(f"{value:.4g}" for value in cells))
+    console.print(out)

@@ -1,0 +1,112 @@
+"""What is diagnosed: the joint model of all channels at its optimum, and where every row of its residual is from."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.structure import Span, span_of
+from thermofit.effects.catalogue import Effect, effects
+from thermofit.identify.model import StageModel, field_of
+
+TINY = 1e-3
+"""Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
+surface does not flow, with the least overstress it does."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model with the parameters at its optimum (`free` names the fitted ones), the effects that its driver knows, the phases of the
+    test, and the names of the Params that change what is seen and not what happens."""
+
+    model: StageModel
+    parameters: Parameters
+    known: tuple[Effect, ...]
+    spans: tuple[Span, ...]
+    instruments: frozenset[str]
+    cheap: bool = False
+    """True where a run costs next to nothing: exponents are scanned when effects are ranked, not only when one is tried."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Compared channels in the order of the residual."""
+        return tuple(c.channel for c in self.model.comparisons)
+
+    def dormant(self) -> tuple[Effect, ...]:
+        """Effects that are off: none of their Params is free and the amplitude is neutral."""
+        free = set(self.parameters.free)
+        return tuple(e for e in self.known if not free & set(e.names) and self.parameters[e.amplitude.name] == e.amplitude.neutral)
+
+
+def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:
+    """Effects that a driver knows: `infrared` are the slots of its measuring chain."""
+    material = ("yield_stress", "yield_factor", "dissipation")
+    extra = ("camera",) if driver == "body" else ()
+    return effects((*material, *infrared, *extra))
+
+
+def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
+    """Where the rows of a residual are from; the rows of priors have channel and phase -1 and are never held out."""
+    channel, time, xy, phase = [], [], [], []
+    for k, c in enumerate(model.comparisons):
+        observation = model.observations[field_of(c.channel)]
+        t = observation.time[c.rows[:, 0]]
+        channel.append(np.full(c.n, k))
+        time.append(t)
+        xy.append(observation.xy[c.rows[:, 1]])
+        phase.append(span_of(t, spans))
+    n = len(model.priors)
+    channel.append(np.full(n, -1))
+    phase.append(np.full(n, -1))
+    time.append(np.full(n, time[0].min()))
+    xy.append(np.zeros((n, 2)))
+    return Rows(np.concatenate(channel), np.concatenate(time), np.concatenate(xy), np.concatenate(phase))
+
+
+def scans(effect: Effect) -> tuple[dict[str, float], ...]:
+    """Sets of values to try for the Params of an effect that cannot be felt while it is off: every combination, the neutral one first."""
+    tried = [p for p in effect.params if p.scan]
+    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(p.scan for p in tried))]
+    neutral = {p.name: p.neutral for p in tried}
+    return (neutral, *(s for s in sets if s != neutral))
+
+
+def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:
+    """Columns (n, k) of a dormant effect whose other Params have the given values, from one differentiated run."""
+    names = tuple(p.name for p in effect.params if not p.scan)
+    tiny = {} if effect.amplitude.name in case.instruments else {effect.amplitude.name: _tiny(effect)}
+    _, columns = case.model.linearised(case.parameters.replace(**values, **tiny), names)
+    return columns
+
+
+def _tiny(effect: Effect) -> float:
+    return effect.amplitude.neutral + TINY * float(effect.amplitude.probe or 0.0)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by."""
+
+    residual: np.ndarray
+    fitted: np.ndarray
+    dormant: dict[str, tuple[tuple[str, ...], np.ndarray]]
+
+
+def linearised(case: Case) -> Linearised:
+    """All columns from one differentiated run. NumericsError where it fails."""
+    dormant = case.dormant()
+    tiny = {e.amplitude.name: _tiny(e) for e in dormant if e.amplitude.name not in case.instruments}
+    felt = {e.name: tuple(p.name for p in e.params if not p.scan) for e in dormant}
+    fitted = case.parameters.free
+    names = (*fitted, *(name for group in felt.values() for name in group))
+    residual, columns = case.model.linearised(case.parameters.replace(**tiny), names)
+    at = {name: k for k, name in enumerate(names)}
+    for name, value in tiny.items():
+        residual = residual - columns[:, at[name]] * (value - case.parameters[name])
+    blocks = {effect: (group, columns[:, [at[name] for name in group]]) for effect, group in felt.items()}
+    return Linearised(residual, columns[:, : len(fitted)], blocks)

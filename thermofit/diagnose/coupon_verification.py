@@ -1,0 +1,132 @@
+"""All identified parameters on whole coupon records: residual per channel, phase and record, what the misfit is worth, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.artefact import Dataset
+from thermofit.core.parameters import Parameters
+from thermofit.core.staging import Made
+from thermofit.core.study import Study
+from thermofit.diagnose.structure import ResidualField, Span, named_phases, residual_field, statistics
+from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_remarks, phase_table
+from thermofit.fit.memory import memories
+from thermofit.identify.coupon_inputs import CouponData
+from thermofit.identify.coupon_model import HISTORY, comparison, coupon_run, observations, offsets, segments
+from thermofit.identify.inputs import TestPhase, field_datasets
+from thermofit.measure.observation import FieldObservation
+from thermofit.point.driver import PointHistory
+
+_CURVES = (("strain", "1"), ("stress", "MPa"), ("theta", "K"), ("theta_sensor", "K"), ("accumulated", "1"))
+
+
+def verified_coupons(study: Study, data: CouponData, parameters: Parameters, stages: tuple[str, ...]) -> Made:
+    """The record of `verify` of coupons. NumericsError names the record that the model cannot follow."""
+    begin = time.perf_counter()
+    run = coupon_run(study, data)
+    histories = [run.history(parameters, test) for test in data.tests]
+    measured = "stress" if data.control == "strain" else "strain"
+    names = [measured, *(["theta"] if any(t.theta is not None for t in data.tests) else [])]
+    windows = [(float(t.time[0]), float(t.time[-1])) for t in data.tests]
+    seen = observations(data, names, windows, parameters["E"])
+    fields = []
+    worth: dict[str, float] = {}
+    for name, observation in seen.items():
+        channel = "dtheta" if name == "theta" else name
+        error = _stacked(histories, name) - observation.value
+        compared = comparison(channel, observation, "sigma")
+        fields.append(replace(residual_field(compared, error, observation), shared=np.where(observation.mask[:, :, None], 0.0, np.nan)))
+        found = memories(compared.residual(error), segments([compared], data))
+        worth[channel] = sum(m.independent for m in found)
+    spans = record_spans(data)
+    summary = _summary(fields, spans, worth, stages)
+    summary |= {"records": _record_rows(data, fields), "evaluations": _cost(histories, time.perf_counter() - begin)}
+    return Made(_datasets(data, seen, fields, histories), summary, fitted_parameters(study, parameters, stages))
+
+
+def _stacked(histories: Sequence[PointHistory], name: str) -> np.ndarray:
+    """A field of all records one after another, (n_t, 1, 1)."""
+    return np.concatenate([getattr(h, HISTORY[name]) for h in histories])[:, None, None]
+
+
+def record_spans(data: CouponData) -> tuple[Span, ...]:
+    """Phases of all records on the common time axis; with several records each bears the name of its own."""
+    several = len(data.tests) > 1
+    spans: list[Span] = []
+    for test, offset in zip(data.tests, offsets(data.tests), strict=True):
+        own = named_phases([TestPhase(p.t0 + offset, p.t1 + offset, p.label) for p in test.phases])
+        spans += [replace(span, name=f"{test.name}: {span.name}" if several else span.name) for span in own]
+    return tuple(spans)
+
+
+def _summary(fields: Sequence[ResidualField], spans: Sequence[Span], worth: dict[str, float], stages: tuple[str, ...]) -> dict[str, Any]:
+    channels = channel_table(fields)
+    for name, count in worth.items():
+        channels[name]["n_independent"] = count
+    rows = phase_table(fields, spans)
+    found = judge(fields, rows)
+    remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
+    remarks += phase_remarks(rows, found.within)
+    for field in fields:
+        row = channels[field.channel]
+        if field.channel in found.outside:
+            values = f"{row['n']} values are worth {worth[field.channel]:.3g} independent ones"
+            remarks.append(
+                f"{field.channel}: the misfit is that of the model, not of the sensor: {values}; standard errors count that, but not "
+                "what a missing effect does to the parameters"
+            )
+    return {
+        "verdict": found.line,
+        "trustworthy": not found.outside,
+        "channels": channels,
+        "phases": rows,
+        "stages": list(stages),
+        "remarks": remarks,
+    }
+
+
+def _record_rows(data: CouponData, fields: Sequence[ResidualField]) -> list[dict[str, Any]]:
+    """Rms and size over the noise of every channel, record by record."""
+    rows, at = [], 0
+    for test in data.tests:
+        here = slice(at, at + len(test.time))
+        at = here.stop
+        row: dict[str, Any] = {"record": test.name}
+        for field in fields:
+            index = np.zeros(len(field.time), dtype=bool)
+            index[here] = True
+            found = statistics(field.at(index))
+            if found is not None:
+                row |= {f"{field.channel}_rms": found.rms, f"{field.channel}_over_noise": found.over_floor}
+        rows.append(row)
+    return rows
+
+
+def _cost(histories: Sequence[PointHistory], seconds: float) -> dict[str, float]:
+    steps = sum(h.counts["steps"] for h in histories)
+    return {"forward": len(histories), "failed": 0, "steps": steps, "wall_s": seconds}
+
+
+def _datasets(
+    data: CouponData, seen: dict[str, FieldObservation], fields: Sequence[ResidualField], histories: Sequence[PointHistory]
+) -> dict[str, Dataset]:
+    out: dict[str, Dataset] = {}
+    dims = ("time", "point", "component")
+    for name, observation in seen.items():
+        out |= field_datasets(observation)
+        out[f"{name}/predicted"] = Dataset(_stacked(histories, name), observation.unit, dims)
+    for field in fields:
+        out[f"residual/{field.channel}"] = Dataset(field.normalised, "1", dims)
+    for number, (test, history) in enumerate(zip(data.tests, histories, strict=True)):
+        out[f"curves/{number}/time"] = Dataset(history.time, "s", ("sample",))
+        for name, unit in _CURVES:
+            out[f"curves/{number}/{name}"] = Dataset(getattr(history, name), unit, ("sample",))
+        for name, value, unit in (("strain", test.strain, "1"), ("stress", test.stress, "MPa"), ("theta", test.theta, "K")):
+            if value is not None:
+                out[f"curves/{number}/measured_{name}"] = Dataset(value, unit, ("sample",))
+    return out

@@ -1,0 +1,172 @@
+"""What `diagnose` and `close-loop` leave behind: summaries for JSON and tables, parameters, datasets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.artefact import Dataset, ParameterResult
+from thermofit.core.parameters import param
+from thermofit.core.study import Study
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.loop import Closed, Trial, before_after, channel_rms, ranking_rows
+from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.trace import Traced
+from thermofit.fit.result import FitResult
+from thermofit.identify.solve import merged_counts
+
+_EXCESS = 1.05
+"""Rms over the noise from which a channel or phase is said to hold more than noise."""
+
+
+def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, ParameterResult]:
+    """All parameters of the joint model: the fitted ones with standard error."""
+    results = {}
+    for name in case.parameters.given():
+        free = name in fit.names
+        k = fit.names.index(name) if free else -1
+        sigma = None if fit.sigma is None or not free or not np.isfinite(fit.sigma[k]) else float(fit.sigma[k])
+        low, high = study.bounds(name)
+        value = case.parameters[name]
+        results[name] = ParameterResult(value, sigma, param(name).unit, free, bool(free and fit.at_bound[k]), value, low, high)
+    return results
+
+
+def channels_of(here: Traced) -> dict[str, dict[str, Any]]:
+    """Per channel: number, rms, unit, reduced chi-square, floor."""
+    table = {}
+    for k, c in enumerate(here.case.model.comparisons):
+        part = here.columns.residual[here.rows.channel == k]
+        floor = float(np.sqrt(np.mean(c.sigma**2)))
+        chi2 = float(np.mean(part**2))
+        table[c.channel] = {"n": len(part), "rms": floor * chi2**0.5, "unit": c.unit, "chi2_reduced": chi2, "floor_rms": floor}
+    return table
+
+
+def lack_of_fit(here: Traced, numerical: np.ndarray) -> list[dict[str, Any]]:
+    """Per channel and phase: reduced chi-square, what the discretisation error adds to it, lag-one correlation in time."""
+    rows = []
+    for k, channel in enumerate(here.case.channels):
+        for number, span in enumerate(here.case.spans):
+            part = (here.rows.channel == k) & (here.rows.phase == number)
+            if part.any():
+                r = here.columns.residual[part]
+                rows.append(
+                    {
+                        "channel": channel,
+                        "phase": span.name,
+                        "t0_s": round(span.t0, 3),
+                        "t1_s": round(span.t1, 3),
+                        "n": int(part.sum()),
+                        "chi2_reduced": float(np.mean(r**2)),
+                        "numerical": float(np.mean(numerical[part] ** 2)),
+                        "mean": float(r.mean()),
+                    }
+                )
+    return rows
+
+
+def _undecided(here: Traced) -> list[str]:
+    """Families that this test cannot part, in words."""
+    out = []
+    for s in here.promising():
+        if len(s.family) > 1:
+            out.append(f"{s.effect} cannot be told from {', '.join(s.family[1:])} by this test")
+    return out
+
+
+def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
+    """Summary of `diagnose`."""
+    promising = here.promising()
+    if promising:
+        names = "; ".join(f"{s.effect} (z {s.z:.1f}, held-out error {-100 * here.proofs[s.effect].gain:+.1f} %)" for s in promising[:3])
+        line = f"the residual points to {names}"
+    else:
+        line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
+    return {**_common(found, here), "verdict": line, "ranking": ranking_rows(here), "undecided": _undecided(here)}
+
+
+def _common(found: Prepared, here: Traced) -> dict[str, Any]:
+    size = found.size
+    return {
+        "trustworthy": True,
+        "channels": channels_of(here),
+        "lack_of_fit": lack_of_fit(here, found.numerical),
+        "mesh": [size.n_x, size.n_y, size.n_z],
+        "held_out": here.split.by,
+        "threshold": here.ranking.threshold,
+        "unfelt": list(here.ranking.unfelt),
+        "evaluations": dict(merged_counts(found.fit)),
+        "unlisted": None,
+    }
+
+
+def _trial(trial: Trial) -> dict[str, Any]:
+    estimate = {n: {"value": v, "sigma": trial.sigma.get(n), "unit": param(n).unit} for n, v in trial.estimate.items()}
+    return {
+        "effect": trial.score.effect,
+        "family": list(trial.score.family),
+        "z": trial.score.z,
+        "predicted_drop": trial.score.predicted_drop,
+        "achieved_drop": trial.achieved_drop,
+        "estimate": estimate,
+        "held_out_gain": None if trial.proof is None else trial.proof.gain,
+        "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
+        "accepted": trial.refused == "",
+        "remark": trial.refused,
+    }
+
+
+def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str, Any]:
+    """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
+    table = before_after(closed.first, closed.last)
+    rounds = [{"ranking": ranking_rows(r.traced), "tried": [_trial(t) for t in r.trials], "accepted": r.accepted} for r in closed.rounds]
+    return {
+        **_common(found, closed.last),
+        "verdict": _verdict(closed, table),
+        "ranking": ranking_rows(closed.first, closed.accepted),
+        "accepted": list(closed.accepted),
+        "dropped": list(closed.dropped),
+        "rounds": rounds,
+        **table,
+        "study": str(study_file),
+    }
+
+
+def _verdict(closed: Closed, table: dict[str, Any]) -> str:
+    errors = _errors(table, closed.first.case.channels)
+    if not closed.accepted:
+        return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
+    families = {t.score.effect: t.score.family for r in closed.rounds for t in r.trials}
+    names = []
+    for name in closed.accepted:
+        others = [other for other in families.get(name, ()) if other != name]
+        names.append(name + (f" (or {', '.join(others)})" if others else ""))
+    return f"added {', '.join(names)}; {errors}"
+
+
+def _errors(table: dict[str, Any], channels: Sequence[str]) -> str:
+    parts = []
+    for c in channels:
+        floor = table["before"]["floor"][c]
+        before, after = (table[word]["held_out"][c] / floor for word in ("before", "after"))
+        parts.append(f"held-out {c} {before:.3f} -> {after:.3f} times the noise")
+    return ", ".join(parts)
+
+
+def diagnosis_datasets(here: Traced) -> dict[str, Dataset]:
+    """Residual, fitted columns' names and the columns of all dormant effects after projection, enough to score again."""
+    out = {
+        "residual/value": Dataset(here.columns.residual, "1", ("row",)),
+        "residual/channel": Dataset(here.rows.channel, "1", ("row",)),
+        "residual/time": Dataset(here.rows.time, "s", ("row",)),
+        "residual/xy": Dataset(here.rows.xy, "mm", ("row", "axis")),
+        "residual/phase": Dataset(here.rows.phase, "1", ("row",)),
+    }
+    rms = channel_rms(here, here.columns.residual)
+    out["rms/value"] = Dataset(np.array(list(rms.values())), "1", ("channel",))
+    out["rms/channel"] = Dataset(np.array(list(rms)), "1", ("channel",))
+    return out

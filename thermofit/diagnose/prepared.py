@@ -1,0 +1,152 @@
+"""From the records of a study to a case: the joint model of its driver at the joint optimum, and the error of its discretisation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from thermofit.core.artefact import open_record
+from thermofit.core.errors import UntrustworthyError
+from thermofit.core.parameters import Parameters
+from thermofit.core.staging import Job, artefact_path, job
+from thermofit.core.study import Study
+from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
+from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.refit import JointFit, require_converged
+from thermofit.diagnose.structure import Span, named_phases
+from thermofit.diagnose.verification import identified_stages
+from thermofit.effects.catalogue import Effect
+from thermofit.fit.result import FitResult
+from thermofit.identify.coupon_inputs import CouponData, coupon_data
+from thermofit.identify.coupon_model import coupon_model, offsets
+from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
+from thermofit.identify.joint import NUISANCES, joint_free, joint_model, joint_settings, station_names
+from thermofit.identify.model import StageModel
+from thermofit.measure.stations import INFRARED
+
+SECTIONS = (
+    *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
+)
+FINER = 1.5
+"""Refinement of the mesh by which the error of the discretisation is measured."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A case at the optimum of the joint fit, how to fit again, and the error (n,) of the discretisation in its residual."""
+
+    case: Case
+    fit: FitResult
+    refit: JointFit
+    numerical: np.ndarray
+    size: MeshSize
+
+
+def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
+    """Job of a diagnosing stage, and the identification stages it rests on.
+
+    StudyError where a record is missing (names its command); UntrustworthyError where a fit has not converged.
+    """
+    stages = identified_stages(study)
+    inputs: dict[str, Path] = {name: artefact_path(study.run_dir, name) for name in (INTERPOLATE, *stages)}
+    for stage in stages:
+        record = open_record(artefact_path(study.run_dir, stage))
+        if not record.summary.get("converged", True):
+            raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
+    return job(study.run_dir, name, study.config_of(*SECTIONS), inputs), stages
+
+
+def diagnosis_mesh(study: Study) -> MeshSize:
+    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset."""
+    if study.diagnosis.mesh is not None:
+        return mesh_size(study.diagnosis.mesh)
+    own, coarse = study.mesh_size, PRESETS["coarse"]
+    return own if own.n_x * own.n_y * own.n_z <= coarse.n_x * coarse.n_y * coarse.n_z else coarse
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A joint problem before its fit: settings, start, model, the same model with finer numerics, and what its driver knows."""
+
+    settings: StageSettings
+    base: Parameters
+    model: StageModel
+    finer: Callable[[], tuple[StageModel, float]]
+    known: tuple[Effect, ...]
+    spans: tuple[Span, ...]
+    size: MeshSize
+
+
+def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
+    """Joint fit of everything that the stages identified, from where they ended. UntrustworthyError where it does not converge."""
+    joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
+    refit = JointFit(study, joint.settings, joint.model, task)
+    parameters, fit = refit(joint.base, "joint")
+    require_converged(fit)
+    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None)
+    finer, share = joint.finer()
+    error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
+    return Prepared(case, fit, refit, error, joint.size)
+
+
+def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
+    """Fields on a body. The error of the mesh is of second order: a mesh finer by r differs by 1 - 1/r^2 of it."""
+    data = measured(study)
+    base, _ = with_identified(study, start_parameters(study, data), stages)
+    free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
+    settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
+    finer = MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
+    return _Joint(
+        settings,
+        base.with_free(free),
+        joint_model(study, data, settings, size),
+        lambda: (joint_model(study, data, settings, finer), 1.0 - FINER**-2),
+        slots_of("body", INFRARED if data.temperature is not None else ()),
+        named_phases(data.phases),
+        size,
+    )
+
+
+def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
+    """Records of coupons. The error of the steps is of first order: half the steps differ by half of it."""
+    data = coupon_data(study)
+    base, _ = with_identified(study, start_parameters(study, data), stages)
+    settings = coupon_joint_settings(study, data)
+    fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
+    hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
+    return _Joint(
+        settings,
+        base.with_free(settings.free),
+        coupon_model(study, data, settings, base),
+        lambda: (coupon_model(fine, data, settings, base), 0.5),
+        slots_of("point", SENSOR if hot else ()),
+        coupon_spans(data),
+        MeshSize(n_x=1, n_y=1, n_z=1),
+    )
+
+
+def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
+    """All that the stages of a coupon study identify, on all that they compare."""
+    hot = any(test.theta is not None for test in data.tests)
+    own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
+    free = study.diagnosis.free or tuple(dict.fromkeys(name for s in own for name in s.free))
+    wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
+    channels = {c: ChannelSettings() for c in wanted}
+    return StageSettings.model_construct(
+        **{**own[1].__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
+    )
+
+
+def coupon_spans(data: CouponData) -> tuple[Span, ...]:
+    """Phases of all records on their common time axis."""
+    out = []
+    for test, offset in zip(data.tests, offsets(data.tests), strict=True):
+        spans = named_phases(test.phases)
+        prefix = f"{test.name} " if len(data.tests) > 1 else ""
+        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset) for s in spans]
+    return tuple(out)

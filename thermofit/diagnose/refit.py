@@ -1,0 +1,50 @@
+"""The joint fit of a diagnosis: everything that any stage identified, on all channels at once, every evaluation kept on disk."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from thermofit.core.checkpoint import Checkpoint
+from thermofit.core.errors import UntrustworthyError
+from thermofit.core.parameters import Parameters
+from thermofit.core.progress import progress
+from thermofit.core.staging import Job
+from thermofit.core.study import Study
+from thermofit.core.study_stages import StageSettings
+from thermofit.fit.minimise import minimise
+from thermofit.fit.result import FitResult
+from thermofit.fit.settings import Hooks, Settings
+from thermofit.identify.model import StageModel
+from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, evaluation_key, remembering, stage_problem
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Minimises the objective of a joint model; evaluations are kept beside the artefact of `job` until that is written."""
+
+    study: Study
+    settings: StageSettings
+    model: StageModel
+    job: Job
+
+    def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
+        settings = self.settings.model_copy(update={"free": start.free})
+        problem, change = stage_problem(self.study, settings, start, remembering(self.model))
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
+        store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
+        options = Settings(x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations)
+        with progress(f"{self.job.stage} {label}", None) as advance:
+
+            def follow(evaluation: object, residual: object) -> None:
+                advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
+
+            fit = change.converted(minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow)))
+        return start.with_vector(fit.x), fit
+
+
+def require_converged(fit: FitResult) -> None:
+    """UntrustworthyError where a fit has not converged: its residual says nothing on the model."""
+    if not fit.converged:
+        raise UntrustworthyError(f"diagnosis: the joint fit has not converged ({fit.message}); mend starts or bounds first")

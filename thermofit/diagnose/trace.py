@@ -1,0 +1,117 @@
+"""Trace the residual to effects: scores of all dormant effects, held-out proof of the strongest, and which of them are worth a refit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, rows_of, scans
+from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.score import Columns, Ranking, Score, ranked
+from thermofit.effects.catalogue import Effect
+
+PROVED_AT_MOST = 8
+"""Effects for which held-out data are asked."""
+SURE = 2.0
+"""Standard errors by which held-out error has to fall."""
+OVER_NUMERICAL = 4.0
+"""Multiple of what the discretisation error alone would let the square sum fall by."""
+PRACTICAL = 1e-3
+"""Least relative fall of the held-out mean square that is worth an effect."""
+_BLOCKS = (10, 5)
+_BUFFER_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A case traced: its columns, rows, split of held-out data, ranking, and proofs by effect."""
+
+    case: Case
+    columns: Linearised
+    rows: Rows
+    split: Split
+    ranking: Ranking
+    proofs: Mapping[str, Proof]
+    problem: Columns
+    settings: Mapping[str, dict[str, float]]
+    """Values of exponents that were scanned, by effect."""
+
+    def promising(self) -> tuple[Score, ...]:
+        """Effects worth a refit, the largest held-out gain first."""
+        found = [s for s in self.ranking.scores if s.effect in self.proofs and self.why_not(s) == ""]
+        return tuple(sorted(found, key=lambda s: -self.proofs[s.effect].gain))
+
+    def why_not(self, score: Score) -> str:
+        """In words why an effect is not worth a refit, empty where it is."""
+        if score.vetoed:
+            return score.vetoed
+        if score.z <= self.ranking.threshold:
+            return f"z {score.z:.2f} is below {self.ranking.threshold:.2f}, which chance reaches in one of twenty tests"
+        if score.predicted_drop <= OVER_NUMERICAL * score.numerical_drop:
+            return "the error of mesh and time steps alone looks as large"
+        proved = self.proofs.get(score.effect)
+        if proved is None:
+            return "weaker than others, not tried on held-out data"
+        if proved.gain <= max(SURE * proved.sigma, PRACTICAL):
+            return f"held-out error falls by {100 * proved.gain:.2f} % +- {100 * proved.sigma:.2f} %: not enough"
+        return ""
+
+
+def split_of(case: Case, rows: Rows, how: str = "auto") -> Split:
+    """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
+
+    Blocks see every phase, so that a parameter which a single phase determines is not lost with it.
+    """
+    span = float(np.ptp(rows.time))
+    if how == "phases":
+        found = split_by_phase(rows, [s.name for s in case.spans], _BUFFER_SHARE * span)
+        if found is not None:
+            return found
+    used = rows.channel >= 0
+    length = float(np.ptp(rows.xy[used, 1]))
+    shape = (_BLOCKS[0], _BLOCKS[1] if length > 0.0 else 1)
+    split = split_by_blocks(replace(rows, time=np.where(used, rows.time, rows.time.min())), shape, (_BUFFER_SHARE * span, 0.05 * length))
+    kept = tuple(held & used for held in split.held_out)
+    note = " (only one load phase)" if how == "phases" else ""
+    return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
+
+
+def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto") -> Traced:
+    """Trace a case. UntrustworthyError where the data do not suffice; NumericsError where the run fails."""
+    found = linearised(case)
+    rows = rows_of(case.model, case.spans)
+    split = split_of(case, rows, how)
+    noisy = any(c.noise is not None for c in case.model.comparisons)
+    groups = groups_of(rows, np.ones(len(rows.time), dtype=bool))
+    columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)
+    settings: dict[str, dict[str, float]] = {}
+    if case.cheap:
+        columns = _scanned(case, columns, settings)
+    ranking = ranked(columns)
+    strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
+    proofs = {effect: proof(found.residual, found.fitted, columns.dormant[effect][1], rows, split) for effect in strongest}
+    return Traced(case, found, rows, split, ranking, proofs, columns, settings)
+
+
+def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]) -> Columns:
+    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them."""
+    dormant = dict(columns.dormant)
+    for effect in case.dormant():
+        if len(scans(effect)) > 1:
+            settings[effect.name], block = best_scan(case, columns, effect)
+            dormant[effect.name] = (dormant[effect.name][0], block)
+    return replace(columns, dormant=dormant)
+
+
+def best_scan(case: Case, columns: Columns, effect: Effect) -> tuple[dict[str, float], np.ndarray]:
+    """The values of an effect's exponents at which the predicted drop is largest, and its columns there."""
+    best, kept = -1.0, (scans(effect)[0], columns.dormant[effect.name][1])
+    for k, values in enumerate(scans(effect)):
+        block = columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
+        here = ranked(replace(columns, dormant={effect.name: (columns.dormant[effect.name][0], block)}))
+        score = here.scores[0] if here.scores else None
+        if score is not None and not score.vetoed and score.predicted_drop > best:
+            best, kept = score.predicted_drop, (values, block)
+    return kept

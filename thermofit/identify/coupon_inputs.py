@@ -1,0 +1,186 @@
+"""What the identification reads of coupon records: the record of `interpolate` as arrays, one entry per test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.artefact import Dataset, Record, read_record
+from thermofit.core.errors import DataError, StudyError
+from thermofit.core.experiment import CouponRecord
+from thermofit.core.staging import Made, artefact_path
+from thermofit.core.study import Study
+from thermofit.core.study_coupon import Coupon
+from thermofit.identify.coupon_elastic import elastic_line
+from thermofit.identify.inputs import INTERPOLATE, TestPhase
+from thermofit.measure.coupon import read_coupon
+from thermofit.measure.noise import robust_sigma, second_differences
+
+LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4}
+"""Noise of a record without noise: sigma must not vanish, because it divides the residual."""
+UNITS = {"strain": "1", "stress": "MPa", "theta": "K"}
+_JITTER = 0.5
+"""Noise of the prescribed strain over the usual increment between samples above which the record should be thinned."""
+
+
+@dataclass(frozen=True)
+class CouponTest:
+    """One record: time s, nominal strain and stress MPa, temperature K (None: not measured), each (n,); temperatures of the air and of the
+    specimen at the start in K, standard deviation of one value of each, phases of the test."""
+
+    name: str
+    time: np.ndarray
+    strain: np.ndarray
+    stress: np.ndarray
+    theta: np.ndarray | None
+    theta_air: float
+    theta_start: float
+    noise: Mapping[str, float]
+    phases: tuple[TestPhase, ...]
+
+
+@dataclass(frozen=True)
+class CouponData:
+    """All records of a study, and whether the strain or the stress is prescribed."""
+
+    tests: tuple[CouponTest, ...]
+    control: str
+
+    @property
+    def theta_air(self) -> float:
+        """Air of the first record, K; the others keep their own (`coupon_model`)."""
+        return self.tests[0].theta_air
+
+    @property
+    def theta_clamp(self) -> float:
+        """Start of the first record, K: a coupon rests in its jaws."""
+        return self.tests[0].theta_start
+
+
+def coupon_section(study: Study) -> Coupon:
+    """The section `coupon` of a study that has one."""
+    if study.coupon is None:
+        raise StudyError(f"{study.source.name}: key 'coupon' is missing: name its records")
+    return study.coupon
+
+
+def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
+    """A record ready for the fit, and remarks: noise estimated where the reader has none, strain counted from where the elastic line meets
+    zero stress."""
+    remarks = [*record.remarks]
+    values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature}
+    noise = {}
+    for name, value in values.items():
+        if value is None:
+            continue
+        if len(record.time) < 5 or not np.all(np.isfinite(value)):
+            raise DataError(
+                f"{record.name}: {name} has {int(np.isfinite(value).sum())} of {len(value)} values, all of at least 5 are needed"
+            )
+        found = record.noise.get(name)
+        estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
+        noise[name] = max(float(estimate), LEAST_NOISE[name])
+    strain = record.strain
+    line = elastic_line(record.time, record.strain, record.stress, noise["strain"])
+    if line is not None and abs(line.offset) > 3.0 * noise["strain"]:
+        strain = strain - line.offset
+        remarks.append(f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e}")
+    step = float(np.median(np.abs(np.diff(strain))))
+    if noise["strain"] > _JITTER * step:
+        remarks.append(
+            f"noise of the strain ({noise['strain']:.1e}) is not small against its usual step ({step:.1e}): thin the record (key "
+            "'points'), else the model flows back and forth with the noise"
+        )
+    start = record.theta_air if record.theta_start is None else record.theta_start
+    phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
+    test = CouponTest(
+        record.name, record.time, strain, record.stress, record.temperature, float(record.theta_air), float(start), noise, phases
+    )
+    return test, tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def whole(time: np.ndarray) -> tuple[TestPhase, ...]:
+    """The test as one phase."""
+    return (TestPhase(float(time[0]), float(time[-1]), "loading"),)
+
+
+def interpolated(study: Study) -> Made:
+    """The record of `interpolate` of a study on coupons: every record in SI-like units with its noise, phases and remarks."""
+    section = coupon_section(study)
+    found = [coupon_test(record) for record in read_coupon(section, study.source.parent)]
+    datasets: dict[str, Dataset] = {}
+    rows: list[dict[str, Any]] = []
+    remarks: list[str] = []
+    for number, (test, said) in enumerate(found):
+        values = {"time": (test.time, "s"), "strain": (test.strain, "1"), "stress": (test.stress, "MPa")}
+        if test.theta is not None:
+            values["theta"] = (test.theta, "K")
+        for name, (value, unit) in values.items():
+            datasets[f"records/{number}/{name}"] = Dataset(value, unit, ("sample",))
+        rows.append(_row(test))
+        remarks += said
+    phases = [
+        {"record": test.name, "t0": p.t0, "t1": p.t1, "label": p.label} for test, _ in found for p in test.phases
+    ]  # fmt: skip
+    samples = sum(len(test.time) for test, _ in found)
+    hot = sum(test.theta is not None for test, _ in found)
+    line = f"{len(found)} records, {samples} samples" + (f", {hot} with temperature" if hot else "")
+    noise = ", ".join(f"{name} {max(t.noise[name] for t, _ in found):.2g} {UNITS[name]}" for name in ("strain", "stress"))
+    summary = {
+        "verdict": f"{line}; noise at most {noise}",
+        "records": rows,
+        "tests": [_facts(test) for test, _ in found],
+        "phases": phases,
+        "remarks": remarks,
+        "control": section.control,
+    }
+    return Made(datasets, summary)
+
+
+def _row(test: CouponTest) -> dict[str, Any]:
+    """A record as a row of a table for the user."""
+    return {
+        "record": test.name,
+        "n": len(test.time),
+        "duration_s": float(test.time[-1] - test.time[0]),
+        "strain": f"{test.strain.min():.4f} to {test.strain.max():.4f}",
+        "stress_MPa": f"{test.stress.min():.1f} to {test.stress.max():.1f}",
+        "start_K": test.theta_start,
+        "temperature": "none" if test.theta is None else f"{np.nanmin(test.theta):.2f} to {np.nanmax(test.theta):.2f} K",
+    }
+
+
+def _facts(test: CouponTest) -> dict[str, Any]:
+    """What of a record is no array."""
+    return {"name": test.name, "theta_air": test.theta_air, "theta_start": test.theta_start, "noise": dict(test.noise)}
+
+
+def coupon_data(study: Study) -> CouponData:
+    """CouponData of a study from `<run_dir>/interpolate.h5`; StudyError that names the command where it is missing."""
+    return coupon_data_of(read_record(artefact_path(study.run_dir, INTERPOLATE), INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+
+
+def coupon_data_of(record: Record) -> CouponData:
+    """CouponData from an open record of `interpolate`; StudyError where that was made of fields."""
+    if "tests" not in record.summary:
+        raise StudyError(f"{record.path}: made of a full-field experiment; run `thermofit interpolate` again for the coupon records")
+    tests = []
+    for number, facts in enumerate(record.summary["tests"]):
+        get, name = f"records/{number}", str(facts["name"])
+        own = [p for p in record.summary["phases"] if p["record"] == name]
+        phases = tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in own)
+        time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
+        theta = record[f"{get}/theta"].value if record.has(f"{get}/theta") else None
+        air, start = float(facts["theta_air"]), float(facts["theta_start"])
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases))
+    return CouponData(tuple(tests), str(record.summary["control"]))
+
+
+def shortened(test: CouponTest, t_end: float) -> CouponTest:
+    """The record up to t_end s, two samples at least."""
+    n = max(int(np.searchsorted(test.time, t_end + 1e-9)), 2)
+    theta = None if test.theta is None else test.theta[:n]
+    return replace(test, time=test.time[:n], strain=test.strain[:n], stress=test.stress[:n], theta=theta)

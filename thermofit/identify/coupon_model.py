@@ -1,0 +1,234 @@
+"""The residual of a stage on coupon records: one run of the point driver per record, all records in one residual (2.24).
+
+Records follow one another on one time axis, so that a channel is one field of one point and everything that is written for fields
+serves coupons as well. What is prescribed is noisy too: the stress that noise of the strain makes, E times it, counts as noise of the
+compared stress, and the other way round under stress control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.core.errors import DataError, NumericsError, StudyError
+from thermofit.core.parameters import Parameters
+from thermofit.core.study import Study
+from thermofit.core.study_stages import StageSettings
+from thermofit.effects.catalogue import effects
+from thermofit.fit.memory import memories
+from thermofit.identify.coupon_elastic import elastic_line
+from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
+from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
+from thermofit.identify.model import StageModel, field_of
+from thermofit.identify.prediction import Errors
+from thermofit.measure.comparison import Comparison, Weight, plain
+from thermofit.measure.observation import FieldObservation
+from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
+
+HISTORY = {"stress": "stress", "strain": "strain", "theta": "theta_sensor"}
+"""Channel of a PointHistory behind an observed field."""
+
+
+@dataclass(frozen=True)
+class CouponRun:
+    """How the records are run: settings of the driver, and the parameters that the study gives for all records alike."""
+
+    data: CouponData
+    settings: PointSettings
+    common: frozenset[str]
+    per_interval: int = 1
+    """Steps between two samples of a record."""
+
+    def parameters_of(self, parameters: Parameters, test: CouponTest) -> Parameters:
+        """Parameters of a record: its own air, and free of stress at its own start, unless the study says otherwise."""
+        own = {"theta_air": test.theta_air, "theta_ref": test.theta_start}
+        return parameters.replace(**{name: value for name, value in own.items() if name not in self.common})
+
+    def programme(self, test: CouponTest) -> Programme:
+        """What drives a record."""
+        start = test.theta_start
+        if self.data.control == "strain":
+            return Programme.by_strain(*self._refined(test.time, test.strain), start)
+        return Programme.under_stress(*self._refined(test.time, test.stress), start)
+
+    def _refined(self, time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self.per_interval == 1:
+            return time, value
+        index = np.arange((len(time) - 1) * self.per_interval + 1) / self.per_interval
+        return np.interp(index, np.arange(len(time)), time), np.interp(index, np.arange(len(time)), value)
+
+    def history(self, parameters: Parameters, test: CouponTest) -> PointHistory:
+        """The history of a record. NumericsError names the record that fails."""
+        try:
+            found = simulate(self.parameters_of(parameters, test), self.programme(test), self.settings)
+            return found if self.per_interval == 1 else found.every(self.per_interval)
+        except NumericsError as error:
+            raise NumericsError(f"{test.name}: {error}") from error
+
+    def rates(self, parameters: Parameters, names: tuple[str, ...], test: CouponTest) -> tuple[PointHistory, PointRates]:
+        """The history of a record and its derivatives by the named parameters; errors as `history`."""
+        try:
+            found, rates = simulate_rates(self.parameters_of(parameters, test), names, self.programme(test), self.settings)
+            n = self.per_interval
+            return (found, rates) if n == 1 else (found.every(n), replace(rates, rates=rates.rates[::n]))
+        except NumericsError as error:
+            raise NumericsError(f"{test.name}: {error}") from error
+
+
+def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
+    """Numerics of a study for the point driver."""
+    return PointSettings(model=study.model, closed_form=study.numerics.plastic_integration == "closed-form", plastic=plastic)
+
+
+def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plastic: bool = True) -> CouponRun:
+    """CouponRun of a study; `free` parameters are common to all records."""
+    common = frozenset({*study.parameters, *free})
+    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval)
+
+
+def offsets(tests: Sequence[CouponTest]) -> np.ndarray:
+    """What is added to the time of each record (n_tests,) s so that they follow one another, a sample apart."""
+    out, at = [], 0.0
+    for test in tests:
+        out.append(at - float(test.time[0]))
+        at += float(test.time[-1] - test.time[0]) + float(np.median(np.diff(test.time)))
+    return np.array(out)
+
+
+def observations(data: CouponData, names: Sequence[str], windows: Sequence[tuple[float, float]], E: float) -> dict[str, FieldObservation]:
+    """Observed fields of all records within their windows [t0, t1] s; E in MPa turns noise of strain into noise of stress."""
+    time = np.concatenate([test.time + offset for test, offset in zip(data.tests, offsets(data.tests), strict=True)])
+    within = np.concatenate([(t.time >= a - 1e-9) & (t.time <= b + 1e-9) for t, (a, b) in zip(data.tests, windows, strict=True)])
+    out = {}
+    for name in names:
+        measured = [{"stress": t.stress, "strain": t.strain, "theta": t.theta}[name] for t in data.tests]
+        value = np.concatenate([np.full(len(t.time), np.nan) if m is None else m for t, m in zip(data.tests, measured, strict=True)])
+        sigma = np.concatenate([np.full(len(t.time), _sigma(t, name, E)) for t in data.tests])
+        mask = within & np.isfinite(value)
+        if not mask.any():
+            raise DataError(
+                f"coupon: no record holds {name} within the window of the stage; check the window and the columns of the records"
+            )
+        hidden = [np.where(mask, x, np.nan)[:, None, None] for x in (value, sigma)]
+        out[name] = FieldObservation(name, time, np.zeros((1, 2)), hidden[0], hidden[1], mask[:, None], UNITS[name])
+    return out
+
+
+def _sigma(test: CouponTest, name: str, E: float) -> float:
+    """Noise of the difference between model and record: that of both strain and stress, brought to the unit of the compared one."""
+    if name == "stress":
+        return float(np.hypot(test.noise["stress"], E * test.noise["strain"]))
+    if name == "strain":
+        return float(np.hypot(test.noise["strain"], test.noise["stress"] / E))
+    return test.noise.get("theta", np.nan)
+
+
+def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[list[tuple[float, float]], str]:
+    """Window [t0, t1] s of every record and a remark: its elastic range, all of it, or the given one.
+
+    DataError where no record has an elastic range; a record without one is left out, and the remark says so.
+    """
+    if window == "all":
+        return [(float(t.time[0]), float(t.time[-1])) for t in data.tests], ""
+    if not isinstance(window, str):
+        return [window for _ in data.tests], ""
+    if window != "auto":
+        raise StudyError(f"window '{window}' is not known; expected auto, all or [t0, t1] in s")
+    found, said = [], []
+    for test in data.tests:
+        line = elastic_line(test.time, test.strain, test.stress, test.noise["strain"])
+        if line is None:
+            found.append((np.inf, -np.inf))
+            said.append(f"{test.name} has no elastic range and is left out")
+        else:
+            found.append((float(test.time[0]), float(test.time[line.end])))
+            said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.end + 1} samples)")
+    if not any(b >= a for a, b in found):
+        raise DataError("stages.elastic.window: no record begins with a straight line; give the window as [t0, t1] in s")
+    return found, "elastic range: " + ", ".join(said)
+
+
+def comparison(channel: str, observation: FieldObservation, weight: Weight) -> Comparison:
+    """The comparison of a channel; a record starts at its own temperature, so that dtheta is theta."""
+    return replace(plain(observation, weight), channel=channel)
+
+
+def segments(comparisons: Sequence[Comparison], data: CouponData) -> tuple[int, ...]:
+    """Lengths of the parts of the residual that belong to one channel of one record."""
+    ends = np.cumsum([len(t.time) for t in data.tests])
+    out: list[int] = []
+    for c in comparisons:
+        counts = np.bincount(np.searchsorted(ends, c.rows[:, 0], side="right"), minlength=len(ends))
+        out += [int(n) for n in counts if n]
+    return tuple(out)
+
+
+def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: Parameters) -> StageModel:
+    """StageModel of a stage on coupon records; the runs end where the last window ends."""
+    windows, remark = windows_of(settings.window, data)
+    kept = [n for n, (a, b) in enumerate(windows) if b >= a]
+    data = replace(data, tests=tuple(shortened(data.tests[n], windows[n][1]) for n in kept))
+    seen = observations(data, list(dict.fromkeys(map(field_of, settings.channels))), [windows[n] for n in kept], base["E"])
+    run = coupon_run(study, data, settings.free, plastic=set(settings.free) != {"E"})
+
+    of_sensor = effects(SENSOR)
+    stations = {name for effect in of_sensor for name in effect.names}
+
+    def channel(name: str, history: PointHistory, test: CouponTest, parameters: Parameters) -> np.ndarray:
+        value = np.asarray(getattr(history, HISTORY[name]))
+        return shown(value, test, parameters) if name == "theta" else value
+
+    def error_of(histories: Sequence[PointHistory], parameters: Parameters) -> Errors:
+        pairs = list(zip(histories, data.tests, strict=True))
+        return {n: np.concatenate([channel(n, h, t, parameters) for h, t in pairs])[:, None, None] - o.value for n, o in seen.items()}
+
+    def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        body = tuple(name for name in names if name not in stations)
+        found = [run.rates(parameters, body, test) for test in data.tests]
+        slopes = {}
+        for field in seen:
+            parts = []
+            for (history, rates), test in zip(found, data.tests, strict=True):
+                if field == "theta":
+                    asked = (names, of_sensor)
+                    parts.append(shown_rates(np.asarray(getattr(history, HISTORY[field])), rates[HISTORY[field]], test, parameters, asked))
+                else:
+                    full = np.zeros((len(test.time), len(names)))
+                    full[:, [names.index(n) for n in body]] = rates[HISTORY[field]]
+                    parts.append(full)
+            slopes[field] = np.concatenate(parts)[:, None, None, :]
+        return error_of([history for history, _ in found], parameters), slopes
+
+    comparisons = tuple(comparison(c, seen[field_of(c)], _weight(settings, c)) for c in settings.channels)
+    return StageModel(
+        lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
+        comparisons,
+        seen,
+        remark,
+        False,
+        linearise,
+        segments(comparisons, data),
+    )
+
+
+def _weight(settings: StageSettings, channel: str) -> Weight:
+    weight = settings.channels[channel].weight  # type: ignore[index]
+    if isinstance(weight, float | str):
+        return weight
+    raise StudyError(f"channels.{channel}.weight has components; expected a number: a coupon channel has none")
+
+
+def memory_remarks(model: StageModel, residual: np.ndarray) -> tuple[str, ...]:
+    """How many independent values the correlated misfit of each channel is worth."""
+    if model.segments is None:
+        return ()
+    found, out = memories(residual, model.segments), []
+    at = 0
+    for c in model.comparisons:
+        here = [m for m in found if at <= m.part.start < at + c.n]
+        at += c.n
+        worth = sum(m.independent for m in here)
+        out.append(f"{c.channel}: {c.n} values count as {worth:.3g} independent ones, because their misfit is correlated in time")
+    return tuple(out)

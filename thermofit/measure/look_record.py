@@ -1,0 +1,171 @@
+"""What `inspect` finds in a record of a testing machine: clock, channels with their noise, suspicions about sign and unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion
+from thermofit.measure.findings import ColumnFinding, Fact, Part, column_finding
+from thermofit.measure.formats.contents import Column, Record, Records
+from thermofit.measure.phases import noise_level
+from thermofit.measure.study_lines import coupon_lines
+
+GAP = 5.0
+"""A step in time longer than this many median steps is a gap."""
+_LEAST_SAMPLES = 10
+_MIRRORED = -0.9
+_LOADS = ("stress", "force", "true_stress")
+_STRAINS = ("strain", "extension", "true_strain")
+_LARGEST_STRAIN = 2.0
+_COLDEST, _HOTTEST = 50.0, 3000.0
+_SHOWN = {"area": "mm^2", "gauge_length": "mm", "diameter": "mm", "temperature": "K", "rate": "1/s"}
+
+
+def look_at_record(record: Record, name: str = "") -> Part:
+    """Rows, clock, channels, suspicions and study lines of one test."""
+    rows = max((len(values) for values in record.channels.values()), default=0)
+    facts: dict[str, Fact] = {"rows": rows, "without value": record.traits.missing}
+    clock = time_channel(record)
+    remarks: list[str] = list(record.traits.remarks)
+    if clock is None and channel_of(record, "force", "stress", "true_stress"):
+        remarks.append("no column of time was recognised: a study must name it, or give the strain rate")
+    elif clock is not None:
+        more, found = clock_facts(record.channels[clock])
+        facts, remarks = facts | more, remarks + [f"{clock}: {text}" for text in found]
+    facts |= {key: f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
+    clocks = [c.name for c in record.traits.columns if c.meaning == "time" and c.name in record.channels]
+    if len(clocks) > 1:
+        remarks.append(f"{len(clocks)} columns of time ({', '.join(clocks)}): which channel follows which clock, the file does not say")
+    doubts, tension = suspicions(record, clock)
+    remarks += doubts
+    columns = tuple(_column(record, column, clock) for column in record.traits.columns)
+    return Part(name, "record", rows, record.traits.missing, facts, columns, tuple(remarks), coupon_lines(record, name, tension))
+
+
+def look_at_records(records: Records) -> tuple[Part, ...]:
+    """One part for each test of a file."""
+    return tuple(look_at_record(test, name) for name, test in records.tests.items())
+
+
+def channel_of(record: Record, *meanings: str) -> str | None:
+    """Name of the first channel of one of the meanings, None where there is none."""
+    return next((c.name for c in record.traits.columns if c.meaning in meanings and c.name in record.channels), None)
+
+
+def time_channel(record: Record) -> str | None:
+    """The first column of time that increases somewhere."""
+    times = [c.name for c in record.traits.columns if c.meaning == "time" and c.name in record.channels]
+    return next((name for name in times if np.isfinite(record.channels[name]).sum() > 1), None)
+
+
+def clock_facts(time: np.ndarray) -> tuple[dict[str, Fact], list[str]]:
+    """Span and step of a time column (n,) in s, and remarks on gaps, repeated and backward times; NaN are left out."""
+    known = time[np.isfinite(time)]
+    if known.size < 2:
+        return {}, []
+    step = np.diff(known)
+    forward = step[step > 0.0]
+    if not forward.size:
+        return {}, ["the time never increases"]
+    usual = float(np.median(forward))
+    facts: dict[str, Fact] = {"time s": f"{known.min():.6g} to {known.max():.6g}", "step s": usual, "samples per s": 1.0 / usual}
+    remarks = []
+    repeated, back = int((step == 0.0).sum()), int((step < 0.0).sum())
+    gaps = np.flatnonzero(step > GAP * usual)
+    facts |= {"gaps": len(gaps), "repeated times": repeated, "backward times": back}
+    if len(gaps):
+        k = gaps[np.argmax(step[gaps])]
+        remarks.append(f"{len(gaps)} gaps of more than {GAP:g} median steps, the longest {step[k]:.4g} s after {known[k]:.6g} s")
+    if repeated:
+        remarks.append(f"{repeated} times are repeated, first at {known[:-1][step == 0.0][0]:.6g} s")
+    if back:
+        k = int(np.flatnonzero(step < 0.0)[0])
+        remarks.append(f"the time goes back at {back} places, first from {known[k]:.6g} s to {known[k + 1]:.6g} s: another clock or test?")
+    return facts, remarks
+
+
+def _column(record: Record, column: Column, clock: str | None) -> ColumnFinding:
+    values = record.channels.get(column.name)
+    if values is None:
+        return column_finding(column, None)
+    noise = None if clock is None or column.meaning in ("", "time") else channel_noise(record.channels[clock], values)
+    return column_finding(column, values, record.units.get(column.name, ""), noise)
+
+
+def channel_noise(time: np.ndarray, value: np.ndarray) -> float | None:
+    """Noise of a channel (n,) over time (n,) from its second differences; None for too few samples. Rows at repeated times are left out."""
+    if len(time) != len(value):
+        return None
+    known = np.isfinite(time) & np.isfinite(value)
+    t, v = time[known], value[known]
+    if not len(t):
+        return None
+    new = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
+    return noise_level(t[new], v[new]) if new.sum() >= _LEAST_SAMPLES else None
+
+
+def suspicions(record: Record, clock: str | None) -> tuple[list[str], str]:
+    """What looks wrong in sign or unit, in words, and "negative" where the signs say that tension is. Nothing is changed."""
+    signs, tension = _signs(record, clock)
+    return [*_units(record), *signs], tension
+
+
+def _units(record: Record) -> list[str]:
+    found, silent = [], []
+    for column in record.traits.columns:
+        values = record.channels.get(column.name)
+        if values is None or not column.meaning or not np.isfinite(values).any():
+            continue
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        unit = record.units.get(column.name, "")
+        if column.meaning in ("strain", "true_strain") and unit == "1" and max(-low, high) > _LARGEST_STRAIN:
+            found.append(f"{column.name}: strains up to {max(-low, high):.3g}; is the unit % or mm rather than '{column.unit}'?")
+        if column.meaning == "temperature" and unit == "K" and not (_COLDEST < low and high < _HOTTEST):
+            found.append(f"{column.name}: {low:.4g} to {high:.4g} K cannot be a specimen; is the unit '{column.unit}' right?")
+        if not unit:
+            silent.append(column.name)
+    if silent:
+        found.append(f"the file does not say the unit of {', '.join(silent)}: a study must")
+    return found
+
+
+def _signs(record: Record, clock: str | None) -> tuple[list[str], str]:
+    """Signs against physics: thermoelastic cooling in tension, stress that falls with strain, nominal against true quantities."""
+    found, tension = [], ""
+    load, strain, heat = (_channel(record, meanings) for meanings in (_LOADS, _STRAINS, ("temperature",)))
+    if load and heat and clock is not None:
+        text = sign_suspicion(record.channels[clock], load[1], heat[1])
+        if text:
+            unit = record.units.get(load[0], "")
+            found.append(f"{heat[0]} against {load[0]}: {text.replace(' MPa ', f' {unit} ') if unit else text}")
+            tension = "negative"
+    if load and strain:
+        known = np.isfinite(load[1]) & np.isfinite(strain[1])
+        text = branch_suspicion(strain[1][known], load[1][known]) if known.sum() > 1 else None
+        if text:
+            found.append(f"{strain[0]} and {load[0]}: {text}")
+    for meanings in (_LOADS, _STRAINS):
+        found += _opposite(record, meanings)
+    return found, tension
+
+
+def _channel(record: Record, meanings: tuple[str, ...]) -> tuple[str, np.ndarray] | None:
+    """Name and values of the first channel that has the first of the meanings that is there."""
+    name = next((name for meaning in meanings if (name := channel_of(record, meaning))), None)
+    return None if name is None else (name, record.channels[name])
+
+
+def _opposite(record: Record, meanings: tuple[str, ...]) -> list[str]:
+    """Channels of one quantity, nominal and true for instance, that mirror each other: one of them counts compression positive."""
+    channels = [(c.name, record.channels[c.name]) for c in record.traits.columns if c.meaning in meanings and c.name in record.channels]
+    found = []
+    for name, values in channels[1:]:
+        first, kept = channels[0][1], np.isfinite(values) & np.isfinite(channels[0][1])
+        a, b = first[kept], values[kept]
+        if a.size > _LEAST_SAMPLES and np.ptp(a) > 0.0 and np.ptp(b) > 0.0 and float(np.corrcoef(a, b)[0, 1]) < _MIRRORED:
+            found.append(name)
+    if not found:
+        return []
+    return [
+        f"{', '.join(found)} and {channels[0][0]} have opposite signs: compression is positive in one of them, the study must say which"
+    ]

@@ -1,0 +1,364 @@
+"""Steps of a material point solved by Newton, cut where they fail, and differentiated after they have converged.
+
+Every derivative comes from the equations of `point.step` by complex step: those of Newton, and those of direct differentiation,
+dx/dp = -(dr/dx)^-1 (dr/ds ds/dp + dr/dp), where ds/dp are the derivatives of the state at the start of the step.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from thermofit.core.jit import kernel
+from thermofit.material.composition import EFFECT_NUMBERS
+from thermofit.material.law import Law
+from thermofit.material.law_rates import N_NUMBERS, STEP, Complex
+from thermofit.point.step import (
+    ACROSS,
+    ALONG,
+    AT_REST,
+    BY_STRAIN,
+    LAMBDA,
+    N_STATE,
+    N_UNKNOWNS,
+    REST,
+    SENSOR,
+    STRAIN,
+    STRESS,
+    THETA,
+    Exchange,
+    Input,
+    Surroundings,
+    end_of_step,
+    exchange_of,
+    new_state,
+    residual,
+)
+
+_as_tuple: Any = to_fixed_tuple
+_new_law: Any = Law
+N_OF_EFFECTS = len(EFFECT_NUMBERS)
+N_BASE = N_NUMBERS - N_OF_EFFECTS
+N_ALL = N_NUMBERS + 4
+"""Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
+TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
+TOLERANCE = 2e-14
+"""Residual, in units of mu or as a strain, at which a step has converged."""
+ACCEPTED = 1e-12
+"""Residual that round-off may leave."""
+MAX_ITERATIONS = 30
+MAX_RETREATS = 6
+"""How often an iteration may come back from a negative plastic increment, where effects are on."""
+YIELD_TOLERANCE = 1e-9
+"""Relative excess over the yield stress that still counts as elastic, as in `material.point`."""
+CONVERGED, FAILED = 0, -1
+
+
+class Limits(NamedTuple):
+    """Largest change of the stretch in one step, and how often a step may be halved."""
+
+    max_strain: float
+    max_cuts: int
+
+
+class Flags(NamedTuple):
+    """What the law is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `material.law.BaseLaw`)."""
+
+    model: int
+    closed_form: int
+    plastic: int
+    effective: int
+
+
+class Work(NamedTuple):
+    """Scratch of a run: Jacobian (4, 4), residual (4,), states (`s` and `out` of a step, `before` the one before it, `kept` that of the
+    interval), complex ones, and derivatives of states (N_STATE, n_p). `numbers` (n_p + 1, N_ALL): those of the run moved along each
+    parameter by i h, last as they are; `asked` (n_p + 1,): whether one of an effect moves."""
+
+    jacobian: np.ndarray
+    right: np.ndarray
+    s: np.ndarray
+    z: np.ndarray
+    z_out: np.ndarray
+    out: np.ndarray
+    kept: np.ndarray
+    rates: np.ndarray
+    rates_out: np.ndarray
+    rates_kept: np.ndarray
+    rhs: np.ndarray
+    before: np.ndarray
+    numbers: np.ndarray
+    asked: np.ndarray
+
+
+@kernel(forceinline=True)
+def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
+    """Work for numbers (N_ALL,) of a run and their derivatives (N_ALL, n_p) along parameters."""
+    n_p = along.shape[1]
+    moved, asked = np.empty((n_p + 1, N_ALL), dtype=np.complex128), np.zeros(n_p + 1, dtype=np.bool_)
+    for p in range(n_p + 1):
+        for i in range(N_ALL):
+            moved[p, i] = complex(numbers[i], STEP * along[i, p] if p < n_p else 0.0)
+        if p < n_p:
+            asked[p] = np.any(along[N_BASE:N_NUMBERS, p] != 0.0)
+    z = np.zeros((2, N_STATE), dtype=np.complex128)
+    s, r = np.zeros((4, N_STATE)), np.zeros((3, N_STATE, n_p))
+    return Work(
+        np.zeros((N_UNKNOWNS, N_UNKNOWNS)), np.zeros(N_UNKNOWNS), s[0], z[0], z[1], s[1], s[2], r[0], r[1], r[2],
+        np.zeros((N_UNKNOWNS, n_p)), s[3], moved, asked,
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float, asked: bool) -> tuple[Law, Surroundings]:
+    """Law in a step of dt s and Surroundings of complex numbers (N_ALL,); `asked`: effects are looked at although none is on."""
+    base, of_effects = _as_tuple(numbers, N_BASE), _as_tuple(numbers[N_BASE:], N_OF_EFFECTS)
+    effective = 1 if asked else flags.effective
+    rest = (flags.model, flags.closed_form, flags.plastic, effective, 1.0 / dt)
+    return _new_law(*base, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+
+
+@kernel(forceinline=True)
+def _moved(x: tuple[float, float, float, float], k: int) -> Complex:
+    """x with entry k moved by i h (none for a negative k)."""
+    return (
+        complex(x[0], STEP if k == 0 else 0.0),
+        complex(x[1], STEP if k == 1 else 0.0),
+        complex(x[2], STEP if k == 2 else 0.0),
+        complex(x[3], STEP if k == 3 else 0.0),
+    )
+
+
+@kernel(forceinline=True)
+def linearised(x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work) -> float:
+    """Residual and Jacobian of a step at x into w; returns the largest residual."""
+    for k in range(N_UNKNOWNS):
+        r0, r1, r2, r3 = residual(_moved(x, k), z, step, law, exchange)
+        w.jacobian[0, k], w.jacobian[1, k] = r0.imag / STEP, r1.imag / STEP
+        w.jacobian[2, k], w.jacobian[3, k] = r2.imag / STEP, r3.imag / STEP
+        if k == 0:
+            w.right[0], w.right[1], w.right[2], w.right[3] = r0.real, r1.real, r2.real, r3.real
+    return max(abs(w.right[0]), abs(w.right[1]), abs(w.right[2]), abs(w.right[3]))
+
+
+@kernel(forceinline=True)
+def eliminate(a: np.ndarray, b: np.ndarray) -> None:
+    """b := a^-1 b with pivoting; a (n, n), b (n, m); both are overwritten."""
+    n, m = a.shape[0], b.shape[1]
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(a[i, k]) > abs(a[p, k]):
+                p = i
+        if p != k:
+            for j in range(n):
+                a[k, j], a[p, j] = a[p, j], a[k, j]
+            for j in range(m):
+                b[k, j], b[p, j] = b[p, j], b[k, j]
+        for i in range(k + 1, n):
+            factor = a[i, k] / a[k, k]
+            for j in range(k + 1, n):
+                a[i, j] -= factor * a[k, j]
+            for j in range(m):
+                b[i, j] -= factor * b[k, j]
+    for k in range(n - 1, -1, -1):
+        for j in range(m):
+            value = b[k, j]
+            for i in range(k + 1, n):
+                value -= a[k, i] * b[i, j]
+            b[k, j] = value / a[k, k]
+
+
+@kernel
+def newton(
+    x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work
+) -> tuple[int, tuple[float, float, float, float], int]:
+    """Solve a step from the guess x: status, solution, iterations; w holds the Jacobian there. law, exchange and state z are complex."""
+    before, retreats = np.inf, 0
+    for iteration in range(MAX_ITERATIONS):
+        worst = linearised(x, z, step, law, exchange, w)
+        if worst < TOLERANCE or (worst < ACCEPTED and worst >= 0.25 * before):
+            return CONVERGED, x, iteration
+        if not np.isfinite(worst):
+            return FAILED, x, iteration
+        before = worst
+        right = w.right.reshape(N_UNKNOWNS, 1)
+        eliminate(w.jacobian, right)
+        gamma = x[2] - w.right[2]
+        if law.effective == 1 and step.flows and gamma < 0.0:
+            # The rate of flow enters laws that are defined for flow only; the excess is convex there, so that Newton may overshoot.
+            retreats += 1
+            if retreats > MAX_RETREATS:
+                return FAILED, x, iteration
+            gamma = 0.25 * x[2]
+        x = (x[0] - w.right[0], x[1] - w.right[1], gamma, x[3] - w.right[3])
+    return FAILED, x, MAX_ITERATIONS
+
+
+@kernel(forceinline=True)
+def _beyond_yield(x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law) -> bool:
+    """True where an elastic solution leaves the yield surface."""
+    there = end_of_step(_moved((x[0], x[1], 0.0, x[3]), -1), z, Input(step.dt, step.target, step.control, True), law)
+    return there.excess.real * law.mu.real > YIELD_TOLERANCE * there.yield_stress.real
+
+
+@kernel
+def solve_step(
+    z: np.ndarray, step: Input, law: Law, exchange: Exchange, guess: tuple[float, float, float, float], w: Work
+) -> tuple[int, tuple[float, float, float, float], bool, int]:
+    """Solve a step elastically or plastically, whichever holds; `step.flows` says which is tried first and `guess` where.
+
+    Returns status, solution, whether it flows, and Newton iterations; w holds the Jacobian of the solution.
+    """
+    total = 0
+    if step.flows:
+        status, x, n = newton(guess, z, step, law, exchange, w)
+        total += n
+        if status == CONVERGED and x[2] > 0.0:
+            return CONVERGED, x, True, total
+    elastic = Input(step.dt, step.target, step.control, False)
+    start = (z[ACROSS].real, z[ALONG].real, 0.0, z[THETA].real)
+    status, x, n = newton(start, z, elastic, law, exchange, w)
+    total += n
+    if status != CONVERGED:
+        return status, x, False, total
+    if law.plastic == 0 or step.control == AT_REST or not _beyond_yield(x, z, step, law):
+        return CONVERGED, x, False, total
+    status, x, n = newton(x, z, Input(step.dt, step.target, step.control, True), law, exchange, w)
+    total += n
+    if status == CONVERGED and not x[2] > 0.0:
+        status = FAILED
+    return status, x, True, total
+
+
+@kernel(forceinline=True)
+def _complex_state(s: np.ndarray, rates: np.ndarray, p: int, z: np.ndarray) -> None:
+    """z = s + i h ds/dp, or s alone for a negative p."""
+    for i in range(N_STATE):
+        z[i] = complex(s[i], STEP * rates[i, p] if p >= 0 else 0.0)
+
+
+@kernel
+def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flags, w: Work) -> None:
+    """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian."""
+    n_p = w.rates.shape[1]
+    for p in range(n_p):
+        law, around = law_and_surroundings(w.numbers[p], flags, step.dt, w.asked[p])
+        _complex_state(w.s, w.rates, p, w.z)
+        r0, r1, r2, r3 = residual(_moved(x, -1), w.z, step, law, exchange_of(step.dt, around))
+        w.rhs[0, p], w.rhs[1, p], w.rhs[2, p], w.rhs[3, p] = -r0.imag, -r1.imag, -r2.imag, -r3.imag
+    eliminate(w.jacobian, w.rhs)
+    for p in range(n_p):
+        law, around = law_and_surroundings(w.numbers[p], flags, step.dt, w.asked[p])
+        _complex_state(w.s, w.rates, p, w.z)
+        end: Complex = (complex(x[0], w.rhs[0, p]), complex(x[1], w.rhs[1, p]), complex(x[2], w.rhs[2, p]), complex(x[3], w.rhs[3, p]))
+        new_state(end, w.z, step, law, exchange_of(step.dt, around), w.z_out)
+        for i in range(N_STATE):
+            w.rates_out[i, p] = w.z_out[i].imag / STEP
+
+
+@kernel
+def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags, w: Work) -> tuple[int, bool, int]:
+    """One step from w.s to w.out, and its derivatives by the parameters that w follows: status, whether it flows, iterations."""
+    law, around = law_and_surroundings(w.numbers[-1], flags, step.dt, False)
+    exchange = exchange_of(step.dt, around)
+    _complex_state(w.s, w.rates, -1, w.z)
+    status, x, flows, n = solve_step(w.z, step, law, exchange, guess, w)
+    if status != CONVERGED:
+        return status, flows, n
+    taken = Input(step.dt, step.target, step.control, flows)
+    new_state(_moved(x, -1), w.z, taken, law, exchange, w.z_out)
+    for i in range(N_STATE):
+        w.out[i] = w.z_out[i].real
+    if w.rates.shape[1] > 0:
+        differentiate(x, taken, flags, w)
+    return CONVERGED, flows, n
+
+
+@kernel(forceinline=True)
+def _guess(s: np.ndarray, before: np.ndarray) -> tuple[float, float, float, float]:
+    """Elastic stretches and temperature as they are, dLambda as in the step before."""
+    return (s[ACROSS], s[ALONG], s[LAMBDA] - before[LAMBDA], s[THETA])
+
+
+@kernel
+def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits, w: Work) -> tuple[int, bool, int, int, int]:
+    """One interval (length s, target, control, did the step before flow) in equal steps, twice as many where one fails or strains too much.
+
+    w.s and w.rates are the state and its derivatives before and, on success, after. Returns status, whether the last step flows, steps,
+    halvings, iterations.
+    """
+    length, target, control, flowed = interval
+    begin = w.s[STRAIN] if control == BY_STRAIN else w.s[STRESS]
+    parts = 1
+    if control == BY_STRAIN:
+        parts = max(1, int(np.ceil(abs(target - begin) / limits.max_strain * (1.0 - 1e-12))))
+    w.kept[:] = w.s
+    w.rates_kept[:] = w.rates
+    iterations = 0
+    for cut in range(limits.max_cuts + 1):
+        flows, done = flowed and cut == 0, True
+        for n in range(parts):
+            to = begin + (target - begin) * ((n + 1) / parts) if n + 1 < parts else target
+            step = Input(length / parts, to, control, flows)
+            status, flows, used = advance(step, _guess(w.s, w.before), flags, w)
+            iterations += used
+            if status != CONVERGED or abs(w.out[STRAIN] - w.s[STRAIN]) > 1.001 * limits.max_strain:
+                done = False
+                break
+            w.before[:] = w.s
+            w.s[:] = w.out
+            w.rates[:] = w.rates_out
+        if done:
+            return CONVERGED, flows, parts, cut, iterations
+        w.s[:] = w.kept
+        w.rates[:] = w.rates_kept
+        parts *= 2
+    return FAILED, False, parts, limits.max_cuts, iterations
+
+
+@kernel
+def run(
+    time: np.ndarray,
+    target: np.ndarray,
+    by_stress: np.ndarray,
+    numbers: np.ndarray,
+    along: np.ndarray,
+    flags: Flags,
+    limits: Limits,
+    states: np.ndarray,
+    rates: np.ndarray,
+    counts: np.ndarray,
+) -> int:
+    """All steps of a history into states (n_t, N_STATE) and, where `along` has columns, rates (n_t, N_STATE, n_p).
+
+    counts (3,): steps, halvings, Newton iterations. Returns the index of the time that was not reached, -1 where all were.
+    """
+    w = work_for(numbers, along)
+    w.s[THETA] = w.s[SENSOR] = numbers[START]
+    w.s[REST] = 1.0
+    for p in range(along.shape[1]):
+        w.rates[THETA, p] = w.rates[SENSOR, p] = along[START, p]
+    rest = (numbers[START] * 0.0, 0.0, 0.0, numbers[START])
+    status, _, used = advance(Input(1.0, 0.0, AT_REST, False), rest, flags, w)
+    if status != CONVERGED:
+        return 0
+    w.s[:] = w.out
+    w.rates[:] = w.rates_out
+    flows = False
+    for n in range(len(time)):
+        if n > 0 or target[0] != 0.0:
+            length = time[n] - time[n - 1] if n > 0 else time[1] - time[0]
+            interval = (length, target[n], int(by_stress[n]), flows)
+            status, flows, steps, cuts, used = cross(interval, flags, limits, w)
+            counts[0] += steps
+            counts[1] += cuts
+            counts[2] += used
+            if status != CONVERGED:
+                return n
+        states[n] = w.s
+        if along.shape[1] > 0:
+            rates[n] = w.rates
+    return -1

@@ -1,0 +1,35 @@
+"""`close-loop`: find, trace, add, prove until nothing is accepted; error before and after, and a study with the effects switched on."""
+
+from __future__ import annotations
+
+from thermofit.core.jit import set_threads
+from thermofit.core.staging import Made, Outcome, produce
+from thermofit.core.study import Study
+from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, loop_summary
+from thermofit.diagnose.loop import close_loop
+from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.diagnose.study_with_effects import write_study
+from thermofit.identify.solve import discard_checkpoints
+
+NAME = "close-loop"
+STUDY = "with-effects.yaml"
+
+
+def run(study: Study, *, force: bool = False) -> Outcome:
+    """Record of all rounds; `<run_dir>/with-effects.yaml` is the study with the accepted effects.
+
+    Needs `interpolate` and the identification stages. UntrustworthyError where a fit has not converged.
+    """
+    task, stages = diagnosis_job(study, NAME)
+
+    def make() -> Made:
+        set_threads(study.numerics.threads)
+        found = prepared(study, task, stages)
+        closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, study.diagnosis.held_out)
+        write_study(study, closed, study.run_dir / STUDY)
+        parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
+        return Made(diagnosis_datasets(closed.last), loop_summary(found, closed, study.run_dir / STUDY), parameters)
+
+    outcome = produce(task, make, force=force)
+    discard_checkpoints(task)
+    return outcome

@@ -1,0 +1,31 @@
+"""`diagnose`: find what the residual still holds, and trace it to effects that the model lacks (design section 8, steps 1 and 2)."""
+
+from __future__ import annotations
+
+from thermofit.core.jit import set_threads
+from thermofit.core.staging import Made, Outcome, produce
+from thermofit.core.study import Study
+from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
+from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.diagnose.trace import traced
+from thermofit.identify.solve import discard_checkpoints
+
+NAME = "diagnose"
+
+
+def run(study: Study, *, force: bool = False) -> Outcome:
+    """Record with the lack of fit per channel and phase, the ranked effects with held-out proof, and what could not be decided.
+
+    Needs `interpolate` and the identification stages. UntrustworthyError where a fit has not converged.
+    """
+    task, stages = diagnosis_job(study, NAME)
+
+    def make() -> Made:
+        set_threads(study.numerics.threads)
+        found = prepared(study, task, stages)
+        here = traced(found.case, found.numerical, study.diagnosis.held_out)
+        return Made(diagnosis_datasets(here), diagnosis_summary(found, here), diagnosis_parameters(study, found.case, found.fit))
+
+    outcome = produce(task, make, force=force)
+    discard_checkpoints(task)
+    return outcome

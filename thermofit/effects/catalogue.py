@@ -34,6 +34,9 @@ MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 SLOTS = (*BASE, *MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
 _NO_EFFECTS = ("base", "catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
+ON_FACETS = ("surface_flux", "boundary_temperature")
+"""Slots of effects that act on facet sets, which the module constant ON names."""
+FACET_KINDS = ("air", "clamp")
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Effect:
     """True for hardening whose work is stored in the material, not dissipated (slot yield_stress)."""
     reciprocal: bool = False
     """True where the data are linear in one over the amplitude."""
+    on: tuple[str, ...] = ()
+    """Kinds of facet sets, "air" or "clamp", that it acts on (slots surface_flux, boundary_temperature)."""
 
     @property
     def amplitude(self) -> Param:
@@ -98,7 +103,11 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     act = getattr(module, slot, None)
     if act is None:
         raise StudyError(f"{where}: no function '{slot}' found; expected one that acts in the slot {slot}")
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, bool(getattr(module, "STORED", False)))
+    on = getattr(module, "ON", ())
+    if slot in ON_FACETS and (not isinstance(on, tuple) or not on or not set(on) <= set(FACET_KINDS)):
+        raise StudyError(f"{where}: ON is {on!r}; expected a tuple of {', '.join(FACET_KINDS)}: the facet sets that the effect acts on")
+    stored = bool(getattr(module, "STORED", False))
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on)
 
 
 def load_effect(path: Path) -> Effect:

@@ -7,31 +7,58 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.fem.body import Body, ThermalGeometry
+from thermofit.fem.heat_effects import (
+    HeatEffects,
+    Loads,
+    Moment,
+    about_middle,
+    add_slopes,
+    heat_effects,
+    inflow_of,
+    loads_of,
+    power_of,
+    weighted_capacity,
+    weighted_conduction,
+)
 from thermofit.fem.linear import Factor, multiply_symmetric
 from thermofit.material.law import Law
 
 GAMMA = 1.0 - np.sqrt(0.5)
 """Coefficient of Alexander's two-stage, stiffly accurate, L-stable SDIRK scheme of order 2 (SIAM J. Numer. Anal. 14, 1977)."""
 
+_STEADY_ITERATIONS = 50
+_STEADY_CHANGE = 1e-10
+"""K; last change of the steady temperature under effects."""
+
 
 @dataclass(frozen=True)
 class HeatConditions:
-    """Conductivity mW/(mm K), heat capacity mJ/(mm^3 K), and per film set (coefficient W/(m^2 K), medium temperature K)."""
+    """Conductivity mW/(mm K), heat capacity mJ/(mm^3 K), and per film set (coefficient W/(m^2 K), medium temperature K).
+
+    `effects` are those of the catalogue that are on; `moment` is where the step at hand stands, which they need to know.
+    """
 
     kappa: float
     c0: float
     films: Mapping[str, tuple[float, float]]
+    effects: HeatEffects | None = None
+    moment: Moment | None = None
+
+    def at(self, first: float, start: float, middle: np.ndarray) -> HeatConditions:
+        """The same in a step from time `start` s of a test that began at `first`, linear about the temperature `middle` (n_np,) K."""
+        return replace(self, moment=Moment(first, start, middle))
 
 
 def heat_conditions(parameters: Parameters) -> HeatConditions:
     """HeatConditions of named parameters: the film sets are "air" and "clamp" (5.2.2)."""
     v = parameters.values
-    return HeatConditions(v["kappa"], v["c0"], {"air": (v["alpha_air"], v["theta_air"]), "clamp": (v["alpha_clamp"], v["theta_clamp"])})
+    films = {"air": (v["alpha_air"], v["theta_air"]), "clamp": (v["alpha_clamp"], v["theta_clamp"])}
+    return HeatConditions(v["kappa"], v["c0"], films, heat_effects(parameters))
 
 
 def at_constant_stress(conditions: HeatConditions, law: Law) -> HeatConditions:
@@ -48,7 +75,8 @@ class HeatStep:
     """Temperature at the end of a step (n_np,) K and heat in mJ that left through each film set during it (model, not specimen).
 
     The rest is what its linearisation needs (`conduction_rates`): temperatures at the start of the step and at the end of the first
-    stage of the scheme (`stages` holds one or two, the last is theta), the factor of C + gamma dt E, and what the step was made of.
+    stage of the scheme (`stages` holds one or two, the last is theta), the factor of C + gamma dt E, and what the step was made of:
+    `geometry` as it came, `capacity` and `conduction` (n_slots,) with the factors of effects, and their `loads`.
     """
 
     theta: np.ndarray
@@ -59,6 +87,9 @@ class HeatStep:
     geometry: ThermalGeometry
     conditions: HeatConditions
     length: float
+    capacity: np.ndarray
+    conduction: np.ndarray
+    loads: Loads | None = None
 
 
 def exchange(geometry: ThermalGeometry, conditions: HeatConditions) -> tuple[np.ndarray, np.ndarray]:
@@ -99,26 +130,59 @@ def heat_step(
     Schemes: "sdirk2" (order 2, L-stable) or "backward-euler". `geometry` is that of the step (mean of both ends).
     """
     dt, scheme = step
-    matrix, _ = exchange(geometry, conditions)
-    matrix *= dt * (GAMMA if scheme == "sdirk2" else 1.0)
-    _add(matrix, conditions.c0, body.capacity)
-    blank = HeatStep(
-        theta_n, {}, theta_n, (theta_n,) * (2 if scheme == "sdirk2" else 1), Factor(body.thermal, matrix), geometry, conditions, dt
-    )
+    gamma, ends, n_stages = (GAMMA, (GAMMA, 1.0), 2) if scheme == "sdirk2" else (1.0, (1.0, 1.0), 1)
+    loads = step_loads(body, conditions, dt, ends)
+    capacity, conduction = _weighted(body, geometry, loads)
+    matrix, _ = exchange(replace(geometry, conduction=conduction), conditions)
+    if loads is not None:
+        add_slopes(body, geometry, loads, matrix)
+    matrix *= dt * gamma
+    _add(matrix, conditions.c0, capacity)
+    factor = Factor(body.thermal, matrix)
+    blank = HeatStep(theta_n, {}, theta_n, (theta_n,) * n_stages, factor, geometry, conditions, dt, capacity, conduction, loads)
     return same_step(body, blank, heat)
+
+
+def step_loads(body: Body, conditions: HeatConditions, dt: float, ends: tuple[float, float]) -> Loads | None:
+    """Loads of the effects in a step of dt s whose stages end at the parts `ends` of it; None where there are none."""
+    if conditions.effects is None:
+        return None
+    if conditions.moment is None:
+        raise NumericsError("heat: effects are on, but the step does not know its time; give the conditions their moment")
+    return loads_of(body, conditions.effects, conditions.films, conditions.moment, (dt, ends))
+
+
+def _weighted(body: Body, geometry: ThermalGeometry, loads: Loads | None) -> tuple[np.ndarray, np.ndarray]:
+    """Capacity and conduction matrices (n_slots,) with the factors of effects."""
+    capacity, conduction = body.capacity, geometry.conduction
+    if loads is not None and loads.capacity is not None:
+        capacity = weighted_capacity(body, loads.capacity)
+    if loads is not None and loads.conductivity is not None:
+        conduction = weighted_conduction(body, conduction, loads.conductivity)
+    return capacity, conduction
+
+
+def coefficients(conditions: HeatConditions) -> dict[str, float]:
+    """Film coefficients in mW/(mm^2 K)."""
+    return {name: FILM_UNIT * alpha for name, (alpha, _) in conditions.films.items()}
 
 
 def same_step(body: Body, solved: HeatStep, heat: np.ndarray) -> HeatStep:
     """A step that was solved, with another nodal heat (n_np,) mJ."""
-    dt, geometry, conditions, theta_n = solved.length, solved.geometry, solved.conditions, solved.start
+    dt, geometry, conditions, theta_n, loads = solved.length, solved.geometry, solved.conditions, solved.start, solved.loads
     gamma, weights = (1.0, (1.0,)) if len(solved.stages) == 1 else (GAMMA, (1.0 - GAMMA, GAMMA))
     pattern, supply = body.thermal, gamma * (heat + dt * _inflow(geometry, conditions))
     start, stages = theta_n, []
     outflow = dict.fromkeys(conditions.films, 0.0)
-    for weight in weights:
-        theta = solved.factor.solve(conditions.c0 * multiply_symmetric(pattern.row, pattern.column, body.capacity, start) + supply)
+    more = None if loads is None else gamma * dt * inflow_of(body, geometry, coefficients(conditions), loads)
+    for stage, weight in enumerate(weights):
+        right = conditions.c0 * multiply_symmetric(pattern.row, pattern.column, solved.capacity, start) + supply
+        theta = solved.factor.solve(right if more is None else right + more[stage])
         for name, power in _film_power(geometry, conditions, theta).items():
             outflow[name] += dt * weight * power
+        if loads is not None:
+            for name, power in power_of(geometry, coefficients(conditions), loads, stage, theta).items():
+                outflow[name] += dt * weight * power
         start = theta_n + (1.0 - gamma) / gamma * (theta - theta_n)
         stages.append(theta)
     return replace(solved, theta=theta, outflow=outflow, stages=tuple(stages))
@@ -132,14 +196,49 @@ def steady_temperature(body: Body, geometry: ThermalGeometry, conditions: HeatCo
     for name, (alpha, _) in conditions.films.items():
         if alpha < 0.0:
             raise StudyError(f"alpha_{name}: {alpha} W/(m^2 K) found; a film coefficient must not be negative")
-    total = sum(alpha * geometry.film_area[name].sum() for name, (alpha, _) in conditions.films.items())
-    if total <= 0.0:
+    x, y = about_middle(body)
+    initial = None if conditions.effects is None else conditions.effects.initial(x, y)
+    theta = _balanced(body, geometry, conditions)
+    return theta if initial is None else theta + initial
+
+
+def without_exchange(geometry: ThermalGeometry, conditions: HeatConditions) -> bool:
+    """True where no film takes part."""
+    return bool(sum(alpha * geometry.film_area[name].sum() for name, (alpha, _) in conditions.films.items()) <= 0.0)
+
+
+def _balanced(body: Body, geometry: ThermalGeometry, conditions: HeatConditions) -> np.ndarray:
+    """`steady_temperature` before effects of slot initial_temperature; fluxes and factors are iterated."""
+    if without_exchange(geometry, conditions):
         return np.full(body.mesh.n_nodes, conditions.films["clamp"][1])
     matrix, inflow = exchange(geometry, conditions)
-    return Factor(body.thermal, matrix).solve(inflow)
+    theta = Factor(body.thermal, matrix).solve(inflow)
+    if conditions.effects is None:
+        return theta
+    for _ in range(_STEADY_ITERATIONS):
+        loads, matrix = steady_system(body, geometry, conditions, theta)
+        before = theta
+        theta = Factor(body.thermal, matrix).solve(inflow + inflow_of(body, geometry, coefficients(conditions), loads)[0])
+        if np.max(np.abs(theta - before)) <= _STEADY_CHANGE:
+            return theta
+    raise NumericsError(f"heat: no steady temperature found in {_STEADY_ITERATIONS} iterations; check the effects on the surface")
 
 
-def stored_heat(body: Body, conditions: HeatConditions, theta_n: np.ndarray, theta: np.ndarray) -> float:
-    """c0 int (theta - theta_n) dV of the model in mJ."""
+def steady_system(body: Body, geometry: ThermalGeometry, conditions: HeatConditions, theta: np.ndarray) -> tuple[Loads, np.ndarray]:
+    """Loads of the effects at the first time, linear about theta (n_np,) K, and the matrix (n_slots,) of the steady state with them."""
+    first = 0.0 if conditions.moment is None else conditions.moment.first
+    here = conditions.at(first, first, theta)
+    loads = step_loads(body, here, 0.0, (0.0, 0.0))
+    assert loads is not None
+    matrix, _ = exchange(replace(geometry, conduction=_weighted(body, geometry, loads)[1]), here)
+    add_slopes(body, geometry, loads, matrix)
+    return loads, matrix
+
+
+def stored_heat(
+    body: Body, conditions: HeatConditions, theta_n: np.ndarray, theta: np.ndarray, capacity: np.ndarray | None = None
+) -> float:
+    """c0 int f (theta - theta_n) dV of the model in mJ; `capacity` (n_slots,) is that with a factor f of effects."""
     pattern = body.thermal
-    return float(conditions.c0 * multiply_symmetric(pattern.row, pattern.column, body.capacity, theta - theta_n).sum())
+    weights = body.capacity if capacity is None else capacity
+    return float(conditions.c0 * multiply_symmetric(pattern.row, pattern.column, weights, theta - theta_n).sum())

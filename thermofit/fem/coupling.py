@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.fem.body import Body, thermal_geometry
 from thermofit.fem.conduction import HeatConditions, HeatStep, heat_step, same_step, stored_heat
 from thermofit.fem.heat import heat_of_increment, smallest_dissipation
+from thermofit.fem.heat_effects import source_heat
 from thermofit.fem.history import Balance, State, point_history, top_displacement
 from thermofit.fem.newton import Equilibrium
 from thermofit.fem.sensitivity import StepEnds
@@ -33,6 +36,7 @@ class HeatOfStep:
         self._u: np.ndarray | None = None
         self._geometry = self._mean = start.geometry
         self._step: HeatStep | None = None
+        self._source = 0.0
 
     def __call__(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, float]:
         """Temperature (n_np,) K for the mechanics after an iterate, and how far it still is from the heat equation's answer, K."""
@@ -50,11 +54,18 @@ class HeatOfStep:
         after = point_history(points, dilatation)
         self._middle = 0.5 * (start.theta + theta)
         self._released = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
-        if moved or self._step is None:
-            how = (self._t - start.time, self._scheme)
-            self._step = heat_step(body, self._mean, self._conditions, start.theta, heat, how)
+        dt, first = self._t - start.time, start.time if self._conditions.moment is None else self._conditions.moment.first
+        conditions = self._conditions.at(first, start.time, self._middle)
+        flow = (self._before.accumulated, after.accumulated - self._before.accumulated)
+        source = source_heat(body, conditions.effects, flow, conditions.moment, dt)
+        if source is not None:
+            heat += source
+            self._source = float(source.sum())
+        loads = None if self._step is None else self._step.loads
+        if moved or self._step is None or (loads is not None and loads.linearised):
+            self._step = heat_step(body, self._mean, conditions, start.theta, heat, (dt, self._scheme))
         else:
-            self._step = same_step(body, self._step, heat)
+            self._step = same_step(body, replace(self._step, conditions=conditions), heat)
         return self._step.theta
 
     @property
@@ -70,12 +81,15 @@ class HeatOfStep:
         state = State(self._t, load, found.u, theta, found.state, found.dilatation, geometry, found.top_force, found.direction)
         work = 0.5 * (start.top_force + found.top_force) * (top_displacement(body, found.u) - top_displacement(body, start.u))
         dissipated, elastic = self._released
+        stored, plain = (stored_heat(body, self._conditions, start.theta, theta, c) for c in (step.capacity, None))
         balance = Balance(
             work=s * work,
             dissipated=s * dissipated,
             thermoelastic=s * elastic,
             outflow={name: s * value for name, value in step.outflow.items()},
-            stored=s * stored_heat(body, self._conditions, start.theta, theta),
+            stored=s * stored,
+            source=s * self._source,
+            stored_by_effects=s * (stored - plain),
             smallest_dissipation=smallest_dissipation(
                 self._before, point_history(found.state, found.dilatation), float(self._middle.mean()), self._law
             ),

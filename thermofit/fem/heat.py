@@ -199,7 +199,7 @@ def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, l
     for e in range(start.alpha.shape[0]):
         for q in range(8):
             d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
-            if d_lambda > 0.0:
+            if d_lambda != 0.0:
                 released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], theta, law)
                 smallest = min(smallest, released)
     return smallest

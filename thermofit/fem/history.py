@@ -74,6 +74,7 @@ class Balance:
 
     `stored` is heat (heat capacity times temperature), `internal` the change of the law's internal energy, taken between recorded
     times; with coupling "one-way" it has the heat capacity of constant stress, which stands for the expansion that is not solved for.
+    `source` is set free by effects of slot heat_source, `stored_by_effects` the part of `stored` that a changed heat capacity takes.
     """
 
     work: float
@@ -83,16 +84,18 @@ class Balance:
     stored: float
     smallest_dissipation: float
     internal: float = 0.0
+    source: float = 0.0
+    stored_by_effects: float = 0.0
 
     @property
     def heat_defect(self) -> float:
         """Stored heat minus what was released and did not leave; zero up to the linear solver."""
-        return self.stored - (self.dissipated + self.thermoelastic - sum(self.outflow.values()))
+        return self.stored - (self.dissipated + self.thermoelastic + self.source - sum(self.outflow.values()))
 
     @property
     def first_law_defect(self) -> float:
         """Change of internal energy minus work and heat that came in; falls with the square of the step."""
-        return self.internal - (self.work - sum(self.outflow.values()))
+        return self.internal + self.stored_by_effects - self.source - (self.work - sum(self.outflow.values()))
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,8 @@ def added(first: Balance, second: Balance) -> Balance:
         {name: first.outflow[name] + second.outflow[name] for name in first.outflow},
         first.stored + second.stored,
         min(first.smallest_dissipation, second.smallest_dissipation),
+        source=first.source + second.source,
+        stored_by_effects=first.stored_by_effects + second.stored_by_effects,
     )
 
 

@@ -60,6 +60,7 @@ def march(
     conditions = conditions_of(body, parameters, settings.films)
     if settings.coupling == "one-way":
         conditions = at_constant_stress(conditions, law)
+    conditions = conditions.at(float(times[0]), float(times[0]), np.empty(0))
     run = _Run(body, law, conditions, loading.acting(parameters), settings)
     if watch.sensitivities is not None:
         run.differentiate(parameters, watch.sensitivities, loading.rates(parameters, watch.sensitivities.names))

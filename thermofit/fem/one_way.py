@@ -16,9 +16,10 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import Body, ThermalGeometry, thermal_geometry
 from thermofit.fem.conduction import HeatConditions, HeatStep, at_constant_stress, heat_step, steady_temperature
-from thermofit.fem.conduction_rates import condition_rates, heat_step_rates, steady_rates
+from thermofit.fem.conduction_rates import add_effect_sources, condition_rates, heat_step_rates, steady_rates
 from thermofit.fem.films import conditions_of
 from thermofit.fem.heat import Increment, PointHistory, add_released_heat
+from thermofit.fem.heat_effects import source_heat
 from thermofit.fem.heat_rates import frozen_source_rates, source_law
 from thermofit.fem.march import History, MarchSettings
 from thermofit.material.law import Law, law_in_step, law_of
@@ -82,7 +83,8 @@ def _increments(points: tuple[PointHistory, ...]) -> tuple[Increment, ...]:
 def _law_and_conditions(problem: HeatProblem, parameters: Parameters) -> tuple[Law, HeatConditions]:
     settings = problem.settings
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
-    conditions = conditions_of(problem.body, parameters, settings.films)
+    first = float(problem.time[0])
+    conditions = conditions_of(problem.body, parameters, settings.films).at(first, first, np.empty(0))
     return law, at_constant_stress(conditions, law) if settings.coupling == "one-way" else conditions
 
 
@@ -101,14 +103,16 @@ def _steps(problem: HeatProblem, law: Law, conditions: HeatConditions, theta: np
 
     The thermoelastic term takes the temperature at the start of the step, extrapolated to its middle.
     """
-    body, settings, before = problem.body, problem.settings, theta
+    body, scheme, before, first = problem.body, problem.settings.heat_scheme, theta, float(problem.time[0])
     dt = np.diff(problem.time)
     for n, increment in enumerate(problem.increments):
         reach = 0.5 * float(dt[n] / dt[max(n - 1, 0)])
         middle = theta + reach * (theta - before)
         heat = np.zeros(body.mesh.n_nodes)
         add_released_heat(body.data, increment, middle, law_in_step(law, float(dt[n])), heat)
-        step = heat_step(body, problem.geometry(n), conditions, theta, heat, (float(dt[n]), settings.heat_scheme))
+        here, flow = conditions.at(first, float(problem.time[n]), middle), (increment.accumulated - increment.d_lambda, increment.d_lambda)
+        source = source_heat(body, here.effects, flow, here.moment, float(dt[n]))
+        step = heat_step(body, problem.geometry(n), here, theta, heat if source is None else heat + source, (float(dt[n]), scheme))
         before, theta = theta, step.theta
         yield _Solved(n, step, middle, reach)
 
@@ -146,5 +150,9 @@ def heat_run_rates(problem: HeatProblem, parameters: Parameters, names: Sequence
         heat_rates = np.zeros_like(theta_rates)
         sources = along.in_step(float(problem.time[solved.number + 1] - problem.time[solved.number]))
         frozen_source_rates(body.data, problem.increments[solved.number], (solved.middle, middle_rates), sources, heat_rates)
-        before_rates, theta_rates = theta_rates, heat_step_rates(body, solved.step, theta_rates, heat_rates, rates, None)
+        here = rates.about(middle_rates)
+        increment = problem.increments[solved.number]
+        flow = (increment.accumulated - increment.d_lambda, increment.accumulated)
+        add_effect_sources(body, solved.step, here, flow, None, heat_rates)
+        before_rates, theta_rates = theta_rates, heat_step_rates(body, solved.step, theta_rates, heat_rates, here, None)
         collect(solved.number + 1, solved.step.theta, theta_rates)

@@ -18,10 +18,10 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions
-from thermofit.fem.conduction_rates import ConditionRates, heat_answer, heat_step_rates, steady_rates
+from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates, usual_change
 from thermofit.fem.extrapolation import lagrange
 from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
 from thermofit.fem.linear import multiply_symmetric
@@ -34,7 +34,7 @@ from thermofit.fem.step_rates import Sensitivity as Sensitivity
 from thermofit.fem.step_rates import StepEnds as StepEnds
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
-from thermofit.material.point import N_STATE
+from thermofit.material.point import LAMBDA, N_STATE
 from thermofit.material.rates import BY_THETA, response_size
 
 MAX_SWEEPS = 20
@@ -105,7 +105,7 @@ class Differentiator:
         self._exact_forces = False
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
-        self._parameter_scale[: len(asked.names)] = [param(name).scale for name in asked.names]
+        self._parameter_scale[: len(asked.names)] = [usual_change(parameters, name) for name in asked.names]
         self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
     def collect(self, n: int, rates: Rates) -> None:
@@ -324,5 +324,7 @@ class Differentiator:
         heat = np.zeros((self.body.mesh.n_nodes, self.m))
         rates = (PointRates(start.dilatation, start.points), end)
         heat_source_rates(self.body.data, (ends.before, ends.after), rates, (ends.middle, middle_rates), self._sources, heat)
-        motion = ((ends.u[0], start.u), (ends.u[1], u))
-        return np.ascontiguousarray(heat_step_rates(self.body, ends.step, start.theta, heat, self.conditions, motion))
+        motion, conditions = ((ends.u[0], start.u), (ends.u[1], u)), self.conditions.about(middle_rates)
+        flow = (ends.before.accumulated, ends.after.accumulated)
+        add_effect_sources(self.body, ends.step, conditions, flow, (start.points[:, :, LAMBDA], end.state[:, :, LAMBDA]), heat)
+        return np.ascontiguousarray(heat_step_rates(self.body, ends.step, start.theta, heat, conditions, motion))

@@ -1,0 +1,24 @@
+"""A lamp that is switched on during the test and shines on the free surface: slot surface_flux. Off at absorbed = 0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermofit.core.parameters import Param
+
+SLOT = "surface_flux"
+ON = ("air",)
+PARAMS = (
+    Param("lamp.absorbed", "mW/mm^2", 0.0, -10.0, 10.0, 0.05, "absorbed power per area once the lamp is on", probe=0.1),
+    Param("lamp.start", "s", 30.0, -1e5, 1e5, 5.0, "time of the test at which it is switched on", scan=(5.0, 20.0, 60.0, 120.0, 200.0)),
+)
+FORMULA = "q -= absorbed (1 + tanh((t - start) / RAMP)) / 2"
+SOURCE = "heat flux on a boundary, Carslaw and Jaeger 1959, section 1.9; incandescent lamps take about a second to warm up"
+
+RAMP = 1.0
+"""s; half the time in which the lamp reaches its power, from 12 to 88 per cent."""
+
+
+def surface_flux(theta: np.ndarray, time: float, surroundings: np.ndarray, absorbed: float, start: float) -> np.ndarray:
+    """Outward flux -absorbed (1 + tanh((t - start) / RAMP)) / 2, mW/mm^2."""
+    return np.asarray(-0.5 * absorbed * (1.0 + np.tanh((time - start) / RAMP)) + 0.0 * theta)

@@ -1,0 +1,36 @@
+"""Heat of a transformation that runs over a window of plastic strain: slot heat_source. Off at heat = 0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thermofit.core.parameters import Param
+
+SLOT = "heat_source"
+PARAMS = (
+    Param("latent_heat.heat", "mJ/mm^3", 0.0, -1e5, 1e5, 20.0, "heat set free per unit of plastic strain", probe=50.0),
+    Param("latent_heat.centre", "1", 0.02, 0.0, 2.0, 0.01, "middle of the window of Lambda", scan=(0.005, 0.02, 0.05, 0.1)),
+    Param("latent_heat.width", "1", 0.02, 1e-4, 2.0, 0.01, "width of the window", scan=(0.01, 0.04)),
+)
+FORMULA = "r += heat window(Lambda) dLambda/dt; int window dLambda = width"
+SOURCE = "strain-induced martensite, Olson and Cohen 1975, Metallurgical Transactions A 6; window with rounded ends"
+
+_ROUNDING = 0.1
+"""Part of the width over which the ends of the window are rounded."""
+
+
+def heat_source(
+    theta: np.ndarray,
+    accumulated: np.ndarray,
+    rate: np.ndarray,
+    time: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    heat: float,
+    centre: float,
+    width: float,
+) -> np.ndarray:
+    """Power heat window(Lambda) dLambda/dt, mW/mm^3; heat x width in total where the window lies between 0 and the largest Lambda."""
+    inside, edge = accumulated - centre, _ROUNDING * width
+    window = 0.5 * (np.tanh((inside + 0.5 * width) / edge) - np.tanh((inside - 0.5 * width) / edge))
+    return np.asarray(heat * window * rate)

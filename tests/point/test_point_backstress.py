@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from coupons import LOSSY, SHEET, WHOLE, corners
-from test_point_effects import flow_stress_of, ramp
+from coupons import LOSSY, SHEET, WHOLE, corners, flow_stress_of, ramp
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from coupons import CYCLES, LOSSY, SHEET, WHOLE, bar_and_point, corners, cycles
+from coupons import CYCLES, LOSSY, SHEET, WHOLE, bar_and_point, corners, cycles, flow_stress_of, ramp
 from scipy.integrate import solve_ivp
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.material.composition import AMPLITUDES, EFFECT_PARAMS, body_effects, law_effects
-from thermofit.point.driver import CHANNELS, PointHistory, PointSettings, Programme, simulate, simulate_rates
+from thermofit.point.driver import CHANNELS, PointSettings, Programme, simulate, simulate_rates
 
 PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in law_effects() for p in e.params}
 SECONDARY = {name: PROBES[name] for name in EFFECT_PARAMS if name not in AMPLITUDES}
@@ -20,16 +20,6 @@ IN_BODY = tuple(e.amplitude.name for e in body_effects())
 PLAIN = SHEET.replace(F=0.5, alpha_exp=0.0)
 PERFECT = PLAIN.replace(M_yinf=PLAIN["M_y0"] * (1.0 + 1e-9), H_exp=1e-3)
 FINE = PointSettings(max_strain=0.004)
-
-
-def flow_stress_of(found: PointHistory, parameters: Parameters) -> np.ndarray:
-    """|Mandel stress| in the norm of Hill along the load: nominal stress times stretch, since the lateral faces are free."""
-    stretch = np.exp(found.states[:, 1] + found.states[:, 4])
-    return np.asarray(np.sqrt(parameters["F"] + parameters["H"]) * np.abs(found.stress) * stretch)
-
-
-def ramp(rate: float, strain: float, steps: int = 200) -> tuple[np.ndarray, np.ndarray]:
-    return np.linspace(0.0, strain / rate, steps + 1), np.linspace(0.0, strain, steps + 1)
 
 
 def test_a_jump_of_the_rate_moves_the_stress_by_c_ln_ratio() -> None:

@@ -100,7 +100,8 @@ def test_plateau_has_its_length() -> None:
 def test_fast_tests_heat_and_soften() -> None:
     """The yield stress falls by slope times the rise; without loss of heat the fast, with loss the slow test is the stronger."""
     slope = 2e-3
-    soft, drive = PLAIN.replace(**{"thermal_softening.slope": slope}), ramp(1e-3, 0.08)
+    changes = {"thermal_softening.slope": slope, "thermal_softening.reference": PLAIN["theta_ref"]}
+    soft, drive = PLAIN.replace(**changes), ramp(1e-3, 0.08)
     adiabatic, plain = (simulate(p, Programme.by_strain(*drive)) for p in (soft, PLAIN))
     rise = adiabatic.theta - soft["theta_ref"]
     assert rise[-1] > 4.0

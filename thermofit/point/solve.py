@@ -244,51 +244,54 @@ def _complex_state(s: np.ndarray, rates: np.ndarray, p: int, z: np.ndarray) -> N
 
 
 @kernel(forceinline=True)
-def _right_side(x: tuple[float, float, float, float], step: Input, flags: Flags, p: int, w: Work) -> None:
-    """Minus the derivative of the residual along parameter p, at fixed unknowns, into w.rhs."""
-    law, around = law_and_surroundings(w.numbers[p], flags, step.dt)
-    _complex_state(w.s, w.rates, p, w.z)
-    r0, r1, r2, r3 = residual(_moved(x, -1), w.z, step, law, exchange_of(step.dt, around))
-    w.rhs[0, p], w.rhs[1, p], w.rhs[2, p], w.rhs[3, p] = -r0.imag, -r1.imag, -r2.imag, -r3.imag
+def _residual_of(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
+    """Residual of the numbers (N_ALL,) of a run."""
+    law, around = law_and_surroundings(numbers, flags, step.dt)
+    return residual(x, z, step, law, exchange_of(step.dt, around))
 
 
 @kernel(forceinline=True)
-def _state_rates(x: tuple[float, float, float, float], step: Input, flags: Flags, p: int, w: Work) -> None:
-    """Derivative of the new state along parameter p into w.rates_out, from that of the unknowns in w.rhs."""
-    law, around = law_and_surroundings(w.numbers[p], flags, step.dt)
-    _complex_state(w.s, w.rates, p, w.z)
-    end: Complex = (complex(x[0], w.rhs[0, p]), complex(x[1], w.rhs[1, p]), complex(x[2], w.rhs[2, p]), complex(x[3], w.rhs[3, p]))
-    new_state(end, w.z, step, law, exchange_of(step.dt, around), w.z_out)
-    for i in range(N_STATE):
-        w.rates_out[i, p] = w.z_out[i].imag / STEP
+def _set_new_state(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags, out: np.ndarray) -> None:
+    """New state of the numbers (N_ALL,) of a run."""
+    law, around = law_and_surroundings(numbers, flags, step.dt)
+    new_state(x, z, step, law, exchange_of(step.dt, around), out)
 
 
 @kernel
-def _right_side_with_effects(x: tuple[float, float, float, float], step: Input, flags: Flags, p: int, w: Work) -> None:
-    _right_side(x, step, Flags(flags.model, flags.closed_form, flags.plastic, 1), p, w)
+def _residual_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
+    return _residual_of(x, z, step, numbers, flags)
 
 
 @kernel
-def _state_rates_with_effects(x: tuple[float, float, float, float], step: Input, flags: Flags, p: int, w: Work) -> None:
-    _state_rates(x, step, Flags(flags.model, flags.closed_form, flags.plastic, 1), p, w)
+def _set_new_state_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags, out: np.ndarray) -> None:
+    _set_new_state(x, z, step, numbers, flags, out)
 
 
 @kernel
 def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flags, w: Work) -> None:
-    """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian."""
-    plain = Flags(flags.model, flags.closed_form, flags.plastic, 0)
+    """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian.
+
+    Without effects all is inlined, and nothing of the effects is left in it.
+    """
+    plain, full = Flags(flags.model, flags.closed_form, flags.plastic, 0), Flags(flags.model, flags.closed_form, flags.plastic, 1)
     n_p = w.rates.shape[1]
     for p in range(n_p):
+        _complex_state(w.s, w.rates, p, w.z)
         if flags.effective == 1 or w.asked[p]:
-            _right_side_with_effects(x, step, flags, p, w)
+            r0, r1, r2, r3 = _residual_with_effects(_moved(x, -1), w.z, step, w.numbers[p], full)
         else:
-            _right_side(x, step, plain, p, w)
+            r0, r1, r2, r3 = _residual_of(_moved(x, -1), w.z, step, w.numbers[p], plain)
+        w.rhs[0, p], w.rhs[1, p], w.rhs[2, p], w.rhs[3, p] = -r0.imag, -r1.imag, -r2.imag, -r3.imag
     eliminate(w.jacobian, w.rhs)
     for p in range(n_p):
+        _complex_state(w.s, w.rates, p, w.z)
+        end: Complex = (complex(x[0], w.rhs[0, p]), complex(x[1], w.rhs[1, p]), complex(x[2], w.rhs[2, p]), complex(x[3], w.rhs[3, p]))
         if flags.effective == 1 or w.asked[p]:
-            _state_rates_with_effects(x, step, flags, p, w)
+            _set_new_state_with_effects(end, w.z, step, w.numbers[p], full, w.z_out)
         else:
-            _state_rates(x, step, plain, p, w)
+            _set_new_state(end, w.z, step, w.numbers[p], plain, w.z_out)
+        for i in range(N_STATE):
+            w.rates_out[i, p] = w.z_out[i].imag / STEP
 
 
 @kernel

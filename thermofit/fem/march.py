@@ -32,7 +32,7 @@ from thermofit.fem.loading import solution_times
 from thermofit.fem.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
 from thermofit.fem.predictor import Passed, passed, predicted
 from thermofit.fem.sensitivity import Differentiator, Linearised, Sensitivities, volume_mean
-from thermofit.material.bounds import check_beta
+from thermofit.material.bounds import check_beta, check_body_effects
 from thermofit.material.law import Law, law_in_step, law_of
 from thermofit.material.point import LAMBDA
 
@@ -56,6 +56,7 @@ def march(
     loading.check(body, times)
     check_axes(body, settings.material_angle)
     check_beta(parameters)
+    check_body_effects(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     conditions = conditions_of(body, parameters, settings.films)
     if settings.coupling == "one-way":

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_sourc
 from thermofit.fem.linear import Factor, multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
+from thermofit.material.lanes_memory import lane_zeros
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.material.point import LAMBDA, N_STATE
@@ -121,7 +123,7 @@ class Linearised:
             raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
         return self.stiffness[which]
 
-    @property
+    @cached_property
     def largest_increment(self) -> float:
         """Largest dLambda of the step."""
         return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))
@@ -167,14 +169,14 @@ class Differentiator:
         self.m = padded(len(asked.names))
         self._sources = source_law(law, self.along)
         n_el = body.mesh.n_elements
-        self._states = (np.zeros((n_el, 8, N_STATE, self.m)), np.zeros((n_el, 8, N_STATE, self.m)))
-        self._dilatations = (np.zeros((n_el, 8, self.m)), np.zeros((n_el, 8, self.m)))
-        self._at = 0
+        self._states = (lane_zeros((n_el, 8, N_STATE, self.m)), lane_zeros((n_el, 8, N_STATE, self.m)))
+        self._dilatations = (lane_zeros((n_el, 8, self.m)), lane_zeros((n_el, 8, self.m)))
+        self._points, self._dilatation = self._states[0], self._dilatations[0]
         self._clean = True
-        self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
-        self._loads = np.zeros((n_el, 24, self.m))
-        self._warming = np.zeros((n_el, 24, self.m))
-        self._swelling = np.zeros((n_el, 8, self.m))
+        self._response = lane_zeros((n_el, response_size(len(self.along.in_pressure), len(self.along.in_yield)), 8))
+        self._loads = lane_zeros((n_el, 24, self.m))
+        self._warming = lane_zeros((n_el, 24, self.m))
+        self._swelling = lane_zeros((n_el, 8, self.m))
         # A body without stress feels a change of its moduli by round-off alone.
         facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
         self._round_off = _ROUND_OFF * facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
@@ -207,7 +209,7 @@ class Differentiator:
 
     def initial(self, mechanics: Linearised) -> Rates:
         """Rates of the state at rest."""
-        start = self._states[1 - self._at]
+        start = self._states[1]
         start[:] = 0.0
         self._respond(mechanics)
         u = self._mechanics(mechanics, start, self.resting)
@@ -227,7 +229,7 @@ class Differentiator:
         borrowed = mechanics.kept and mechanics.largest_increment == 0.0
         tolerance = self.asked.tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
-        softens = bool(np.any(self._response[:, :, BY_THETA]))
+        softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
             if sweep > 0 and softens:  # the answer below knows of expansion alone
@@ -287,9 +289,10 @@ class Differentiator:
 
         Points that never yielded are not written, so that their zeros must be true.
         """
-        self._at = 1 if start.points is self._states[0] else 0
+        self._points = self._states[1 if start.points is self._states[0] else 0]
+        self._dilatation = self._dilatations[1 if start.dilatation is self._dilatations[0] else 0]
         if not self._clean:
-            self._states[self._at][:] = 0.0
+            self._points[:] = 0.0
         self._clean = False
 
     def _guess(self, start: Rates, dt: float) -> np.ndarray:
@@ -324,10 +327,11 @@ class Differentiator:
         earlier elastic step. NumericsError where mending does not help.
         """
         body, states = self.body, (mechanics.before, mechanics.after)
-        points, dilatation = self._states[self._at], self._dilatations[self._at]
+        elastic = mechanics.largest_increment == 0.0  # then the states keep their rates
+        points, dilatation = points_n if elastic else self._points, self._dilatation
         allowed = _FORCE_SHARE * self.asked.tolerance
         forces = self._exact_forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
-        if mechanics.largest_increment == 0.0:
+        if elastic:
             allowed *= _ELASTIC_SHARE
         for _ in range(MAX_SWEEPS):
             rates = (u, points_n, theta)

@@ -14,6 +14,13 @@ is nearly all. Memory holds the rates of two states, whatever the number of step
 
 from __future__ import annotations
 
+<<<<<<< HEAD
+=======
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+>>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
 import numpy as np
 
 from thermofit.core.errors import NumericsError
@@ -27,11 +34,15 @@ from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_sourc
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
+<<<<<<< HEAD
 from thermofit.fem.step_rates import Linearised as Linearised
 from thermofit.fem.step_rates import Rates as Rates
 from thermofit.fem.step_rates import Sensitivities as Sensitivities
 from thermofit.fem.step_rates import Sensitivity as Sensitivity
 from thermofit.fem.step_rates import StepEnds as StepEnds
+=======
+from thermofit.material.lanes_memory import lane_zeros
+>>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.material.point import LAMBDA, N_STATE
@@ -54,6 +65,94 @@ _ROUND_OFF = 1e-11
 """Forces of round-off, in units of elastic modulus times facet area."""
 
 
+<<<<<<< HEAD
+=======
+@dataclass(frozen=True)
+class Sensitivities:
+    """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
+
+    `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
+    thousand times.
+    """
+
+    names: tuple[str, ...]
+    collect: Callable[[int, Sensitivity], None]
+    tolerance: float = 0.5
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives at one time, last axis the parameters: u (n_np, 3, n) mm, theta (n_np, n) K, force (n,) N of the whole specimen.
+
+    The arrays are views of buffers that the next steps overwrite: `collect` copies what it keeps.
+    """
+
+    u: np.ndarray
+    theta: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates of a state along m directions: u (n_np, 3, m), theta (n_np, m), points (n_el, 8, 11, m), J (n_el, 8, m), top force (m,).
+
+    `past`: length of the step that led here and theta' at its start, and the same of the step before: for extrapolation.
+    """
+
+    u: np.ndarray
+    theta: np.ndarray
+    points: np.ndarray
+    dilatation: np.ndarray
+    top_force: np.ndarray
+    past: tuple[tuple[float, np.ndarray], ...] = ()
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor of its tangent and, under displacement
+    control, the stiffness (n_el, 24, 24) itself.
+
+    `kept`: the factor was formed near the state, not at it.
+    """
+
+    u: np.ndarray
+    theta: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    factor: Factor | None = None
+    stiffness: np.ndarray | None = None
+    kept: bool = False
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """K^-1 of nodal loads (n_eq, m)."""
+        if self.factor is None:
+            raise NumericsError("sensitivities: a step came without the factor of its tangent")
+        return self.factor.solve(right)
+
+    def elements(self, which: np.ndarray) -> np.ndarray:
+        """Stiffness (n, 24, 24) of some elements."""
+        if self.stiffness is None:
+            raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
+        return self.stiffness[which]
+
+    @cached_property
+    def largest_increment(self) -> float:
+        """Largest dLambda of the step."""
+        return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))
+
+
+@dataclass(frozen=True)
+class StepEnds:
+    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term, and its solution."""
+
+    before: PointHistory
+    after: PointHistory
+    u: tuple[np.ndarray, np.ndarray]
+    middle: np.ndarray
+    step: HeatStep
+
+
+>>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
 @kernel
 def assemble(equation: np.ndarray, force: np.ndarray, out: np.ndarray) -> None:
     """out (n_eq, m) -= element loads (n_el, 24, m) by equation numbers (n_el, 24); negative numbers are prescribed dofs."""
@@ -83,14 +182,14 @@ class Differentiator:
         self.m = padded(len(asked.names))
         self._sources = source_law(law, self.along)
         n_el = body.mesh.n_elements
-        self._states = (np.zeros((n_el, 8, N_STATE, self.m)), np.zeros((n_el, 8, N_STATE, self.m)))
-        self._dilatations = (np.zeros((n_el, 8, self.m)), np.zeros((n_el, 8, self.m)))
-        self._at = 0
+        self._states = (lane_zeros((n_el, 8, N_STATE, self.m)), lane_zeros((n_el, 8, N_STATE, self.m)))
+        self._dilatations = (lane_zeros((n_el, 8, self.m)), lane_zeros((n_el, 8, self.m)))
+        self._points, self._dilatation = self._states[0], self._dilatations[0]
         self._clean = True
-        self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
-        self._loads = np.zeros((n_el, 24, self.m))
-        self._warming = np.zeros((n_el, 24, self.m))
-        self._swelling = np.zeros((n_el, 8, self.m))
+        self._response = lane_zeros((n_el, response_size(len(self.along.in_pressure), len(self.along.in_yield)), 8))
+        self._loads = lane_zeros((n_el, 24, self.m))
+        self._warming = lane_zeros((n_el, 24, self.m))
+        self._swelling = lane_zeros((n_el, 8, self.m))
         # A body without stress feels a change of its moduli by round-off alone.
         facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
         self._round_off = _ROUND_OFF * facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
@@ -122,10 +221,16 @@ class Differentiator:
             warming = volume_mean(self.body, self.resting) - rates[THETA_REF]
             self._rest_shift = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
 
+<<<<<<< HEAD
     def initial(self, mechanics: Linearised, load: np.ndarray) -> Rates:
         """Rates of the state at rest under a load with the rates (m,): N on the end of the model, or mm from its resting place."""
         self._load = self._rest_shift + load
         start = self._states[1 - self._at]
+=======
+    def initial(self, mechanics: Linearised) -> Rates:
+        """Rates of the state at rest."""
+        start = self._states[1]
+>>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
         start[:] = 0.0
         self._respond(mechanics)
         u = self._mechanics(mechanics, start, self.resting)
@@ -147,7 +252,7 @@ class Differentiator:
         borrowed = mechanics.kept and mechanics.largest_increment == 0.0
         tolerance = self.asked.tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
-        softens = bool(np.any(self._response[:, :, BY_THETA]))
+        softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
             if sweep > 0 and softens:  # the answer below knows of expansion alone
@@ -207,9 +312,10 @@ class Differentiator:
 
         Points that never yielded are not written, so that their zeros must be true.
         """
-        self._at = 1 if start.points is self._states[0] else 0
+        self._points = self._states[1 if start.points is self._states[0] else 0]
+        self._dilatation = self._dilatations[1 if start.dilatation is self._dilatations[0] else 0]
         if not self._clean:
-            self._states[self._at][:] = 0.0
+            self._points[:] = 0.0
         self._clean = False
 
     def _guess(self, start: Rates, dt: float) -> np.ndarray:
@@ -245,10 +351,11 @@ class Differentiator:
         earlier elastic step. NumericsError where mending does not help.
         """
         body, states = self.body, (mechanics.before, mechanics.after)
-        points, dilatation = self._states[self._at], self._dilatations[self._at]
+        elastic = mechanics.largest_increment == 0.0  # then the states keep their rates
+        points, dilatation = points_n if elastic else self._points, self._dilatation
         allowed = _FORCE_SHARE * self.asked.tolerance
         forces = self._exact_forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
-        if mechanics.largest_increment == 0.0:
+        if elastic:
             allowed *= _ELASTIC_SHARE
         for _ in range(MAX_SWEEPS):
             rates = (u, points_n, theta)

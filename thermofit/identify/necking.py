@@ -95,11 +95,17 @@ def ended(course: np.ndarray, sigma: float) -> int:
 def fit_sections(sections: Sections, rate: float) -> NeckingFit:
     """Least squares over law, offsets and the course of the necking section. NumericsError where no start can be evaluated."""
     best: FitResult | None = None
+    reason = ""
     for factor, exponent in ((1.3, 5.0), (1.8, 20.0), (3.0, 10.0)):
-        found = minimise(_problem(sections, rate, factor, exponent), "least-squares", Settings(x_tolerance=1e-5, max_evaluations=400))
+        try:
+            found = minimise(_problem(sections, rate, factor, exponent), "least-squares", Settings(x_tolerance=1e-5, max_evaluations=150))
+        except NumericsError as error:
+            reason = str(error).split(": ")[-1]
+            continue
         if best is None or found.f < best.f:
             best = found
-    assert best is not None
+    if best is None:
+        raise NumericsError(f"necking: no start can be evaluated ({reason}); fit fewer frames or lower necking.hardening_rate")
     if best.jacobian is None:
         raise NumericsError(f"necking: {best.message or 'no derivative at the optimum'}; expected a minimum, check necking.fit_frames")
     lengths = [int(sections.used[: sections.n_fit, s].sum()) for s in (*sections.others, sections.neck)]
@@ -147,7 +153,9 @@ def _linearised(sections: Sections, rate: float, x: np.ndarray) -> tuple[np.ndar
     n_o = len(others)
     law, offset, tau = HardeningLaw(float(x[0]), float(x[1]), rate), x[2 : 2 + n_o], x[2 + n_o :]
     if not law.holds(min(float(offset.min()), float(tau.min()))):
-        raise NumericsError(f"necking: no hardening law with Considere strain {x[0]:.3g} and exponent {x[1]:.3g}, expected one that hardens")
+        raise NumericsError(
+            f"necking: no hardening law with Considere strain {x[0]:.3g} and exponent {x[1]:.3g}, expected one that hardens"
+        )
     state = section_states(law, offset, tau)
     inverse = 1.0 / np.maximum(law.slope(state), 1e-6)
     before = tau < law.considere

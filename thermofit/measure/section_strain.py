@@ -98,7 +98,9 @@ def section_strain(grid: Grid, first: int, rows: tuple[int, int], per_section: i
     place = place[:, : n * per_section + 1, whole]
     length = np.linalg.norm(np.diff(place, axis=1), axis=-1)
     if not (np.diff(place[..., 0], axis=1) > 0.0).all():
-        raise DataError(f"{grid.path}: a row of points overtakes the next one along the load, expected a specimen in tension; check the axis")
+        raise DataError(
+            f"{grid.path}: a row of points overtakes the next one along the load, expected a specimen in tension; check the axis"
+        )
     axial = np.log(length / length[0]).mean(axis=2).reshape(len(place), n, per_section).mean(axis=2)
     span = np.linalg.norm(place[:, :, -1] - place[:, :, 0], axis=-1)
     contraction = np.log(span / span[0])

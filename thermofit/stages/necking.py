@@ -67,19 +67,23 @@ def _summary(settings: Necking, found: Sections, fit: NeckingFit, rates: list[di
     last = found.n_fit - 1
     test, neck, (mean, spread) = held_out(found, fit), neck_shape(found, last), contraction(found, last)
     value, sigma = fit.law.considere, fit.sigma("considere_strain")
+    values = [value, *(row["considere_strain"] for row in rates)]
+    total = (found.n_fit - 1) * found.used.shape[1]
     remarks = [
-        f"hardening_rate {settings.hardening_rate:g} is prescribed: areas of the sections are not known, and M_yinf/M_y0, H_lin/M_y0 follow "
-        "from it; they are not determined by the data",
-        f"of {(found.n_fit - 1) * found.used.shape[1]} fitted samples {found.excluded} are left out: their sections had stopped straining",
+        f"hardening_rate {settings.hardening_rate:g} is prescribed, for the areas of the sections are not known: M_yinf/M_y0 and "
+        f"H_lin/M_y0 follow from it and are not determined; Considere strain {min(values):.4f} to {max(values):.4f} for rates "
+        f"{min(row['hardening_rate'] for row in rates):.3g} to {max(row['hardening_rate'] for row in rates):.3g}",
+        f"of {total} fitted samples {found.excluded} are left out: their sections had stopped straining",
         f"neck at frame {last}: a/R = {neck.a_over_r:.3f}, mean stress wrong by about {100 * neck.stress_error:.2f} %, not corrected",
-        f"width strain {mean:.3f} +- {spread:.3f} of the axial strain (isotropic sheet: 0.5); thickness is not seen, flow taken as isochoric",
+        f"width strain {mean:.3f} +- {spread:.3f} of the axial strain (isotropic sheet: 0.5); thickness is not seen, flow is taken as "
+        "isochoric",
     ]
     if test is not None:
         remarks.append(
             f"{test.n} strains of later frames, one width from the neck or more: rms error {test.rms:.2g} where they gain {test.gain:.2g} "
             f"(noise {test.noise:.1g}); at the end {test.final:+.2g}"
         )
-    line, good = judged(fit, seen)
+    line, good = judged(fit, seen, 0.5 * (max(values) - min(values)))
     return {
         "verdict": f"Considere strain {value:.4f} +- {sigma:.4f} since frame {settings.fit_frames[0]}, H_exp {fit.law.exponent:.1f} +- "
         f"{fit.sigma('H_exp'):.1f}; {line}",
@@ -94,23 +98,33 @@ def _summary(settings: Necking, found: Sections, fit: NeckingFit, rates: list[di
     }
 
 
-def judged(fit: NeckingFit, seen: Onset | None) -> tuple[str, bool]:
-    """The Considere strain beside the strain at which sections far from the neck stop, and whether they agree."""
+def judged(fit: NeckingFit, seen: Onset | None, spread: float) -> tuple[str, bool]:
+    """The Considere strain beside the strain at which sections far from the neck stop, and whether they agree.
+
+    `spread` is half the range of the Considere strain over the prescribed rates: an error of its own.
+    """
     if seen is None:
         return "no section far from the neck stops straining: no test of it", True
-    sigma = float(np.hypot(fit.sigma("considere_strain"), seen.sigma))
+    sigma = float(np.linalg.norm([fit.sigma("considere_strain"), seen.sigma, spread]))
     off = (seen.strain - fit.law.considere) / sigma
     text = f"localisation seen at {seen.strain:.4f} +- {seen.sigma:.4f} (frame {seen.frame:.0f})"
     if abs(off) <= BEYOND:
         return f"{text}, {abs(off):.1f} standard errors away", True
     when = "later" if off > 0 else "earlier"
-    return f"{text}, {abs(off):.1f} standard errors {when}: the model without rate sensitivity and triaxiality does not hold", False
+    return f"{text}, {abs(off):.1f} standard errors {when}: a model without rate sensitivity does not hold", False
 
 
 def _channel(found: Sections, fit: NeckingFit) -> dict[str, Any]:
     rms = float(np.sqrt(np.mean(fit.result.residual**2)))
     noise = float(np.sqrt(np.mean(found.strain.sigma**2)))
-    return {"unit": "1", "n": fit.covariance.n, "rms": rms * noise, "floor_rms": noise, "chi2_reduced": fit.covariance.s2, "independent": fit.independent}
+    return {
+        "unit": "1",
+        "n": fit.covariance.n,
+        "rms": rms * noise,
+        "floor_rms": noise,
+        "chi2_reduced": fit.covariance.s2,
+        "independent": fit.independent,
+    }
 
 
 def _parameters(fit: NeckingFit) -> dict[str, ParameterResult]:

@@ -46,6 +46,11 @@ def force(strain: float) -> float:
     return stress(strain) * float(np.exp(-strain))
 
 
+def followed(area: float, carried: float) -> float:
+    """Strain of a thicker section under a force."""
+    return float(brentq(lambda e: area * force(e) - carried, -0.05, CONSIDERE))
+
+
 def courses(n_frames: int = 80) -> np.ndarray:
     """Total strain (n_frames, n_s) of the sections: force through the thinnest, which necks, equals that through each other; a section
     whose force would have to fall keeps its strain."""
@@ -53,7 +58,7 @@ def courses(n_frames: int = 80) -> np.ndarray:
     out = np.empty((n_frames, len(AREAS)))
     for k, strain in enumerate(neck):
         carried = force(min(strain, CONSIDERE))
-        out[k] = [strain if a == 1.0 else brentq(lambda e, a=a: a * force(e) - carried, -0.05, CONSIDERE) for a in AREAS]
+        out[k] = [strain if a == 1.0 else followed(a, carried) for a in AREAS]
     return out
 
 
@@ -129,9 +134,9 @@ def test_sections_that_stopped_are_left_out_and_counted() -> None:
     whole = sections_of(strain, len(strain.axial))
     neck_end = int(np.argmax(courses()[:, 5] > CONSIDERE))
     assert whole.neck == 5 and whole.end[5] == len(strain.axial)
-    ends = whole.end[AREAS > 1.005]
-    assert np.all(ends <= neck_end + 1) and np.all(ends > 0.6 * neck_end)
-    assert whole.excluded >= int((len(strain.axial) - ends).sum()) > 100
+    ends = whole.end[AREAS > 1.0]
+    assert abs(float(np.median(ends)) - neck_end) <= 2 and ends.min() > 0.9 * neck_end
+    assert whole.excluded >= int((len(strain.axial) - ends).sum()) > 250
     assert at_strain(strain, 0.5).excluded == 0
 
 
@@ -186,7 +191,7 @@ def test_record_of_the_stage(folder: Path, outcome: Outcome) -> None:
     seen, test = record.summary["localisation"], record.summary["held_out"]
     assert seen is not None and abs(seen["strain"] - TRUE_CONSIDERE) < 0.2 * TRUE_CONSIDERE
     assert test["rms"] < 0.35 * test["gain"]
-    np.testing.assert_allclose(record["strain/width"].value[-1], -0.5 * record["strain/axial"].value[-1], atol=3e-3)
+    np.testing.assert_allclose(record["strain/width"].value[-1], -0.5 * record["strain/axial"].value[-1], atol=8e-3)
     assert run(study_in(folder)).fresh
 
 

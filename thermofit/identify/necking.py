@@ -23,8 +23,9 @@ from thermofit.measure.section_strain import SectionStrain
 
 LAW = ("considere_strain", "H_exp")
 BOUNDS = {"considere_strain": (0.005, 0.9), "H_exp": (0.05, 300.0)}
-ENDED = 2.0
-"""A section no longer strains from where its strain is within this many sigma of its final one."""
+ENDED = 3.0
+"""A section no longer strains from where the mean over `_WINDOW` frames is within this many of its sigma of the final strain."""
+_WINDOW = 5
 _DEEPEST = -0.5
 
 
@@ -87,7 +88,8 @@ def ended(course: np.ndarray, sigma: float) -> int:
     n = len(course)
     tail = course[-max(n // 8, 4) :]
     final, noise = float(np.median(tail)), max(sigma, float(np.std(np.diff(tail))) / np.sqrt(2.0))
-    below = np.flatnonzero(course < final - ENDED * noise)
+    smooth = np.convolve(np.pad(course, _WINDOW // 2, mode="edge"), np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
+    below = np.flatnonzero(smooth < final - ENDED * noise / np.sqrt(_WINDOW))
     first = int(below[-1]) + 1 if below.size else 0
     return first if first < n - len(tail) else n
 

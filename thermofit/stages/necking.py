@@ -111,7 +111,7 @@ def judged(fit: NeckingFit, seen: Onset | None, spread: float) -> tuple[str, boo
     if abs(off) <= BEYOND:
         return f"{text}, {abs(off):.1f} standard errors away", True
     when = "later" if off > 0 else "earlier"
-    return f"{text}, {abs(off):.1f} standard errors {when}: a model without rate sensitivity does not hold", False
+    return f"{text}, {abs(off):.1f} standard errors {when}: the law, equal initial sections or rate independence does not hold", False
 
 
 def _channel(found: Sections, fit: NeckingFit) -> dict[str, Any]:

@@ -14,13 +14,6 @@ is nearly all. Memory holds the rates of two states, whatever the number of step
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-=======
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-
->>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
 import numpy as np
 
 from thermofit.core.errors import NumericsError
@@ -34,15 +27,12 @@ from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_sourc
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
-<<<<<<< HEAD
 from thermofit.fem.step_rates import Linearised as Linearised
 from thermofit.fem.step_rates import Rates as Rates
 from thermofit.fem.step_rates import Sensitivities as Sensitivities
 from thermofit.fem.step_rates import Sensitivity as Sensitivity
 from thermofit.fem.step_rates import StepEnds as StepEnds
-=======
 from thermofit.material.lanes_memory import lane_zeros
->>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.material.point import LAMBDA, N_STATE
@@ -65,94 +55,6 @@ _ROUND_OFF = 1e-11
 """Forces of round-off, in units of elastic modulus times facet area."""
 
 
-<<<<<<< HEAD
-=======
-@dataclass(frozen=True)
-class Sensitivities:
-    """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
-
-    `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
-    thousand times.
-    """
-
-    names: tuple[str, ...]
-    collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 0.5
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives at one time, last axis the parameters: u (n_np, 3, n) mm, theta (n_np, n) K, force (n,) N of the whole specimen.
-
-    The arrays are views of buffers that the next steps overwrite: `collect` copies what it keeps.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    force: np.ndarray
-
-
-@dataclass(frozen=True)
-class Rates:
-    """Rates of a state along m directions: u (n_np, 3, m), theta (n_np, m), points (n_el, 8, 11, m), J (n_el, 8, m), top force (m,).
-
-    `past`: length of the step that led here and theta' at its start, and the same of the step before: for extrapolation.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    points: np.ndarray
-    dilatation: np.ndarray
-    top_force: np.ndarray
-    past: tuple[tuple[float, np.ndarray], ...] = ()
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor of its tangent and, under displacement
-    control, the stiffness (n_el, 24, 24) itself.
-
-    `kept`: the factor was formed near the state, not at it.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    factor: Factor | None = None
-    stiffness: np.ndarray | None = None
-    kept: bool = False
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """K^-1 of nodal loads (n_eq, m)."""
-        if self.factor is None:
-            raise NumericsError("sensitivities: a step came without the factor of its tangent")
-        return self.factor.solve(right)
-
-    def elements(self, which: np.ndarray) -> np.ndarray:
-        """Stiffness (n, 24, 24) of some elements."""
-        if self.stiffness is None:
-            raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
-        return self.stiffness[which]
-
-    @cached_property
-    def largest_increment(self) -> float:
-        """Largest dLambda of the step."""
-        return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))
-
-
-@dataclass(frozen=True)
-class StepEnds:
-    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term, and its solution."""
-
-    before: PointHistory
-    after: PointHistory
-    u: tuple[np.ndarray, np.ndarray]
-    middle: np.ndarray
-    step: HeatStep
-
-
->>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
 @kernel
 def assemble(equation: np.ndarray, force: np.ndarray, out: np.ndarray) -> None:
     """out (n_eq, m) -= element loads (n_el, 24, m) by equation numbers (n_el, 24); negative numbers are prescribed dofs."""
@@ -221,16 +123,10 @@ class Differentiator:
             warming = volume_mean(self.body, self.resting) - rates[THETA_REF]
             self._rest_shift = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
 
-<<<<<<< HEAD
     def initial(self, mechanics: Linearised, load: np.ndarray) -> Rates:
         """Rates of the state at rest under a load with the rates (m,): N on the end of the model, or mm from its resting place."""
         self._load = self._rest_shift + load
-        start = self._states[1 - self._at]
-=======
-    def initial(self, mechanics: Linearised) -> Rates:
-        """Rates of the state at rest."""
         start = self._states[1]
->>>>>>> 18eeeecc86eb4a99df3ee842afedd69fc8845d0f
         start[:] = 0.0
         self._respond(mechanics)
         u = self._mechanics(mechanics, start, self.resting)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Linearised:
             raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
         return self.stiffness[which]
 
-    @property
+    @cached_property
     def largest_increment(self) -> float:
         """Largest dLambda of the step."""
         return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))

@@ -324,10 +324,9 @@ class Differentiator:
     def _heat(self, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
         """theta' (n_np, m) at the end of the step by the differentiated heat equation; theta is the estimate so far."""
         middle_rates = start.theta if self.one_way else 0.5 * (start.theta + theta)
-        heat = np.zeros((self.body.mesh.n_nodes, self.m))
-        rates = (PointRates(start.dilatation, start.points), end)
+        heat, rates = np.zeros((self.body.mesh.n_nodes, self.m)), (PointRates(start.dilatation, start.points), end)
         heat_source_rates(self.body.data, (ends.before, ends.after), rates, (ends.middle, middle_rates), self._sources, heat)
         motion, conditions = ((ends.u[0], start.u), (ends.u[1], u)), self.conditions.about(middle_rates)
-        flow = (ends.before.accumulated, ends.after.accumulated)
-        add_effect_sources(self.body, ends.step, conditions, flow, (start.points[:, :, LAMBDA], end.state[:, :, LAMBDA]), heat)
+        accumulated = ((ends.before.accumulated, ends.after.accumulated), (start.points[:, :, LAMBDA], end.state[:, :, LAMBDA]))
+        add_effect_sources(self.body, ends.step, conditions, *accumulated, heat)
         return np.ascontiguousarray(heat_step_rates(self.body, ends.step, start.theta, heat, conditions, motion))

@@ -18,7 +18,8 @@ from thermofit.effects.scene import Scene
 from thermofit.material.law import law_of
 from thermofit.measure.stations import gradients
 
-NAMES = tuple(e.name for e in effects())
+NAMES = tuple(e.name for e in effects() if e.slot != "base")
+"""All effects but those that the base law already holds: these have no formula of their own."""
 RNG = np.random.default_rng(11)
 STEP = 1e-30
 LAW = law_of(Parameters.of({"E": 68e3, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "theta_ref": 296.7}))
@@ -68,7 +69,7 @@ LAWS: dict[str, tuple[Formula, float | np.ndarray]] = {
     "dissipation": (_in_law, 1.0),
     "free_energy": (_of_moduli, 1.0),
     **dict.fromkeys(("emission", "reflection", "optics", "sensor"), (_of_temperature, TEMPERATURE)),
-    "camera": (_of_displacement, DISPLACEMENT),
+    **dict.fromkeys(("kinematics", "camera"), (_of_displacement, DISPLACEMENT)),
 }
 """How a formula of a slot is asked, and what it answers where the effect is off."""
 

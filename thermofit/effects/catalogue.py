@@ -19,14 +19,20 @@ from typing import Any
 from thermofit.core.digest import effect_files
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, declare
+from thermofit.effects.base import BASE as BASE_EFFECTS
 
 MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 KINEMATICS = ("kinematics",)
+"""Motion of the specimen that its model does not have; it acts on the displacements before any instrument."""
+LOAD = ("load",)
+"""Between the machine's record of force and crosshead and what acts on the end of the specimen."""
+BASE = ("base",)
+"""Mechanisms of the base law itself (effects.base), which act in its kernels and not through a function of their own."""
 MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 """Stations of the measuring chain in their physical order; `camera` is that of the displacements."""
-SLOTS = (*MATERIAL, *HEAT, *KINEMATICS, *MEASUREMENT)
-_NO_EFFECTS = ("catalogue", "scene")
+SLOTS = (*BASE, *MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
+_NO_EFFECTS = ("base", "catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 
 
@@ -42,6 +48,8 @@ class Effect:
     act: Callable[..., Any]
     stored: bool = False
     """True for hardening whose work is stored in the material, not dissipated (slot yield_stress)."""
+    reciprocal: bool = False
+    """True where the data are linear in one over the amplitude."""
 
     @property
     def amplitude(self) -> Param:
@@ -116,7 +124,14 @@ def _take(found: Effect) -> None:
     _EFFECTS[found.name] = found
 
 
+def _in_the_kernels(*_: Any) -> Any:
+    """Stands for the function of an effect of the base law."""
+    raise StudyError("an effect of the base law has no function of its own: its Params act in the kernels")
+
+
 def _discover() -> None:
+    for e in BASE_EFFECTS:
+        _EFFECTS[e.name] = Effect(e.name, BASE[0], e.params, e.formula, e.source, _in_the_kernels, reciprocal=e.reciprocal)
     package = importlib.import_module("thermofit.effects")
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
         if info.name in _NO_EFFECTS:

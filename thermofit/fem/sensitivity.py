@@ -3,7 +3,7 @@
 After each converged step the equations of both fields are differentiated along all asked-for parameters at once, through the
 history variables (M. Kleiber et al., Parameter Sensitivity in Nonlinear Mechanics, 1997):
 
-    K u' = f_ext' - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
+    K u' = f_ext'(p) - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
     [c0 M + gamma dt E] theta' = ... (u', u_n', theta_n', h'(s', s_n', theta'), p).
 
 Mechanics and heat alternate as in the march until theta' stands still; the factors are those of the step. A sweep over both ends with
@@ -14,26 +14,27 @@ is nearly all. Memory holds the rates of two states, whatever the number of step
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
-from thermofit.fem.conduction import HeatConditions, HeatStep
+from thermofit.fem.conduction import HeatConditions
 from thermofit.fem.conduction_rates import ConditionRates, heat_answer, heat_step_rates, steady_rates
 from thermofit.fem.extrapolation import lagrange
-from thermofit.fem.heat import PointHistory
 from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
-from thermofit.fem.linear import Factor, multiply_symmetric
+from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
+from thermofit.fem.step_rates import Linearised as Linearised
+from thermofit.fem.step_rates import Rates as Rates
+from thermofit.fem.step_rates import Sensitivities as Sensitivities
+from thermofit.fem.step_rates import Sensitivity as Sensitivity
+from thermofit.fem.step_rates import StepEnds as StepEnds
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
-from thermofit.material.point import LAMBDA, N_STATE
+from thermofit.material.point import N_STATE
 from thermofit.material.rates import BY_THETA, response_size
 
 MAX_SWEEPS = 20
@@ -51,91 +52,6 @@ _ASYMMETRY = 4e-4
 """What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
 _ROUND_OFF = 1e-11
 """Forces of round-off, in units of elastic modulus times facet area."""
-
-
-@dataclass(frozen=True)
-class Sensitivities:
-    """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
-
-    `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
-    thousand times.
-    """
-
-    names: tuple[str, ...]
-    collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 0.5
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives at one time, last axis the parameters: u (n_np, 3, n) mm, theta (n_np, n) K, force (n,) N of the whole specimen.
-
-    The arrays are views of buffers that the next steps overwrite: `collect` copies what it keeps.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    force: np.ndarray
-
-
-@dataclass(frozen=True)
-class Rates:
-    """Rates of a state along m directions: u (n_np, 3, m), theta (n_np, m), points (n_el, 8, 11, m), J (n_el, 8, m), top force (m,).
-
-    `past`: length of the step that led here and theta' at its start, and the same of the step before: for extrapolation.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    points: np.ndarray
-    dilatation: np.ndarray
-    top_force: np.ndarray
-    past: tuple[tuple[float, np.ndarray], ...] = ()
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor of its tangent and, under displacement
-    control, the stiffness (n_el, 24, 24) itself.
-
-    `kept`: the factor was formed near the state, not at it.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    factor: Factor | None = None
-    stiffness: np.ndarray | None = None
-    kept: bool = False
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """K^-1 of nodal loads (n_eq, m)."""
-        if self.factor is None:
-            raise NumericsError("sensitivities: a step came without the factor of its tangent")
-        return self.factor.solve(right)
-
-    def elements(self, which: np.ndarray) -> np.ndarray:
-        """Stiffness (n, 24, 24) of some elements."""
-        if self.stiffness is None:
-            raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
-        return self.stiffness[which]
-
-    @property
-    def largest_increment(self) -> float:
-        """Largest dLambda of the step."""
-        return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))
-
-
-@dataclass(frozen=True)
-class StepEnds:
-    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term, and its solution."""
-
-    before: PointHistory
-    after: PointHistory
-    u: tuple[np.ndarray, np.ndarray]
-    middle: np.ndarray
-    step: HeatStep
 
 
 @kernel
@@ -182,7 +98,8 @@ class Differentiator:
         self._top_elements = np.flatnonzero(top.any(axis=1))
         self._top_dofs = top[self._top_elements]
         self.resting = np.zeros((body.mesh.n_nodes, self.m))
-        self.prescribed = np.zeros(self.m)
+        self._pulled = np.argwhere(body.element_equation == body.top)[0] if body.top >= 0 else None
+        self._rest_shift = self._load = np.zeros(self.m)
         self.sweeps = 0
         self.mended = False
         self._exact_forces = False
@@ -203,10 +120,11 @@ class Differentiator:
             law, rates = self.law, self.along.numbers
             warmer = volume_mean(self.body, theta - law.theta_ref)
             warming = volume_mean(self.body, self.resting) - rates[THETA_REF]
-            self.prescribed = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
+            self._rest_shift = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
 
-    def initial(self, mechanics: Linearised) -> Rates:
-        """Rates of the state at rest."""
+    def initial(self, mechanics: Linearised, load: np.ndarray) -> Rates:
+        """Rates of the state at rest under a load with the rates (m,): N on the end of the model, or mm from its resting place."""
+        self._load = self._rest_shift + load
         start = self._states[1 - self._at]
         start[:] = 0.0
         self._respond(mechanics)
@@ -214,12 +132,14 @@ class Differentiator:
         points, dilatation = self._update(mechanics, start, self.resting, u)
         return Rates(u, self.resting, points, dilatation, self._top_rate)
 
-    def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
-        """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree.
+    def step(self, start: Rates, mechanics: Linearised, ends: StepEnds, load: np.ndarray) -> Rates:
+        """Rates at the end of a step from those at its start, its load with the rates (m,). NumericsError where mechanics and heat do not
+        come to agree.
 
         `mended` tells afterwards whether the factor at hand was so far from that of the step that an answer of it had to be mended.
         """
         self.mended = False
+        self._load = self._rest_shift + load
         self.law, self._sources = law_in_step(self.law, ends.step.length), self._sources.in_step(ends.step.length)
         self._respond(mechanics)
         self._take_buffer(start)
@@ -309,9 +229,10 @@ class Differentiator:
         body, states = self.body, (mechanics.before, mechanics.after)
         load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points_n, theta, self._loads)
         u = np.zeros((body.mesh.n_nodes, 3, self.m))
-        u[body.equation == LOADED] = self.prescribed
-        self._held = self._on_top(self._loads)
-        if np.any(self.prescribed):
+        u[body.equation == LOADED] = self._load
+        self._held = self._on_top(self._loads) if body.top < 0 else self._load
+        self._pull()
+        if body.top < 0 and np.any(self._load):
             e = self._top_elements
             self._loads[e] += np.einsum("eij,ejm->eim", mechanics.elements(e), u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
         self._scale = self._add_answer(mechanics, self._loads, u)
@@ -337,12 +258,20 @@ class Differentiator:
             if not forces:
                 self._top_rate = self._held + self._by_stiffness(mechanics, u)
                 return points, dilatation
+            top = self._on_top(self._loads) if body.top < 0 else self._load
+            self._pull()
             if np.all(self._unbalanced() <= allowed * self._scale + self._round_off):
-                self._top_rate = self._on_top(self._loads)
+                self._top_rate = top
                 return points, dilatation
             self._add_answer(mechanics, self._loads, u)
             self.mended = True
         raise NumericsError("sensitivities: the tangent of the converged step is too far from the exact one; use smaller steps")
+
+    def _pull(self) -> None:
+        """Take the rates of a prescribed force off the element loads, at one place of the loaded end."""
+        if self._pulled is not None:
+            element, row = self._pulled
+            self._loads[element, row] -= self._load
 
     def _unbalanced(self) -> np.ndarray:
         """Norm (m,) of the rates of the internal forces at free dofs, which equilibrium wants to vanish."""

@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
 from thermofit.core.parameters import Param, Parameters, param
-from thermofit.effects.catalogue import BASE, SLOTS, Effect, effect, effects
+from thermofit.effects.catalogue import SLOTS, Effect, effect, effects
 from thermofit.effects.film_exchange import outward_flux
 from thermofit.effects.linear_hardening import yield_stress
 from thermofit.effects.scene import Scene
 from thermofit.material.law import law_of
 from thermofit.measure.stations import gradients
 
-NAMES = tuple(e.name for e in effects() if e.slot not in BASE)
+NAMES = tuple(e.name for e in effects() if e.slot != "base")
+"""All effects but those that the base law already holds: these have no formula of their own."""
 RNG = np.random.default_rng(11)
 STEP = 1e-30
 LAW = law_of(Parameters.of({"E": 68e3, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "theta_ref": 296.7}))

@@ -27,7 +27,7 @@ from thermofit.fem.responses import States
 from thermofit.material.lanes import WIDTH, Lanes, spread
 from thermofit.material.lanes_fused import dot, multiply_add, product, product_added
 from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row
-from thermofit.material.lanes_tensor import Tensor, full, tensor_scaled, transposed
+from thermofit.material.lanes_tensor import Tensor, full, set_tensor_rows, tensor_scaled, transposed
 from thermofit.material.law import Law
 from thermofit.material.law_rates import N_NUMBERS, Directions
 from thermofit.material.point import ALPHA, LAMBDA, N_STATE
@@ -40,6 +40,7 @@ from thermofit.material.rates import (
     elastic_part,
     flow_rates,
     kirchhoff,
+    nine,
     plastic_part_rates,
     pressure_rates,
     stress_rates,
@@ -157,7 +158,7 @@ def load_rates(
         w, point, f_rows = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(9)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             f, _ = element_kinematics(data, e, u, w)
-            _keep_tensor(f_rows, f)
+            set_tensor_rows(f_rows, 0, f)
             c, nodes = response[e], data.hexes[e]
             out[e, :, :] = 0.0
             for group in range(n_groups):
@@ -170,7 +171,7 @@ def load_rates(
                         tau = virgin_stress_rates(c, q, k, point)
                     else:
                         old = _rates_at(state_rates_n, (8 * e + q) * N_STATE * n_groups + group, n_groups)
-                        f_q, fp_n = _numbers_of(f_rows, q), _plastic_part(state_n, e, q)
+                        f_q, fp_n = nine(f_rows, 0, q), _plastic_part(state_n, e, q)
                         tau = _stress_at_fixed_f(c, q, old, theta, f_q, fp_n, law, along, point)
                     m, p = _deviator(tau, data.volume[e, q], data.f_bar)
                     power = power + p
@@ -183,21 +184,6 @@ def load_rates(
 def _rates_at(values: np.ndarray, at: int, step: int) -> tuple[Tensor, Lanes, Lanes]:
     """Rates of F_p^-1, alpha, Lambda of a point, whose state begins at row `at`."""
     return _tensor_at(values, at, step), row(values, at + ALPHA * step), row(values, at + LAMBDA * step)
-
-
-@kernel(forceinline=True)
-def _keep_tensor(w: np.ndarray, f: Tensor) -> None:
-    for k in range(9):
-        set_row(w, k, f[k])
-
-
-@kernel(forceinline=True)
-def _numbers_of(w: np.ndarray, q: int) -> Tensor:
-    """The tensor of point q."""
-    return (
-        number(w, 0, q), number(w, 1, q), number(w, 2, q), number(w, 3, q), number(w, 4, q),
-        number(w, 5, q), number(w, 6, q), number(w, 7, q), number(w, 8, q),
-    )  # fmt: skip
 
 
 @kernel(parallel=True)
@@ -311,7 +297,7 @@ def update_rates(
         no_rate = (o, o, o, o, o, o, o, o, o)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             f, j = element_kinematics(data, e, u, w)
-            _keep_tensor(f_rows, f)
+            set_tensor_rows(f_rows, 0, f)
             set_row(f_rows, 9, j)
             c, nodes, power = response[e], data.hexes[e], 0.0
             if forces:
@@ -343,7 +329,7 @@ def update_rates(
                             fp_rate = _new_plastic_part(c, q, l_bar, old, fp_n, law, along, point, state_rates_new, at, n_groups)
                     if not forces:
                         continue
-                    f_el_rate = product_added(product(l_bar, elastic_part(c, q)), _numbers_of(f_rows, q), fp_rate)
+                    f_el_rate = product_added(product(l_bar, elastic_part(c, q)), nine(f_rows, 0, q), fp_rate)
                     k = pressure_rates(c, q, theta, dilatation, along.in_pressure, point)
                     m, p = _deviator(stress_rates(c, q, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
                     power_rate = power_rate + p

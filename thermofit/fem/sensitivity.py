@@ -204,10 +204,8 @@ class Differentiator:
         return np.asarray(series * answer), series
 
     def _take_buffer(self, start: Rates) -> None:
-        """The buffers of the new state: those that do not hold its start, cleared where a step failed that had begun to fill them.
-
-        Points that never yielded are not written, so that their zeros must be true.
-        """
+        """The buffers of the new state: those that do not hold its start. Points that never yielded are not written, so that their zeros
+        must be true: cleared where a step failed that had begun to fill them."""
         self._points = self._states[1 if start.points is self._states[0] else 0]
         self._dilatation = self._dilatations[1 if start.dilatation is self._dilatations[0] else 0]
         if not self._clean:
@@ -292,10 +290,8 @@ class Differentiator:
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
     def _warm(self, mechanics: Linearised, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Change of u' (n_np, 3, m) by one of theta' (n_np, m) and by what `_update` has left of the force rates; states held.
-
-        With it, what the change of theta' adds to the rate of the force on the end at fixed u', (m,).
-        """
+        """Change of u' (n_np, 3, m) by one of theta' (n_np, m) and by what `_update` has left of the force rates, states held; and what the
+        change of theta' adds to the rate of the force on the end at fixed u', (m,)."""
         thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
         warming = self._on_top(self._warming)
         if self._exact_forces:

@@ -20,6 +20,8 @@ from thermofit.fit.result import FitResult
 Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
 """Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
 TRIED_PER_ROUND = 2
+WORTH_AN_EXPONENT = 10.0
+"""Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
 AWAY = 2.0
 """Standard errors by which an accepted amplitude differs from neutral."""
 
@@ -111,6 +113,7 @@ def _tried(
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
+    parameters, after = _refined(parameters, after, score.effect, refit)
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how)
     proof = compared(_held_out(here), _held_out(there), here.rows, len(here.split.held_out))
@@ -119,6 +122,18 @@ def _tried(
     refused = _refusal(score.effect, estimate, sigma, proof, after)
     trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
     return trial, None if refused else (there, after)
+
+
+def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[Parameters, FitResult]:
+    """A second refit with the scanned Params of an effect free as well; kept where it converges and the objective falls."""
+    scanned = [p.name for p in effect(name).params if len(p.scan) > 1]
+    if not scanned or not fit.converged:
+        return parameters, fit
+    try:
+        free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name} exponents")
+    except NumericsError:
+        return parameters, fit
+    return (free, after) if after.converged and fit.f - after.f > WORTH_AN_EXPONENT else (parameters, fit)
 
 
 def _held_out(here: Traced) -> np.ndarray:

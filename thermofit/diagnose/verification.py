@@ -17,8 +17,9 @@ from thermofit.core.study import Study
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.fem.body import Body
 from thermofit.fem.march import History, Watch
-from thermofit.identify.forward import march_settings, run_of, sampler
+from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, read_field
+from thermofit.identify.instruments import Instruments
 from thermofit.identify.model import reference_times
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
 from thermofit.measure.observation import FieldObservation
@@ -75,21 +76,23 @@ def verification(study: Study, data: Measured, parameters: Parameters) -> Verifi
         except NumericsError as error:
             text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
             raise NumericsError(text) from error
-    observed, predicted = _fields(study, data, run.body, history)
+    observed, predicted = _fields(study, data, run, history, parameters)
     return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
 
 
-def _fields(study: Study, data: Measured, body: Body, history: History) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
-    """Observed and predicted fields; the force is one of them where the crosshead drives."""
+def _fields(
+    study: Study, data: Measured, run: Run, history: History, parameters: Parameters
+) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
+    """Observed and predicted fields, as the instruments show them; the force is one of them where the crosshead drives."""
     steps = data.steps["all"]
-    at_stages = sampler(body, data.displacement, steps)
-    observed, predicted = {"u": data.displacement}, {"u": at_stages.displacement(history)}
+    observed = {"u": data.displacement}
     if data.temperature is not None:
         observed["theta"] = data.temperature
-        predicted["theta"] = sampler(body, data.temperature, steps).temperature(history.theta)
     if study.force.drives != "force":
-        observed["force"], predicted["force"] = data.force, at_stages.force(history)
-    return observed, predicted
+        observed["force"] = data.force
+    samplers = {name: sampler(run.body, data.displacement if name == "force" else o, steps) for name, o in observed.items()}
+    instruments = Instruments(run, samplers, observed, data.theta_air)
+    return observed, {name: instruments.predicted(name, history, parameters) for name in observed}
 
 
 def _residuals(

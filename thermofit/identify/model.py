@@ -15,6 +15,7 @@ from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.fem.one_way import heat_problem
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
+from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects
 from thermofit.identify.prediction import CoupledPrediction, Errors, HeatPrediction, Linearise
 from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
 from thermofit.measure.observation import FieldObservation
@@ -166,7 +167,9 @@ def stage_model(
     samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
     comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
     one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= set(THERMAL)
-    prediction: CoupledPrediction | HeatPrediction = CoupledPrediction(run, samplers, observations)
+    prediction: CoupledPrediction | HeatPrediction | JointPrediction = CoupledPrediction(run, samplers, observations)
+    if looks_through_effects(base):
+        prediction, one_way = JointPrediction(Instruments(run, samplers, observations, data.theta_air)), False
     if one_way:
         kept = replace(run, settings=march_settings(study, "full", keep_points=True))
         problem = heat_problem(run.body, kept(base), kept.settings)

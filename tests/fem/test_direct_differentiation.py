@@ -216,9 +216,9 @@ def test_a_step_whose_differentiation_fails_is_cut_and_leaves_nothing_behind(mon
     kept = [n for n, t in enumerate(np.sort(np.append(TIMES, [7.0, 36.5]))) if t in TIMES]
     heat, step, calls = Differentiator._heat, Differentiator.step, [0]
 
-    def counted(self: Differentiator, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
+    def counted(self: Differentiator, start: Rates, mechanics: Linearised, ends: StepEnds, load: np.ndarray) -> Rates:
         calls[0] += 1
-        return step(self, start, mechanics, ends)
+        return step(self, start, mechanics, ends, load)
 
     def failing(self: Differentiator, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
         if calls[0] in (3, 13):  # the steps to 9 s and, two halves later, to 37 s

@@ -10,7 +10,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.fem.body import tension_body
 from thermofit.fem.march import History, Loading, MarchSettings, march
 from thermofit.fem.newton import NewtonSettings
-from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
 SHEET = Parameters.of(
     {
@@ -74,3 +74,14 @@ def bar_and_point(parameters: Parameters, time: np.ndarray, strain: np.ndarray, 
     assert rise.max() > 3.0
     assert np.abs(found.theta - found.theta[0] - rise).max() < 1e-6 * rise.max()
     assert abs(found.accumulated[-1] - history.largest_multiplier[-1]) < 1e-6 * found.accumulated[-1]
+
+
+def flow_stress_of(found: PointHistory, parameters: Parameters) -> np.ndarray:
+    """|Mandel stress| in the norm of Hill along the load: nominal stress times stretch, since the lateral faces are free."""
+    stretch = np.exp(found.states[:, 1] + found.states[:, 4])
+    return np.asarray(np.sqrt(parameters["F"] + parameters["H"]) * np.abs(found.stress) * stretch)
+
+
+def ramp(rate: float, strain: float, steps: int = 200) -> tuple[np.ndarray, np.ndarray]:
+    """Time and strain of a straight ramp at a rate in 1/s."""
+    return np.linspace(0.0, strain / rate, steps + 1), np.linspace(0.0, strain, steps + 1)

@@ -14,7 +14,7 @@ import typer
 
 from thermofit import __version__
 from thermofit.cli import measured
-from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
+from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, NECKING_ORDER, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, on_study
 from thermofit.core.errors import StudyError
@@ -128,7 +128,7 @@ def run(
 
     study = common.load()
     _announce("run", study, common.json)
-    links = [Link(name, _lazy(name)) for name in ORDER]
+    links = [Link(name, _lazy(name)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
     with _quiet(common.json):
         steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
     summary = summary_of(study, steps)

@@ -137,11 +137,22 @@ ASIDE: tuple[Entry, ...] = (
         "sets, and draws RUN_DIR/mesh.png with every set in its colour: look at it before a long run.",
         "mesh study.yaml --set mesh=coarse",
     ),
+    Entry(
+        "necking",
+        CHAIN,
+        "Hardening law of a necking test without force.",
+        "The section 'necking' of the study names the displacements of a grid of points, frame by frame. Equal force through every "
+        "cross-section gives the Considere strain and the exponent of hardening; frames that were not fitted test the prediction. The "
+        "only link of `thermofit run` in such a study.",
+        "necking study.yaml --set 'necking.fit_frames=[0, 40]'",
+    ),
 )
-"""Commands on a study that are no link of the chain."""
+"""Commands on a study that are no link of the chain of a full-field test."""
 
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
+NECKING_ORDER: tuple[str, ...] = ("necking",)
+"""The chain of a necking test."""
 
 ABOUT = (
     "Identify the parameters of thermo-mechanically coupled plasticity from a tension test with full-field measurements.\n\n"

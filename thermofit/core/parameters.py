@@ -28,6 +28,8 @@ class Param:
     """A value at which the effect of this Param is plainly visible; None for those of the base law."""
     scan: tuple[float, ...] = ()
     """Values tried for a Param that cannot be felt while its effect is off (an exponent, a time); empty for an amplitude."""
+    logarithmic: bool = False
+    """True where the order of magnitude is what is known: it is fitted by its logarithm."""
 
 
 _INF = float("inf")

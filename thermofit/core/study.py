@@ -48,6 +48,13 @@ class Study(Sections):
             return None
         return path_from(self.source.parent, self.geometry.file, f"{self.source}: key 'geometry.file'")
 
+    @property
+    def necking_file(self) -> Path | None:
+        """The file of the section `necking`, None where there is none. StudyError for an unset variable."""
+        if self.necking is None:
+            return None
+        return path_from(self.source.parent, self.necking.file, f"{self.source}: key 'necking.file'")
+
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
         if name not in type(self.stages).model_fields:

@@ -12,6 +12,7 @@ from thermofit.core.study_coupon import Coupon
 from thermofit.core.study_diagnosis import Diagnosis
 from thermofit.core.study_errors import content_error
 from thermofit.core.study_geometry import Geometry, StaticTest
+from thermofit.core.study_necking import Necking
 from thermofit.core.study_section import (
     Count,
     Mesh,
@@ -244,6 +245,8 @@ class Sections(Section):
     simulate: Simulate | None = None
     coupon: Coupon | None = None
     """Uniaxial records instead of, or besides, a full-field experiment."""
+    necking: Necking | None = None
+    """A necking test without force, alone in its study: the hardening law from equal force through all cross-sections."""
 
     @model_validator(mode="after")
     def _physics(self) -> Sections:
@@ -287,7 +290,10 @@ class StudyFile(Sections):
 
     @model_validator(mode="after")
     def _has_data(self) -> StudyFile:
-        if self.experiment is None and self.simulate is None and self.coupon is None:
+        others = [key for key in ("experiment", "simulate", "coupon", "static") if getattr(self, key) is not None]
+        if self.necking is not None and others:
+            raise content_error(f"is a study of its own, but '{others[0]}' is given too; leave one of them out", "necking")
+        if self.experiment is None and self.simulate is None and self.coupon is None and self.necking is None:
             raise content_error(
                 "is missing: name the raw folder, or describe a virtual experiment under 'simulate' or records under 'coupon'", "experiment"
             )

@@ -92,6 +92,13 @@ stages:
 #   stage: thermal
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
 # sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
+# effects: [my_effect.py]                      # effect files of your own, relative to this file
+# diagnosis:                                   # diagnose and close-loop
+#   held_out: blocks                           # or phases
+#   max_effects: 3
+#   mesh: null                                 # null: not finer than coarse
+#   channels: null                             # of the joint model; null: all
+#   free: null                                 # its parameters; null: all that the stages identify
 
 ## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
 # coupon:

@@ -11,9 +11,12 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
-from thermofit.effects.catalogue import Effect, effects
+from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
 from thermofit.identify.model import StageModel, field_of
+from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
 
+ON_POINT = ("linear_hardening", "thermal_expansion")
+"""Effects of the base law that a coupon feels."""
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
 surface does not flow, with the least overstress it does."""
@@ -44,10 +47,12 @@ class Case:
 
 
 def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects that a driver knows: `infrared` are the slots of its measuring chain."""
-    material = ("yield_stress", "yield_factor", "dissipation")
-    extra = ("camera",) if driver == "body" else ()
-    return effects((*material, *infrared, *extra))
+    """Effects that a driver, "body" or "point", knows: `infrared` are the slots of its measuring chain."""
+    if driver == "point":
+        base = tuple(e for e in effects(BASE) if e.name in ON_POINT)
+        return (*base, *effects((*SUMS, *FACTORS, *POINT_ONLY)), *effects(tuple(infrared)))
+    heat = HEAT if infrared else ()
+    return effects((*BASE, *SUMS, *FACTORS, *heat, *LOAD, *KINEMATICS, *infrared, "camera"))
 
 
 def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:

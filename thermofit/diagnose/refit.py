@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.errors import UntrustworthyError
@@ -16,7 +16,7 @@ from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.model import StageModel
-from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, evaluation_key, remembering, stage_problem
+from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class JointFit:
                 advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
 
             fit = change.converted(minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow)))
-        return start.with_vector(fit.x), fit
+        spread, _ = covariance_of(self.model, fit)
+        return start.with_vector(fit.x), fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
 
 
 def require_converged(fit: FitResult) -> None:

@@ -18,6 +18,7 @@ from scipy.stats import chi2, norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import param
+from thermofit.identify.reciprocal import RECIPROCAL
 
 ALIKE = 0.9
 """|cos| of two effects above which a test cannot tell them apart."""
@@ -144,7 +145,7 @@ def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, thres
     size = float(step @ np.linalg.solve(covariance, step))
     felt = _felt_names(names, block, s)
     sd = np.sqrt(np.diag(covariance))
-    estimate = {name: float(param(name).neutral + a) for name, a in zip(felt, step, strict=True)}
+    estimate = {name: _moved(name, float(a)) for name, a in zip(felt, step, strict=True)}
     whole = float(np.linalg.norm(block))
     return Score(
         effect=effect,
@@ -158,6 +159,15 @@ def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, thres
         vetoed=_veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
         family=family,
     )
+
+
+def _moved(name: str, step: float) -> float:
+    """The Param after a linear step; of a coefficient that acts by one over it, the step of that: R = 1/x - step/x^2."""
+    x = param(name).neutral
+    if name not in RECIPROCAL:
+        return x + step
+    resistance = 1.0 / x - step / x**2
+    return 1.0 / resistance if resistance > 0.0 else float("inf")
 
 
 def _drop(s: np.ndarray, error: np.ndarray, inverse: np.ndarray) -> float:

@@ -19,14 +19,20 @@ from typing import Any
 from thermofit.core.digest import effect_files
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, declare
+from thermofit.effects.base import BASE as BASE_EFFECTS
 
 MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 KINEMATICS = ("kinematics",)
+"""Motion of the specimen that its model does not have; it acts on the displacements before any instrument."""
+LOAD = ("load",)
+"""Between the machine's record of force and crosshead and what acts on the end of the specimen."""
+BASE = ("base",)
+"""Mechanisms of the base law itself (effects.base), which act in its kernels and not through a function of their own."""
 MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 """Stations of the measuring chain in their physical order; `camera` is that of the displacements."""
-SLOTS = (*MATERIAL, *HEAT, *KINEMATICS, *MEASUREMENT)
-_NO_EFFECTS = ("catalogue", "scene")
+SLOTS = (*BASE, *MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
+_NO_EFFECTS = ("base", "catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 ON_FACETS = ("surface_flux", "boundary_temperature")
 """Slots of effects that act on facet sets, which the module constant ON names."""
@@ -45,6 +51,8 @@ class Effect:
     act: Callable[..., Any]
     stored: bool = False
     """True for hardening whose work is stored in the material, not dissipated (slot yield_stress)."""
+    reciprocal: bool = False
+    """True where the data are linear in one over the amplitude."""
     on: tuple[str, ...] = ()
     """Kinds of facet sets, "air" or "clamp", that it acts on (slots surface_flux, boundary_temperature)."""
 
@@ -98,7 +106,8 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     on = getattr(module, "ON", ())
     if slot in ON_FACETS and (not isinstance(on, tuple) or not on or not set(on) <= set(FACET_KINDS)):
         raise StudyError(f"{where}: ON is {on!r}; expected a tuple of {', '.join(FACET_KINDS)}: the facet sets that the effect acts on")
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, bool(getattr(module, "STORED", False)), on)
+    stored = bool(getattr(module, "STORED", False))
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on)
 
 
 def load_effect(path: Path) -> Effect:
@@ -124,7 +133,14 @@ def _take(found: Effect) -> None:
     _EFFECTS[found.name] = found
 
 
+def _in_the_kernels(*_: Any) -> Any:
+    """Stands for the function of an effect of the base law."""
+    raise StudyError("an effect of the base law has no function of its own: its Params act in the kernels")
+
+
 def _discover() -> None:
+    for e in BASE_EFFECTS:
+        _EFFECTS[e.name] = Effect(e.name, BASE[0], e.params, e.formula, e.source, _in_the_kernels, reciprocal=e.reciprocal)
     package = importlib.import_module("thermofit.effects")
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
         if info.name in _NO_EFFECTS:

@@ -9,9 +9,10 @@ import numpy as np
 from thermofit.core.parameters import Param
 
 SLOT = "yield_factor"
+_SCAN = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 PARAMS = (
     Param("rate_logarithmic.C", "1", 0.0, 0.0, 0.5, 5e-3, "relative rise per e-fold of the rate", probe=0.01),
-    Param("rate_logarithmic.reference", "1/s", 1e-4, 1e-9, 1e4, 1e-4, "rate below which there is none", scan=(1e-6, 1e-5, 1e-4, 1e-3)),
+    Param("rate_logarithmic.reference", "1/s", 1e-4, 1e-9, 1e4, 1e-4, "rate below which there is none", scan=_SCAN, logarithmic=True),
 )
 FORMULA = "sigma_y *= 1 + C ln(1 + rate / reference)"
 SOURCE = "Johnson and Cook 1983; 1 + in the logarithm makes it smooth and zero at rest"

@@ -32,7 +32,7 @@ from thermofit.fem.loading import solution_times
 from thermofit.fem.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
 from thermofit.fem.predictor import Passed, passed, predicted
 from thermofit.fem.sensitivity import Differentiator, Linearised, Sensitivities, volume_mean
-from thermofit.material.bounds import check_beta
+from thermofit.material.bounds import check_beta, check_body_effects
 from thermofit.material.law import Law, law_in_step, law_of
 from thermofit.material.point import LAMBDA
 
@@ -48,22 +48,23 @@ def march(
     """Solve the coupled boundary value problem at the increasing `times` s (n_t,); the first is the state at rest.
 
     Only these are recorded; solution steps between them (`max_step`) add up to one Balance. `watch` follows the run and may have it
-    differentiated. NumericsError where a step fails even after `max_cuts` bisections; the message names the time. StudyError where times,
-    loading, body and parameters do not fit together.
+    differentiated. Effects of the machine (slot load) stand between the loading and the specimen. NumericsError where a step fails even
+    after `max_cuts` bisections; the message names the time. StudyError where times, loading, body and parameters do not fit together.
     """
     if len(times) < 2 or np.any(np.diff(times) <= 0.0):
         raise StudyError("march: at least two increasing times are needed; check the evaluation times of the study")
     loading.check(body, times)
     check_axes(body, settings.material_angle)
     check_beta(parameters)
+    check_body_effects(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     conditions = conditions_of(body, parameters, settings.films)
     if settings.coupling == "one-way":
         conditions = at_constant_stress(conditions, law)
     conditions = conditions.at(float(times[0]), float(times[0]), np.empty(0))
-    run = _Run(body, law, conditions, loading, settings)
+    run = _Run(body, law, conditions, loading.acting(parameters), settings)
     if watch.sensitivities is not None:
-        run.differentiate(parameters, watch.sensitivities)
+        run.differentiate(parameters, watch.sensitivities, loading.rates(parameters, watch.sensitivities.names))
     start = run.initial(float(times[0]))
     past: tuple[Passed, ...] = ()
     records, balances, energy = [recorded(body, start, settings)], [], run.energy(start)
@@ -98,16 +99,22 @@ class _Run:
         self.resting_temperature = np.empty(0)
         self.rest_displacement = 0.0
         self.rates: Differentiator | None = None
+        self.load_rates = np.empty((0, 0))
         self.elastic: Factor | None = None
 
-    def differentiate(self, parameters: Parameters, asked: Sensitivities) -> None:
-        """Differentiate every step from now on. StudyError under arc control, where no load is given that could be held."""
+    def differentiate(self, parameters: Parameters, asked: Sensitivities, load_rates: np.ndarray) -> None:
+        """Differentiate every step from now on; load_rates (n, n_p) are those of the loading at its times.
+
+        StudyError under arc control, where no load is given that could be held.
+        """
         if self.follower is not None:
             raise StudyError("sensitivities: under arc control the load is an unknown; prescribe the displacement of the end instead")
         one_way = self.settings.coupling == "one-way"
         rates = condition_rates(parameters, asked.names, self.law if one_way else None)
         rates = rates.on_sets(tuple(self.body.films), tuple(self.settings.films))
         self.rates = Differentiator(self.body, self.law, parameters, rates, asked, one_way=one_way)
+        self.load_rates = np.zeros((len(load_rates), self.rates.m))
+        self.load_rates[:, : load_rates.shape[1]] = load_rates / self.factor
 
     def load(self, t: float) -> float:
         """Load of the model at time t: its share of the force, the displacement, or the arc length."""
@@ -130,7 +137,8 @@ class _Run:
         if self.rates is None:
             return state
         self.rates.rest(theta, geometry, self.conditions, self.length, from_rest)
-        return replace(state, rates=self.rates.initial(self._linearised(found, theta, virgin)))
+        load_rates = self.loading.between(self.load_rates, t)
+        return replace(state, rates=self.rates.initial(self._linearised(found, theta, virgin), load_rates))
 
     def advance(self, start: State, past: tuple[Passed, ...], t: float, depth: int) -> tuple[State, Balance]:
         """One step to time t; bisected where it fails."""
@@ -194,7 +202,8 @@ class _Run:
         if self.rates is None or start.rates is None:
             return state, balance
         theta = self.resting_temperature if self.settings.coupling == "one-way" else state.theta
-        rates = self.rates.step(start.rates, self._linearised(found, theta, start.points), heat.ends(found))
+        load_rates = self.loading.between(self.load_rates, t)
+        rates = self.rates.step(start.rates, self._linearised(found, theta, start.points), heat.ends(found), load_rates)
         return replace(state, rates=rates), balance
 
     def _mechanics(

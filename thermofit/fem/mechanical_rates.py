@@ -27,10 +27,10 @@ from thermofit.fem.responses import States
 from thermofit.material.lanes import WIDTH, Lanes, spread
 from thermofit.material.lanes_fused import dot, multiply_add, product, product_added
 from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row
-from thermofit.material.lanes_tensor import Tensor, full, tensor_scaled, transposed
+from thermofit.material.lanes_tensor import Tensor, full, set_tensor_rows, tensor_scaled, transposed
 from thermofit.material.law import Law
 from thermofit.material.law_rates import N_NUMBERS, Directions
-from thermofit.material.point import ALPHA, LAMBDA
+from thermofit.material.point import ALPHA, LAMBDA, N_STATE
 from thermofit.material.rates import (
     IS_PLASTIC,
     K_THETA,
@@ -52,59 +52,59 @@ _CHUNKS = 64
 
 
 @kernel(forceinline=True)
-def _group(values: np.ndarray, k: int, group: int) -> Lanes:
-    """Lanes of one group of row k of rates (n, m)."""
-    return row(values, k * (values.shape[1] // WIDTH) + group)
-
-
-@kernel(forceinline=True)
-def _set_group(values: np.ndarray, k: int, group: int, value: Lanes) -> None:
-    set_row(values, k * (values.shape[1] // WIDTH) + group, value)
-
-
-@kernel(forceinline=True)
-def _group_tensor(values: np.ndarray, group: int) -> Tensor:
-    """The general tensor in the first nine rows of rates (11, m)."""
+def _tensor_at(values: np.ndarray, at: int, step: int) -> Tensor:
+    """The general tensor in the rows at, at + step, ... of an array of lanes."""
     return (
-        _group(values, 0, group), _group(values, 1, group), _group(values, 2, group),
-        _group(values, 3, group), _group(values, 4, group), _group(values, 5, group),
-        _group(values, 6, group), _group(values, 7, group), _group(values, 8, group),
+        row(values, at), row(values, at + step), row(values, at + 2 * step),
+        row(values, at + 3 * step), row(values, at + 4 * step), row(values, at + 5 * step),
+        row(values, at + 6 * step), row(values, at + 7 * step), row(values, at + 8 * step),
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _plastic_part(state: np.ndarray, e: int, q: int) -> Tensor:
+    """F_p^-1 of a point of states (n_el, 8, 11)."""
+    return (
+        state[e, q, 0], state[e, q, 1], state[e, q, 2],
+        state[e, q, 3], state[e, q, 4], state[e, q, 5],
+        state[e, q, 6], state[e, q, 7], state[e, q, 8],
     )  # fmt: skip
 
 
 @kernel(forceinline=True)
 def _set_numbers(along: Directions, group: int, w: np.ndarray) -> None:
+    step = along.numbers.shape[1] // WIDTH
     for k in range(N_NUMBERS):
-        set_row(w, NUMBER_RATES + k, _group(along.numbers, k, group))
+        set_row(w, NUMBER_RATES + k, row(along.numbers, k * step + group))
 
 
 @kernel(forceinline=True)
 def _at_point(nodal: np.ndarray, nodes: np.ndarray, q: int, group: int) -> Lanes:
     """Rates (n_np, m) of a nodal field at a Gauss point."""
-    value = spread(0.0)
+    value, step = spread(0.0), nodal.shape[1] // WIDTH
     for a in range(8):
-        value = multiply_add(number(SHAPE_BY_POINTS, a, q), _group(nodal, nodes[a], group), value)
+        value = multiply_add(number(SHAPE_BY_POINTS, a, q), row(nodal, nodes[a] * step + group), value)
     return value
 
 
 @kernel(forceinline=True)
-def _add_nodal(w: np.ndarray, q: int, m: Tensor, group: int, force: np.ndarray) -> None:
-    """force (24, m) += M g_a of a point."""
+def _add_nodal(w: np.ndarray, q: int, m: Tensor, force: np.ndarray, at: int, step: int) -> None:
+    """The 24 rows at, at + step, ... of force += M g_a of a point."""
     for a in range(8):
         g0, g1, g2 = number(w, GRADIENT + 3 * q, a), number(w, GRADIENT + 3 * q + 1, a), number(w, GRADIENT + 3 * q + 2, a)
         for i in range(3):
-            k = 3 * a + i
-            value = multiply_add(m[3 * i], g0, _group(force, k, group))
-            _set_group(force, k, group, multiply_add(m[3 * i + 2], g2, multiply_add(m[3 * i + 1], g1, value)))
+            k = at + (3 * a + i) * step
+            value = multiply_add(m[3 * i], g0, row(force, k))
+            set_row(force, k, multiply_add(m[3 * i + 2], g2, multiply_add(m[3 * i + 1], g1, value)))
 
 
 @kernel(forceinline=True)
-def _add_mean(w: np.ndarray, power: Lanes, group: int, force: np.ndarray) -> None:
-    """force (24, m) += P g_bar_a."""
+def _add_mean(w: np.ndarray, power: Lanes, force: np.ndarray, at: int, step: int) -> None:
+    """The 24 rows at, at + step, ... of force += P g_bar_a."""
     for a in range(8):
         for i in range(3):
-            k = 3 * a + i
-            _set_group(force, k, group, multiply_add(power, number(w, MEAN + i, a), _group(force, k, group)))
+            k = at + (3 * a + i) * step
+            set_row(force, k, multiply_add(power, number(w, MEAN + i, a), row(force, k)))
 
 
 @kernel(forceinline=True)
@@ -116,17 +116,24 @@ def _deviator(tau: Symmetric, weight: float, f_bar: int) -> tuple[Tensor, Lanes]
 
 @kernel(forceinline=True)
 def _stress_at_fixed_f(
-    c: np.ndarray, state_n_rates: np.ndarray, theta: Lanes, f: Tensor, fp_n: Tensor, law: Law, along: Directions, group: int, w: np.ndarray
+    c: np.ndarray,
+    q: int,
+    old: tuple[Tensor, Lanes, Lanes],
+    theta: Lanes,
+    f: Tensor,
+    fp_n: Tensor,
+    law: Law,
+    along: Directions,
+    w: np.ndarray,
 ) -> Symmetric:
-    """tau' of a point whose F does not change: F_el' = F (F_p^-1)'."""
+    """tau' of a point whose F does not change: F_el' = F (F_p^-1)'; old = rates of its old state."""
     o = spread(0.0)
-    fp_rate, active = _group_tensor(state_n_rates, group), (along.in_pressure, along.in_yield)
-    if c[IS_PLASTIC] == 1.0:
-        alpha, accumulated = _group(state_n_rates, ALPHA, group), _group(state_n_rates, LAMBDA, group)
+    fp_rate, active = old[0], (along.in_pressure, along.in_yield)
+    if number(c, IS_PLASTIC, q) == 1.0:
         set_row(w, THETA_RATE, theta)
-        y, _, _ = flow_rates(c, fp_rate, alpha, accumulated, (o, o, o, o, o, o), law, active, w)
-        fp_rate = plastic_part_rates(c, fp_n, fp_rate, y)
-    return stress_rates(c, product(f, fp_rate), pressure_rates(c, theta, o, along.in_pressure, w), law, w)
+        y, _, _ = flow_rates(c, q, fp_rate, old[1], old[2], (o, o, o, o, o, o), law, active, w)
+        fp_rate = plastic_part_rates(c, q, fp_n, fp_rate, y)
+    return stress_rates(c, q, product(f, fp_rate), pressure_rates(c, q, theta, o, along.in_pressure, w), law, w)
 
 
 @kernel(parallel=True)
@@ -151,39 +158,32 @@ def load_rates(
         w, point, f_rows = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(9)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             f, _ = element_kinematics(data, e, u, w)
-            _keep_tensor(f_rows, f)
+            set_tensor_rows(f_rows, 0, f)
+            c, nodes = response[e], data.hexes[e]
             out[e, :, :] = 0.0
             for group in range(n_groups):
                 _set_numbers(along, group, point)
-                power = spread(0.0)
+                power, force_at = spread(0.0), 24 * e * n_groups + group
                 for q in range(8):
-                    c = response[e, q]
-                    theta = _at_point(theta_rates, data.hexes[e], q, group)
+                    theta = _at_point(theta_rates, nodes, q, group)
                     if state[e, q, LAMBDA] == 0.0:
-                        tau = virgin_stress_rates(c, pressure_rates(c, theta, spread(0.0), along.in_pressure, point), point)
+                        k = pressure_rates(c, q, theta, spread(0.0), along.in_pressure, point)
+                        tau = virgin_stress_rates(c, q, k, point)
                     else:
-                        f_q, fp_n = _numbers_of(f_rows, q), nine(state_n[e, q], 0)
-                        tau = _stress_at_fixed_f(c, state_rates_n[e, q], theta, f_q, fp_n, law, along, group, point)
+                        old = _rates_at(state_rates_n, (8 * e + q) * N_STATE * n_groups + group, n_groups)
+                        f_q, fp_n = nine(f_rows, 0, q), _plastic_part(state_n, e, q)
+                        tau = _stress_at_fixed_f(c, q, old, theta, f_q, fp_n, law, along, point)
                     m, p = _deviator(tau, data.volume[e, q], data.f_bar)
                     power = power + p
-                    _add_nodal(w, q, m, group, out[e])
+                    _add_nodal(w, q, m, out, force_at, n_groups)
                 if data.f_bar == 1:
-                    _add_mean(w, power, group, out[e])
+                    _add_mean(w, power, out, force_at, n_groups)
 
 
 @kernel(forceinline=True)
-def _keep_tensor(w: np.ndarray, f: Tensor) -> None:
-    for k in range(9):
-        set_row(w, k, f[k])
-
-
-@kernel(forceinline=True)
-def _numbers_of(w: np.ndarray, q: int) -> Tensor:
-    """The tensor of point q."""
-    return (
-        number(w, 0, q), number(w, 1, q), number(w, 2, q), number(w, 3, q), number(w, 4, q),
-        number(w, 5, q), number(w, 6, q), number(w, 7, q), number(w, 8, q),
-    )  # fmt: skip
+def _rates_at(values: np.ndarray, at: int, step: int) -> tuple[Tensor, Lanes, Lanes]:
+    """Rates of F_p^-1, alpha, Lambda of a point, whose state begins at row `at`."""
+    return _tensor_at(values, at, step), row(values, at + ALPHA * step), row(values, at + LAMBDA * step)
 
 
 @kernel(parallel=True)
@@ -194,16 +194,17 @@ def thermal_load_rates(data: ElementData, u: np.ndarray, response: np.ndarray, t
         w, o = lane_workspace(ELEMENT_ROWS), spread(0.0)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             element_kinematics(data, e, u, w)
+            nodes = data.hexes[e]
             out[e, :, :] = 0.0
             for group in range(n_groups):
-                power = o
+                power, force_at = o, 24 * e * n_groups + group
                 for q in range(8):
-                    k = _at_point(theta_rates, data.hexes[e], q, group) * (data.volume[e, q] * response[e, q, K_THETA])
+                    k = _at_point(theta_rates, nodes, q, group) * (data.volume[e, q] * response[e, K_THETA, q])
                     power = power + k
                     if data.f_bar != 1:
-                        _add_nodal(w, q, (k, o, o, o, k, o, o, o, k), group, out[e])
+                        _add_nodal(w, q, (k, o, o, o, k, o, o, o, k), out, force_at, n_groups)
                 if data.f_bar == 1:
-                    _add_mean(w, power, group, out[e])
+                    _add_mean(w, power, out, force_at, n_groups)
 
 
 @kernel(forceinline=True)
@@ -248,21 +249,22 @@ def dilatation_rates(data: ElementData, u: np.ndarray, u_rates: np.ndarray, out:
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             _, j = element_kinematics(data, e, u, w)
             set_row(j_row, 0, j)
+            nodes = data.hexes[e]
             for group in range(n_groups):
-                wanted = _mean_dilatation(w, data.hexes[e], u_rates, group)
+                wanted = _mean_dilatation(w, nodes, u_rates, group)
                 for q in range(8):
                     if data.f_bar != 1:
-                        lv = _velocity_gradient(w, data.hexes[e], q, u_rates, group)
+                        lv = _velocity_gradient(w, nodes, q, u_rates, group)
                         wanted = lv[0] + lv[4] + lv[8]
-                    _set_group(out[e], q, group, number(j_row, 0, q) * wanted)
+                    set_row(out, (8 * e + q) * n_groups + group, number(j_row, 0, q) * wanted)
 
 
 @kernel(forceinline=True)
-def _power(data: ElementData, e: int, response: np.ndarray, law: Law) -> float:
+def _power(data: ElementData, e: int, c: np.ndarray, law: Law) -> float:
     """P = sum_q w p of the stress at the end of the step; 0 without F-bar."""
     value = 0.0
     for q in range(8):
-        tau = kirchhoff(response[q], law)
+        tau = kirchhoff(c, q, law)
         value += data.volume[e, q] * (tau[0] + tau[1] + tau[2])
     return value * (data.f_bar / 3.0)
 
@@ -284,55 +286,58 @@ def update_rates(
     """Rates of the new state (n_el, 8, 11, m), of J (n_el, 8, m) and, if `forces`, of the internal forces, force (n_el, 24, m).
 
     rates = (u' (n_np, 3, m), rates of the old state (n_el, 8, 11, m), theta' (n_np, m)). A point that never yielded has none of its state:
-    they stay the zeros that they are.
+    they stay the zeros that they are. Where no point flows, state_rates_new may be the rates of the old state themselves.
     """
     state_n, state = states
     u_rates, state_rates_n, theta_rates = rates
+    keeps = state_rates_new.ctypes.data == state_rates_n.ctypes.data
     n_el, n_groups = data.hexes.shape[0], theta_rates.shape[1] // WIDTH
     for chunk in prange(_CHUNKS):
         w, point, f_rows, o = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS), lane_workspace(10), spread(0.0)
         no_rate = (o, o, o, o, o, o, o, o, o)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             f, j = element_kinematics(data, e, u, w)
-            _keep_tensor(f_rows, f)
+            set_tensor_rows(f_rows, 0, f)
             set_row(f_rows, 9, j)
+            c, nodes, power = response[e], data.hexes[e], 0.0
             if forces:
                 force[e, :, :] = 0.0
-            power, dilated = _power(data, e, response[e], law), lane_sum(row(w, J_WEIGHT))
+                power = _power(data, e, c, law)
+            dilated = lane_sum(row(w, J_WEIGHT))
             for group in range(n_groups):
                 _set_numbers(along, group, point)
-                mean = _mean_dilatation(w, data.hexes[e], u_rates, group)
-                power_rate = spread(0.0)
+                mean, power_rate, force_at = _mean_dilatation(w, nodes, u_rates, group), spread(0.0), 24 * e * n_groups + group
                 for q in range(8):
-                    c = response[e, q]
-                    virgin = state[e, q, LAMBDA] == 0.0
-                    if virgin and not forces and data.f_bar == 1:
-                        _set_group(dilatation_rates[e], q, group, number(f_rows, 9, q) * mean)
+                    virgin, point_at = state[e, q, LAMBDA] == 0.0, (8 * e + q) * n_groups
+                    if (virgin or keeps) and not forces and data.f_bar == 1:
+                        set_row(dilatation_rates, point_at + group, number(f_rows, 9, q) * mean)
                         continue
-                    lv = _velocity_gradient(w, data.hexes[e], q, u_rates, group)
+                    lv = _velocity_gradient(w, nodes, q, u_rates, group)
                     trace = lv[0] + lv[4] + lv[8]
-                    wanted = mean if data.f_bar == 1 else trace
-                    _set_group(dilatation_rates[e], q, group, number(f_rows, 9, q) * wanted)
-                    d = (wanted - trace) * (1.0 / 3.0)
+                    dilatation = mean if data.f_bar == 1 else trace
+                    set_row(dilatation_rates, point_at + group, number(f_rows, 9, q) * dilatation)
+                    d = (dilatation - trace) * (1.0 / 3.0)
                     l_bar = (lv[0] + d, lv[1], lv[2], lv[3], lv[4] + d, lv[5], lv[6], lv[7], lv[8] + d)
-                    theta = _at_point(theta_rates, data.hexes[e], q, group)
-                    fp_rate = no_rate
+                    theta = _at_point(theta_rates, nodes, q, group)
+                    fp_rate, at = no_rate, point_at * N_STATE + group
                     if not virgin:
-                        set_row(point, THETA_RATE, theta)
-                        fp_rate = _new_plastic_part(
-                            c, l_bar, state_rates_n[e, q], nine(state_n[e, q], 0), law, along, group, point, state_rates_new[e, q]
-                        )
+                        if keeps:
+                            fp_rate = _tensor_at(state_rates_n, at, n_groups)
+                        else:
+                            set_row(point, THETA_RATE, theta)
+                            old, fp_n = _rates_at(state_rates_n, at, n_groups), _plastic_part(state_n, e, q)
+                            fp_rate = _new_plastic_part(c, q, l_bar, old, fp_n, law, along, point, state_rates_new, at, n_groups)
                     if not forces:
                         continue
-                    f_el_rate = product_added(product(l_bar, elastic_part(c)), _numbers_of(f_rows, q), fp_rate)
-                    k = pressure_rates(c, theta, wanted, along.in_pressure, point)
-                    m, p = _deviator(stress_rates(c, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
+                    f_el_rate = product_added(product(l_bar, elastic_part(c, q)), nine(f_rows, 0, q), fp_rate)
+                    k = pressure_rates(c, q, theta, dilatation, along.in_pressure, point)
+                    m, p = _deviator(stress_rates(c, q, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
                     power_rate = power_rate + p
-                    stress, _ = _deviator(kirchhoff(c, law), data.volume[e, q], data.f_bar)
+                    stress, _ = _deviator(kirchhoff(c, q, law), data.volume[e, q], data.f_bar)
                     share = power * number(w, J_WEIGHT, q) / dilated
-                    _add_nodal(w, q, _with_geometry(m, stress, lv, trace, share), group, force[e])
+                    _add_nodal(w, q, _with_geometry(m, stress, lv, trace, share), force, force_at, n_groups)
                 if forces and data.f_bar == 1:
-                    _add_mean(w, power_rate - power * mean, group, force[e])
+                    _add_mean(w, power_rate - power * mean, force, force_at, n_groups)
 
 
 @kernel(forceinline=True)
@@ -349,26 +354,27 @@ def _with_geometry(m: Tensor, stress: Tensor, lv: Tensor, trace: Lanes, share: f
 @kernel(forceinline=True)
 def _new_plastic_part(
     c: np.ndarray,
+    q: int,
     lv: Tensor,
-    state_n_rates: np.ndarray,
+    old: tuple[Tensor, Lanes, Lanes],
     fp_n: Tensor,
     law: Law,
     along: Directions,
-    group: int,
     w: np.ndarray,
     out: np.ndarray,
+    at: int,
+    step: int,
 ) -> Tensor:
-    """(F_p^-1)' at the end of the step; all rates of the new state go into out (11, m)."""
-    fp_rate = _group_tensor(state_n_rates, group)
-    alpha, accumulated = _group(state_n_rates, ALPHA, group), _group(state_n_rates, LAMBDA, group)
-    if c[IS_PLASTIC] == 1.0:
+    """(F_p^-1)' at the end of the step; all rates of the new state go into the rows at, at + step, ... of out."""
+    fp_rate, alpha, accumulated = old
+    if number(c, IS_PLASTIC, q) == 1.0:
         strain = (2.0 * lv[0], 2.0 * lv[4], 2.0 * lv[8], lv[1] + lv[3], lv[5] + lv[7], lv[2] + lv[6])
-        y, alpha, accumulated = flow_rates(c, fp_rate, alpha, accumulated, strain, law, (along.in_pressure, along.in_yield), w)
-        fp_rate = plastic_part_rates(c, fp_n, fp_rate, y)
+        y, alpha, accumulated = flow_rates(c, q, fp_rate, alpha, accumulated, strain, law, (along.in_pressure, along.in_yield), w)
+        fp_rate = plastic_part_rates(c, q, fp_n, fp_rate, y)
     for k in range(9):
-        _set_group(out, k, group, fp_rate[k])
-    _set_group(out, ALPHA, group, alpha)
-    _set_group(out, LAMBDA, group, accumulated)
+        set_row(out, at + k * step, fp_rate[k])
+    set_row(out, at + ALPHA * step, alpha)
+    set_row(out, at + LAMBDA * step, accumulated)
     return fp_rate
 
 

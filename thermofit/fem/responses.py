@@ -13,7 +13,7 @@ from thermofit.fem.element_lanes import element_kinematics
 from thermofit.fem.element_stiffness import ELEMENT_ROWS
 from thermofit.material.lanes_memory import lane_workspace, set_row
 from thermofit.material.law import Law
-from thermofit.material.law_rates import Directions, pressure_gradients, pressure_values, yield_gradients
+from thermofit.material.law_rates import Directions, set_pressure, set_pressure_gradients, set_yield_gradients
 from thermofit.material.point import ALPHA, LAMBDA
 from thermofit.material.rates import (
     ALPHA_BY_ALPHA,
@@ -38,41 +38,34 @@ States = tuple[np.ndarray, np.ndarray]
 def responses(
     data: ElementData, fields: tuple[np.ndarray, np.ndarray], states: States, law: Law, along: Directions, out: np.ndarray
 ) -> None:
-    """Response of all points at the converged end of a step into out (n_el, 8, n_response); fields = (u (n_np, 3) mm, theta (n_np,) K)."""
+    """Response of all points at the converged end of a step into out (n_el, n_response, 8); fields = (u (n_np, 3) mm, theta (n_np,) K).
+
+    Derivatives of the yield stress stand there only if any point flows.
+    """
     u, theta = fields
-    before, after = (s.reshape(-1, s.shape[2]) for s in states)
-    flat = out.reshape(-1, out.shape[2])
-    log_j = np.empty(len(flat))
-    log_dilatations(data, u, log_j.reshape(-1, 8))
-    points = np.ascontiguousarray(theta[data.hexes] @ data.shape.T).reshape(-1)
-    pressure, by_pressure = pressure_values(log_j, points, law), pressure_gradients((log_j, points), law, along.in_pressure)
-    gamma = after[:, LAMBDA] - before[:, LAMBDA]
-    sigma, alpha = yield_gradients((before[:, ALPHA], before[:, LAMBDA], gamma, points), law, along.in_yield)
-    flat[:, PRESSURE] = pressure
-    flat[:, K_LOG_J], flat[:, K_THETA] = by_pressure[:2]
-    flat[:, BY_ALPHA], flat[:, BY_LAMBDA], flat[:, BY_GAMMA] = sigma[:3]
-    flat[:, ALPHA_BY_ALPHA], flat[:, ALPHA_BY_GAMMA] = alpha[0], alpha[2]
-    flat[:, BY_THETA] = sigma[3]
-    flat[:, GRADIENTS:] = np.concatenate([by_pressure[2:], sigma[4:], alpha[4:]]).T
-    _responses(data, u, states[0], states[1], law, out)
+    before, after = states
+    points = np.ascontiguousarray(theta[data.hexes] @ data.shape.T)
+    gamma, at = after[:, :, LAMBDA] - before[:, :, LAMBDA], GRADIENTS + len(along.in_pressure)
+    if np.any(gamma > 0.0):
+        n = len(along.in_yield)
+        sigma = [out[:, k] for k in (BY_ALPHA, BY_LAMBDA, BY_GAMMA, BY_THETA, *range(at, at + n))]
+        alpha = [out[:, ALPHA_BY_ALPHA], None, out[:, ALPHA_BY_GAMMA], None, *(out[:, k] for k in range(at + n, at + 2 * n))]
+        set_yield_gradients((before[:, :, ALPHA], before[:, :, LAMBDA], gamma, points), law, along.in_yield, (sigma, alpha))
+    log_j = np.empty(gamma.shape)
+    _responses(data, u, before, after, law, out, log_j)
+    set_pressure(log_j, points, law, out[:, PRESSURE])
+    set_pressure_gradients((log_j, points), law, along.in_pressure, [out[:, k] for k in (K_LOG_J, K_THETA, *range(GRADIENTS, at))])
 
 
 @kernel(parallel=True)
-def log_dilatations(data: ElementData, u: np.ndarray, out: np.ndarray) -> None:
-    """ln J that the material sees at every point, out (n_el, 8)."""
-    n_el = data.hexes.shape[0]
-    for chunk in prange(_CHUNKS):
-        w = lane_workspace(ELEMENT_ROWS)
-        for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            _, j = element_kinematics(data, e, u, w)
-            set_row(out, e, math.log(j))
-
-
-@kernel(parallel=True)
-def _responses(data: ElementData, u: np.ndarray, state_n: np.ndarray, state: np.ndarray, law: Law, out: np.ndarray) -> None:
+def _responses(
+    data: ElementData, u: np.ndarray, state_n: np.ndarray, state: np.ndarray, law: Law, out: np.ndarray, log_j: np.ndarray
+) -> None:
+    """The responses but for the derivatives of the law page, and ln J (n_el, 8) that the material sees."""
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
         w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            f, _ = element_kinematics(data, e, u, w)
+            f, j = element_kinematics(data, e, u, w)
+            set_row(log_j, e, math.log(j))
             responses_of_points(f, state_n[e], state[e], law, point, out[e])

@@ -3,7 +3,7 @@
 After each converged step the equations of both fields are differentiated along all asked-for parameters at once, through the
 history variables (M. Kleiber et al., Parameter Sensitivity in Nonlinear Mechanics, 1997):
 
-    K u' = f_ext' - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
+    K u' = f_ext'(p) - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
     [c0 M + gamma dt E] theta' = ... (u', u_n', theta_n', h'(s', s_n', theta'), p).
 
 Mechanics and heat alternate as in the march until theta' stands still; the factors are those of the step. A sweep over both ends with
@@ -14,23 +14,25 @@ is nearly all. Memory holds the rates of two states, whatever the number of step
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
-from thermofit.fem.conduction import HeatConditions, HeatStep
+from thermofit.fem.conduction import HeatConditions
 from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates, usual_change
 from thermofit.fem.extrapolation import lagrange
-from thermofit.fem.heat import PointHistory
 from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
-from thermofit.fem.linear import Factor, multiply_symmetric
+from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
+from thermofit.fem.step_rates import Linearised as Linearised
+from thermofit.fem.step_rates import Rates as Rates
+from thermofit.fem.step_rates import Sensitivities as Sensitivities
+from thermofit.fem.step_rates import Sensitivity as Sensitivity
+from thermofit.fem.step_rates import StepEnds as StepEnds
+from thermofit.material.lanes_memory import lane_zeros
 from thermofit.material.law import Law, law_in_step
 from thermofit.material.law_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.material.point import LAMBDA, N_STATE
@@ -51,91 +53,6 @@ _ASYMMETRY = 4e-4
 """What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
 _ROUND_OFF = 1e-11
 """Forces of round-off, in units of elastic modulus times facet area."""
-
-
-@dataclass(frozen=True)
-class Sensitivities:
-    """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
-
-    `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
-    thousand times.
-    """
-
-    names: tuple[str, ...]
-    collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 0.5
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives at one time, last axis the parameters: u (n_np, 3, n) mm, theta (n_np, n) K, force (n,) N of the whole specimen.
-
-    The arrays are views of buffers that the next steps overwrite: `collect` copies what it keeps.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    force: np.ndarray
-
-
-@dataclass(frozen=True)
-class Rates:
-    """Rates of a state along m directions: u (n_np, 3, m), theta (n_np, m), points (n_el, 8, 11, m), J (n_el, 8, m), top force (m,).
-
-    `past`: length of the step that led here and theta' at its start, and the same of the step before: for extrapolation.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    points: np.ndarray
-    dilatation: np.ndarray
-    top_force: np.ndarray
-    past: tuple[tuple[float, np.ndarray], ...] = ()
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor of its tangent and, under displacement
-    control, the stiffness (n_el, 24, 24) itself.
-
-    `kept`: the factor was formed near the state, not at it.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    factor: Factor | None = None
-    stiffness: np.ndarray | None = None
-    kept: bool = False
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """K^-1 of nodal loads (n_eq, m)."""
-        if self.factor is None:
-            raise NumericsError("sensitivities: a step came without the factor of its tangent")
-        return self.factor.solve(right)
-
-    def elements(self, which: np.ndarray) -> np.ndarray:
-        """Stiffness (n, 24, 24) of some elements."""
-        if self.stiffness is None:
-            raise NumericsError("sensitivities: a step under displacement control came without its stiffness")
-        return self.stiffness[which]
-
-    @property
-    def largest_increment(self) -> float:
-        """Largest dLambda of the step."""
-        return float(np.max(self.after[:, :, LAMBDA] - self.before[:, :, LAMBDA]))
-
-
-@dataclass(frozen=True)
-class StepEnds:
-    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term, and its solution."""
-
-    before: PointHistory
-    after: PointHistory
-    u: tuple[np.ndarray, np.ndarray]
-    middle: np.ndarray
-    step: HeatStep
 
 
 @kernel
@@ -167,14 +84,14 @@ class Differentiator:
         self.m = padded(len(asked.names))
         self._sources = source_law(law, self.along)
         n_el = body.mesh.n_elements
-        self._states = (np.zeros((n_el, 8, N_STATE, self.m)), np.zeros((n_el, 8, N_STATE, self.m)))
-        self._dilatations = (np.zeros((n_el, 8, self.m)), np.zeros((n_el, 8, self.m)))
-        self._at = 0
+        self._states = (lane_zeros((n_el, 8, N_STATE, self.m)), lane_zeros((n_el, 8, N_STATE, self.m)))
+        self._dilatations = (lane_zeros((n_el, 8, self.m)), lane_zeros((n_el, 8, self.m)))
+        self._points, self._dilatation = self._states[0], self._dilatations[0]
         self._clean = True
-        self._response = np.zeros((n_el, 8, response_size(len(self.along.in_pressure), len(self.along.in_yield))))
-        self._loads = np.zeros((n_el, 24, self.m))
-        self._warming = np.zeros((n_el, 24, self.m))
-        self._swelling = np.zeros((n_el, 8, self.m))
+        self._response = lane_zeros((n_el, response_size(len(self.along.in_pressure), len(self.along.in_yield)), 8))
+        self._loads = lane_zeros((n_el, 24, self.m))
+        self._warming = lane_zeros((n_el, 24, self.m))
+        self._swelling = lane_zeros((n_el, 8, self.m))
         # A body without stress feels a change of its moduli by round-off alone.
         facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
         self._round_off = _ROUND_OFF * facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
@@ -182,7 +99,8 @@ class Differentiator:
         self._top_elements = np.flatnonzero(top.any(axis=1))
         self._top_dofs = top[self._top_elements]
         self.resting = np.zeros((body.mesh.n_nodes, self.m))
-        self.prescribed = np.zeros(self.m)
+        self._pulled = np.argwhere(body.element_equation == body.top)[0] if body.top >= 0 else None
+        self._rest_shift = self._load = np.zeros(self.m)
         self.sweeps = 0
         self.mended = False
         self._exact_forces = False
@@ -203,23 +121,26 @@ class Differentiator:
             law, rates = self.law, self.along.numbers
             warmer = volume_mean(self.body, theta - law.theta_ref)
             warming = volume_mean(self.body, self.resting) - rates[THETA_REF]
-            self.prescribed = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
+            self._rest_shift = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
 
-    def initial(self, mechanics: Linearised) -> Rates:
-        """Rates of the state at rest."""
-        start = self._states[1 - self._at]
+    def initial(self, mechanics: Linearised, load: np.ndarray) -> Rates:
+        """Rates of the state at rest under a load with the rates (m,): N on the end of the model, or mm from its resting place."""
+        self._load = self._rest_shift + load
+        start = self._states[1]
         start[:] = 0.0
         self._respond(mechanics)
         u = self._mechanics(mechanics, start, self.resting)
         points, dilatation = self._update(mechanics, start, self.resting, u)
         return Rates(u, self.resting, points, dilatation, self._top_rate)
 
-    def step(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
-        """Rates at the end of a step from those at its start. NumericsError where mechanics and heat do not come to agree.
+    def step(self, start: Rates, mechanics: Linearised, ends: StepEnds, load: np.ndarray) -> Rates:
+        """Rates at the end of a step from those at its start, its load with the rates (m,). NumericsError where mechanics and heat do not
+        come to agree.
 
         `mended` tells afterwards whether the factor at hand was so far from that of the step that an answer of it had to be mended.
         """
         self.mended = False
+        self._load = self._rest_shift + load
         self.law, self._sources = law_in_step(self.law, ends.step.length), self._sources.in_step(ends.step.length)
         self._respond(mechanics)
         self._take_buffer(start)
@@ -227,7 +148,7 @@ class Differentiator:
         borrowed = mechanics.kept and mechanics.largest_increment == 0.0
         tolerance = self.asked.tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
-        softens = bool(np.any(self._response[:, :, BY_THETA]))
+        softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
             if sweep > 0 and softens:  # the answer below knows of expansion alone
@@ -283,13 +204,12 @@ class Differentiator:
         return np.asarray(series * answer), series
 
     def _take_buffer(self, start: Rates) -> None:
-        """The buffers of the new state: those that do not hold its start, cleared where a step failed that had begun to fill them.
-
-        Points that never yielded are not written, so that their zeros must be true.
-        """
-        self._at = 1 if start.points is self._states[0] else 0
+        """The buffers of the new state: those that do not hold its start. Points that never yielded are not written, so that their zeros
+        must be true: cleared where a step failed that had begun to fill them."""
+        self._points = self._states[1 if start.points is self._states[0] else 0]
+        self._dilatation = self._dilatations[1 if start.dilatation is self._dilatations[0] else 0]
         if not self._clean:
-            self._states[self._at][:] = 0.0
+            self._points[:] = 0.0
         self._clean = False
 
     def _guess(self, start: Rates, dt: float) -> np.ndarray:
@@ -309,9 +229,10 @@ class Differentiator:
         body, states = self.body, (mechanics.before, mechanics.after)
         load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points_n, theta, self._loads)
         u = np.zeros((body.mesh.n_nodes, 3, self.m))
-        u[body.equation == LOADED] = self.prescribed
-        self._held = self._on_top(self._loads)
-        if np.any(self.prescribed):
+        u[body.equation == LOADED] = self._load
+        self._held = self._on_top(self._loads) if body.top < 0 else self._load
+        self._pull()
+        if body.top < 0 and np.any(self._load):
             e = self._top_elements
             self._loads[e] += np.einsum("eij,ejm->eim", mechanics.elements(e), u[body.mesh.hexes[e]].reshape(len(e), 24, self.m))
         self._scale = self._add_answer(mechanics, self._loads, u)
@@ -324,10 +245,11 @@ class Differentiator:
         earlier elastic step. NumericsError where mending does not help.
         """
         body, states = self.body, (mechanics.before, mechanics.after)
-        points, dilatation = self._states[self._at], self._dilatations[self._at]
+        elastic = mechanics.largest_increment == 0.0  # then the states keep their rates
+        points, dilatation = points_n if elastic else self._points, self._dilatation
         allowed = _FORCE_SHARE * self.asked.tolerance
         forces = self._exact_forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
-        if mechanics.largest_increment == 0.0:
+        if elastic:
             allowed *= _ELASTIC_SHARE
         for _ in range(MAX_SWEEPS):
             rates = (u, points_n, theta)
@@ -337,12 +259,20 @@ class Differentiator:
             if not forces:
                 self._top_rate = self._held + self._by_stiffness(mechanics, u)
                 return points, dilatation
+            top = self._on_top(self._loads) if body.top < 0 else self._load
+            self._pull()
             if np.all(self._unbalanced() <= allowed * self._scale + self._round_off):
-                self._top_rate = self._on_top(self._loads)
+                self._top_rate = top
                 return points, dilatation
             self._add_answer(mechanics, self._loads, u)
             self.mended = True
         raise NumericsError("sensitivities: the tangent of the converged step is too far from the exact one; use smaller steps")
+
+    def _pull(self) -> None:
+        """Take the rates of a prescribed force off the element loads, at one place of the loaded end."""
+        if self._pulled is not None:
+            element, row = self._pulled
+            self._loads[element, row] -= self._load
 
     def _unbalanced(self) -> np.ndarray:
         """Norm (m,) of the rates of the internal forces at free dofs, which equilibrium wants to vanish."""
@@ -360,10 +290,8 @@ class Differentiator:
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
     def _warm(self, mechanics: Linearised, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Change of u' (n_np, 3, m) by one of theta' (n_np, m) and by what `_update` has left of the force rates; states held.
-
-        With it, what the change of theta' adds to the rate of the force on the end at fixed u', (m,).
-        """
+        """Change of u' (n_np, 3, m) by one of theta' (n_np, m) and by what `_update` has left of the force rates, states held; and what the
+        change of theta' adds to the rate of the force on the end at fixed u', (m,)."""
         thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
         warming = self._on_top(self._warming)
         if self._exact_forces:

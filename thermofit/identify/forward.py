@@ -44,7 +44,7 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
     if steps.crosshead is None:
         raise DataError("force.drives is 'crosshead', but force.csv holds no column crosshead_mm; let the force drive or add the column")
     moved = steps.crosshead - steps.crosshead[0] - study.force.compliance * (steps.force - steps.force[0])
-    return Loading(steps.time, moved, "displacement", from_rest=True)
+    return Loading(steps.time, moved, "displacement", from_rest=True, force=steps.force)
 
 
 def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> Run:

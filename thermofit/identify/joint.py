@@ -16,9 +16,10 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
-from thermofit.effects.catalogue import effects
+from thermofit.effects.catalogue import KINEMATICS, effects
 from thermofit.effects.scene import Scene
 from thermofit.fem.history import History, Watch
+from thermofit.fem.loading import felt_force, felt_force_rate
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 from thermofit.identify.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured
@@ -30,11 +31,13 @@ from thermofit.measure.stations import CAMERA, INFRARED, chain, scene_of, seen, 
 THERMOCOUPLE = 0.1
 """Standard error of a declared temperature of air or jaws, K."""
 NUISANCES = ("theta_air", "theta_clamp")
+SLOTS = {"u": (*KINEMATICS, *CAMERA), "theta": INFRARED}
+"""Slots between the run and an observed field, in their order."""
 
 
 def station_names() -> frozenset[str]:
-    """Params of effects of the measuring chain: they change what is seen, not what happens."""
-    return frozenset(name for effect in effects((*INFRARED, *CAMERA)) for name in effect.names)
+    """Params of effects between the run and what is observed: they change what is seen, not what happens in the run."""
+    return frozenset(name for slots in SLOTS.values() for effect in effects(slots) for name in effect.names)
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class View:
 
 @dataclass(frozen=True)
 class Instruments:
-    """Cameras on the faces of a body: samplers by field "u", "theta", "force", and the load over time."""
+    """Cameras on the faces of a body and the load cell: samplers and observations by field "u", "theta", "force", and the run."""
 
     run: Run
     samplers: dict[str, Sampler]
@@ -67,23 +70,23 @@ class Instruments:
         index = here.index if name == "u" else np.arange(len(history.time))
         u = here.operator.displacement(history.u[np.append(index, here.reference)])
         u = u[:-1] - u[-1]
-        load = np.interp(history.time[index], self.run.loading.time, np.abs(self.run.loading.value))
-        scene = scene_of(history.time[index], self.observations[name].xy, u, load, self.theta_air)
+        scene = scene_of(history.time[index], self.observations[name].xy, u, np.abs(history.force[index]), self.theta_air)
         if name == "u":
             return View(u, scene, np.arange(len(index)))
         return View(here.operator.temperature(history.theta)[:, :, 0], scene, here.index)
 
     def predicted(self, name: str, history: History, parameters: Parameters) -> np.ndarray:
-        """What the instruments show of a history (n_t, n_s, n_c)."""
+        """What the instruments show of a history (n_t, n_s, n_c); a load cell shows the force less what effects say it shows too little."""
+        if name == "force":
+            recorded = self.observations[name].value
+            return (
+                self.samplers[name].observed(name, history) - (felt_force(recorded.ravel(), parameters) - recorded.ravel())[:, None, None]
+            )
         links = chain(SLOTS.get(name, ()), parameters)
         if not links:
             return self.samplers[name].observed(name, history)
         view = self.view(name, history)
         return view.taken(seen(view.field, view.scene, links, parameters))
-
-
-SLOTS = {"u": CAMERA, "theta": INFRARED}
-"""Slots of the measuring chain by field."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,10 @@ class JointPrediction:
         for k, n in enumerate(names):
             if n in of_body:
                 slope = slopes[..., of_body.index(n)]
-                if view is not None and links:
+                if name == "force":
+                    recorded = self.instruments.observations[name].value.ravel()
+                    out[..., k] = slope - felt_force_rate(recorded, parameters, n)[:, None, None]
+                elif view is not None and links:
                     flat = slope if name == "u" else slope[:, :, 0]
                     out[..., k] = view.taken(seen_along(view.field, flat, view.scene, links, parameters))
                 else:
@@ -176,8 +182,10 @@ def joint_free(study: Study) -> tuple[str, ...]:
 
 
 def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSettings:
-    """Settings of the joint stage: du and, where there are frames, dtheta."""
+    """Settings of the joint stage: du, the force where it does not drive the model, and dtheta where there are frames."""
     channels: dict[str, ChannelSettings] = {"du": ChannelSettings()}
+    if study.force.drives != "force":
+        channels["force"] = ChannelSettings()
     if data.temperature is not None:
         channels["dtheta"] = ChannelSettings()
     if study.diagnosis.channels is not None:
@@ -198,6 +206,8 @@ def joint_model(study: Study, data: Measured, settings: StageSettings, size: Mes
     observations: dict[str, FieldObservation] = {"u": data.displacement}
     if data.temperature is not None:
         observations["theta"] = data.temperature
+    if "force" in settings.channels:
+        observations["force"] = data.force
     steps: LoadSteps = steps_for(data, set(observations))
     run = run_of(study, data, size, steps, march_settings(study, "full"))
     samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}

@@ -76,7 +76,7 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
         base = base.with_vector(coarse[-1].x)
     model, fine = _settled(study, settings, base, (model_on, size), job, fits[-1].jacobian if fits else None)
     fit, fits = fine[-1], fits + fine
-    spread, remark = _covariance(model, fit)
+    spread, remark = covariance_of(model, fit)
     restless = "" if _close(*fine[-2:]) else "the mechanics of the one-way stage has not settled: the optimum still moves with it"
     return Solved(base.with_vector(fit.x), model, fit, spread, tuple(fits[:-1]), tuple(r for r in (remark, restless) if r))
 
@@ -178,16 +178,16 @@ def stage_problem(
 
 def remembering(model: StageModel, count: int = 3) -> StageModel:
     """The same model, which knows the error fields of its last parameters: the record of a stage asks again for those at the optimum."""
-    kept: OrderedDict[tuple[float, ...], Errors] = OrderedDict()
+    kept: OrderedDict[tuple[tuple[str, float], ...], Errors] = OrderedDict()
     exact = model.linearise
 
     def keep(parameters: Parameters, fields: Errors) -> None:
-        kept[tuple(parameters.values.values())] = fields
+        kept[tuple(parameters.values.items())] = fields
         if len(kept) > count:
             kept.popitem(last=False)
 
     def errors(parameters: Parameters) -> Errors:
-        known = kept.get(tuple(parameters.values.values()))
+        known = kept.get(tuple(parameters.values.items()))
         if known is not None:
             return known
         fields = model.errors(parameters)
@@ -203,7 +203,8 @@ def remembering(model: StageModel, count: int = 3) -> StageModel:
     return dataclasses.replace(model, errors=errors, linearise=None if exact is None else linearise)
 
 
-def _covariance(model: StageModel, fit: FitResult) -> tuple[Covariance | None, str]:
+def covariance_of(model: StageModel, fit: FitResult) -> tuple[Covariance | None, str]:
+    """Covariance at an optimum with the correlation of the noise, or None and why not."""
     if fit.jacobian is None:
         return None, "no standard errors: the Jacobian at the optimum could not be formed"
     noise: NoiseOperator | None = model.noise if any(c.noise is not None for c in model.comparisons) else None

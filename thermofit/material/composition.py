@@ -5,6 +5,8 @@ written beside the compiled kernels, so that it is cached with them:
 
     added_yield_stress = sum of the effects of slot yield_stress,  stored_yield_stress = those of them that store what they take (STORED)
     yield_factor       = product of the effects of slot yield_factor,   dissipation_factor = product of those of slot dissipation
+    modulus_factor     = product of the effects of slot free_energy, factors on the elastic moduli that Lambda moves
+    backstress_terms   = ((C, gamma), ...) of the effects of slot backstress, each with a backstress of its own; C = 0 where it is off
 
 Every Param of such an effect is a number of the law, called <effect>__<param>. At the neutral value of its amplitude an effect is skipped,
 not evaluated to zero: exactly off, at no cost.
@@ -25,6 +27,8 @@ from thermofit.effects.catalogue import Effect, effects
 
 SUMS = ("yield_stress",)
 FACTORS = ("yield_factor", "dissipation")
+POINT_ONLY = ("backstress", "free_energy")
+"""Slots that the point driver has and the finite element body has not."""
 _HEAD = '''"""Joined formulas of effects; written by thermofit.material.composition."""
 from thermofit.core.jit import kernel
 from thermofit.effects.catalogue import effect
@@ -36,13 +40,20 @@ def number_of(param_name: str) -> str:
     return param_name.replace(".", "__")
 
 
+def body_effects() -> tuple[Effect, ...]:
+    """Effects of the law that the finite element body has as well, in a fixed order."""
+    return effects((*SUMS, *FACTORS))
+
+
 def law_effects() -> tuple[Effect, ...]:
     """Effects that act in the law of a point, in a fixed order."""
-    return effects((*SUMS, *FACTORS))
+    return effects((*SUMS, *FACTORS, *POINT_ONLY))
 
 
 EFFECT_PARAMS: tuple[str, ...] = tuple(name for e in law_effects() for name in e.names)
 """Names of all Params of effects in the law."""
+BACKSTRESSES: tuple[str, ...] = tuple(e.name for e in effects(("backstress",)))
+"""Names of the effects that have a backstress each, in the order of `backstress_terms`."""
 AMPLITUDES: tuple[str, ...] = tuple(e.amplitude.name for e in law_effects())
 """Names of those Params that switch an effect."""
 EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAMS)
@@ -51,13 +62,15 @@ EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAM
 
 def _call(e: Effect) -> str:
     numbers = ", ".join(f"law.{number_of(name)}" for name in e.names)
-    return f"_{e.name}(accumulated, rate, theta, law, {numbers})"
+    arguments = "accumulated" if e.slot == "free_energy" else "accumulated, rate, theta"
+    return f"_{e.name}({arguments}, law, {numbers})"
 
 
 def _function(name: str, members: list[Effect], product: bool) -> str:
+    arguments = "accumulated" if name == "modulus_factor" else "accumulated, rate, theta"
     lines = [
         "@kernel(forceinline=True)",
-        f"def {name}(accumulated, rate, theta, law):",
+        f"def {name}({arguments}, law):",
         f"    value = {'1.0 + ' if product else ''}0.0 * accumulated",
     ]
     for e in members:
@@ -67,6 +80,20 @@ def _function(name: str, members: list[Effect], product: bool) -> str:
             f"        value = value {operation} {_call(e)}",
         ]
     return "\n".join([*lines, "    return value", "", ""])
+
+
+def _terms(members: list[Effect]) -> str:
+    """Source of `backstress_terms`."""
+    lines = ["@kernel(forceinline=True)", "def backstress_terms(accumulated, rate, theta, law):", "    zero = 0.0 * accumulated * law.mu"]
+    for k, e in enumerate(members):
+        lines += [
+            f"    modulus_{k}, recall_{k} = zero, zero",
+            f"    if law.{number_of(e.amplitude.name)} != {e.amplitude.neutral!r}:",
+            f"        given = {_call(e)}",
+            f"        modulus_{k}, recall_{k} = zero + given[0], zero + given[1]",
+        ]
+    pairs = "".join(f"(modulus_{k}, recall_{k}), " for k in range(len(members)))
+    return "\n".join([*lines, f"    return ({pairs})", "", ""])
 
 
 def source() -> str:
@@ -79,6 +106,8 @@ def source() -> str:
     parts.append(_function("stored_yield_stress", [e for e in members if e.slot == "yield_stress" and e.stored], False))
     parts.append(_function("yield_factor", [e for e in members if e.slot == "yield_factor"], True))
     parts.append(_function("dissipation_factor", [e for e in members if e.slot == "dissipation"], True))
+    parts.append(_function("modulus_factor", [e for e in members if e.slot == "free_energy"], True))
+    parts.append(_terms([e for e in members if e.slot == "backstress"]))
     return "".join(parts)
 
 
@@ -105,3 +134,5 @@ added_yield_stress = _module.added_yield_stress
 stored_yield_stress = _module.stored_yield_stress
 yield_factor = _module.yield_factor
 dissipation_factor = _module.dissipation_factor
+modulus_factor = _module.modulus_factor
+backstress_terms = _module.backstress_terms

@@ -144,3 +144,11 @@ def lane_workspace(rows: int) -> np.ndarray:
     w = np.empty(WIDTH * (rows + 1))
     start = (_LINE - w.ctypes.data % _LINE) % _LINE // 8
     return w[start : start + WIDTH * rows]
+
+
+def lane_zeros(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros of a shape whose last axis is a multiple of eight; they begin at a multiple of 64 bytes, as those of `lane_workspace` do."""
+    n = int(np.prod(shape))
+    w = np.zeros(n + WIDTH)
+    start = (-w.ctypes.data % _LINE) // 8
+    return w[start : start + n].reshape(shape)

@@ -113,20 +113,38 @@ def yield_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray
 
     points = (alpha_n, Lambda_n, dLambda, theta), each (n,); zero where dLambda = 0.
     """
+    out = np.zeros((2, 4 + len(active), 1, len(points[0])))
+    set_yield_gradients(tuple(x.reshape(1, -1) for x in points), law, active, (out[0], out[1]))
+    return out[:, :, 0]
+
+
+def set_yield_gradients(
+    points: tuple[np.ndarray, ...], law: Law, active: np.ndarray, out: tuple[Sequence[np.ndarray | None], Sequence[np.ndarray | None]]
+) -> None:
+    """`yield_gradients` of points (n_el, 8) into arrays (n_el, 8), one for each derivative; None for one that is not wanted."""
+    unwanted = np.empty(points[0].shape)
     arguments = (points[0], points[1], points[2], points[3])
-    out = np.zeros((2, 4 + len(active), len(points[0])))
     for k, (h, moved) in enumerate(_moves(4, law, active)):
-        if k != 3 or law.effective == 1:
-            _yield_derivative(arguments, h, moved, out[0, k], out[1, k])
-    return out
+        sigma, alpha = out[0][k], out[1][k]
+        if k == 3 and law.effective == 0:
+            for target in (sigma, alpha):
+                if target is not None:
+                    target[:] = 0.0
+            continue
+        _yield_derivative(arguments, h, moved, unwanted if sigma is None else sigma, unwanted if alpha is None else alpha)
 
 
 def pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
     """Gradient of the pressure factor k (4.8), (2 + n_active, n): by ln J and theta (= points, each (n,)), then by `active`."""
-    out = np.zeros((2 + len(active), len(points[0])))
+    out = np.empty((2 + len(active), 1, len(points[0])))
+    set_pressure_gradients(tuple(x.reshape(1, -1) for x in points), law, active, list(out))
+    return out[:, 0]
+
+
+def set_pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray, out: Sequence[np.ndarray]) -> None:
+    """`pressure_gradients` of points (n_el, 8) into arrays (n_el, 8), one for each derivative."""
     for k, (h, moved) in enumerate(_moves(2, law, active)):
         _pressure_derivative(points[0], points[1], h, moved, out[k])
-    return out
 
 
 def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
@@ -140,12 +158,11 @@ def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.n
 
 
 @kernel
-def pressure_values(log_j: np.ndarray, theta: np.ndarray, law: Law) -> np.ndarray:
-    """k (4.8) of all points, (n,)."""
-    out = np.empty(len(log_j))
-    for i in range(len(log_j)):
-        out[i] = pressure_factor(log_j[i], np.exp(log_j[i]), theta[i], law)[0]
-    return out
+def set_pressure(log_j: np.ndarray, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
+    """k (4.8) of points (n_el, 8) into out (n_el, 8)."""
+    for e in range(log_j.shape[0]):
+        for q in range(log_j.shape[1]):
+            out[e, q] = pressure_factor(log_j[e, q], np.exp(log_j[e, q]), theta[e, q], law)[0]
 
 
 @kernel
@@ -157,26 +174,29 @@ def _yield_derivative(
     alpha: np.ndarray,
 ) -> None:
     alpha_n, lambda_n, d_lambda, theta = points
-    for i in range(len(d_lambda)):
-        if d_lambda[i] > 0.0:
-            gamma: Complex = complex(d_lambda[i], h[2])
-            start: Complex = complex(alpha_n[i], h[0])
-            total: Complex = complex(lambda_n[i], h[1]) + gamma
-            after: Complex = hardening_variable(start, gamma, law)[0]
-            warm: Complex = complex(theta[i], h[3])
-            value: Complex = flow_stress(after, total, gamma, warm, law)[0]
-            sigma[i], alpha[i] = value.imag / STEP, after.imag / STEP
+    for e in range(d_lambda.shape[0]):
+        for q in range(d_lambda.shape[1]):
+            sigma[e, q] = alpha[e, q] = 0.0
+            if d_lambda[e, q] > 0.0:
+                gamma: Complex = complex(d_lambda[e, q], h[2])
+                start: Complex = complex(alpha_n[e, q], h[0])
+                total: Complex = complex(lambda_n[e, q], h[1]) + gamma
+                after: Complex = hardening_variable(start, gamma, law)[0]
+                warm: Complex = complex(theta[e, q], h[3])
+                value: Complex = flow_stress(after, total, gamma, warm, law)[0]
+                sigma[e, q], alpha[e, q] = value.imag / STEP, after.imag / STEP
 
 
 @kernel
 def _pressure_derivative(log_j: np.ndarray, theta: np.ndarray, h: tuple[float, float], law: Law, out: np.ndarray) -> None:
-    for i in range(len(log_j)):
-        j = np.exp(log_j[i])
-        log_j_moved: Complex = complex(log_j[i], h[0])
-        j_moved: Complex = complex(j, j * h[0])
-        theta_moved: Complex = complex(theta[i], h[1])
-        value: Complex = pressure_factor(log_j_moved, j_moved, theta_moved, law)[0]
-        out[i] = value.imag / STEP
+    for e in range(log_j.shape[0]):
+        for q in range(log_j.shape[1]):
+            j = np.exp(log_j[e, q])
+            log_j_moved: Complex = complex(log_j[e, q], h[0])
+            j_moved: Complex = complex(j, j * h[0])
+            theta_moved: Complex = complex(theta[e, q], h[1])
+            value: Complex = pressure_factor(log_j_moved, j_moved, theta_moved, law)[0]
+            out[e, q] = value.imag / STEP
 
 
 @kernel

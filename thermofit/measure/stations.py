@@ -27,9 +27,12 @@ _NEIGHBOURS = 9
 
 
 def chain(slots: tuple[str, ...], parameters: Parameters) -> tuple[Effect, ...]:
-    """Effects of the slots that are switched on: a free Param, or an amplitude that is not neutral."""
+    """Effects of the slots that are switched on: a free Param, or an amplitude that is not neutral.
+
+    An effect may have several amplitudes (shifts, rotation, scale): all Params without `scan`.
+    """
     on = set(parameters.free)
-    return tuple(e for e in effects(slots) if on & set(e.names) or parameters[e.amplitude.name] != e.amplitude.neutral)
+    return tuple(e for e in effects(slots) if on & set(e.names) or any(parameters[p.name] != p.neutral for p in e.params if not p.scan))
 
 
 def seen(field: np.ndarray, scene: Scene, links: Sequence[Effect], parameters: Parameters) -> np.ndarray:

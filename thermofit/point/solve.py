@@ -49,6 +49,8 @@ TOLERANCE = 2e-14
 ACCEPTED = 1e-12
 """Residual that round-off may leave."""
 MAX_ITERATIONS = 30
+FARTHEST = 5.0
+"""Logarithmic stretch and plastic increment beyond which an iteration is lost."""
 MAX_RETREATS = 6
 """How often an iteration may come back from a negative plastic increment, where effects are on."""
 YIELD_TOLERANCE = 1e-9
@@ -112,11 +114,10 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
 
 
 @kernel(forceinline=True)
-def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float, asked: bool) -> tuple[Law, Surroundings]:
-    """Law in a step of dt s and Surroundings of complex numbers (N_ALL,); `asked`: effects are looked at although none is on."""
+def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
+    """Law in a step of dt s and Surroundings of complex numbers (N_ALL,)."""
     base, of_effects = _as_tuple(numbers, N_BASE), _as_tuple(numbers[N_BASE:], N_OF_EFFECTS)
-    effective = 1 if asked else flags.effective
-    rest = (flags.model, flags.closed_form, flags.plastic, effective, 1.0 / dt)
+    rest = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt)
     return _new_law(*base, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
@@ -194,6 +195,8 @@ def newton(
                 return FAILED, x, iteration
             gamma = 0.25 * x[2]
         x = (x[0] - w.right[0], x[1] - w.right[1], gamma, x[3] - w.right[3])
+        if not (abs(x[0]) < FARTHEST and abs(x[1]) < FARTHEST and abs(gamma) < FARTHEST):
+            return FAILED, x, iteration  # before a stretch underflows: a complex division by zero is an exception in numba
     return FAILED, x, MAX_ITERATIONS
 
 
@@ -240,21 +243,53 @@ def _complex_state(s: np.ndarray, rates: np.ndarray, p: int, z: np.ndarray) -> N
         z[i] = complex(s[i], STEP * rates[i, p] if p >= 0 else 0.0)
 
 
+@kernel(forceinline=True)
+def _residual_of(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
+    """Residual of the numbers (N_ALL,) of a run."""
+    law, around = law_and_surroundings(numbers, flags, step.dt)
+    return residual(x, z, step, law, exchange_of(step.dt, around))
+
+
+@kernel(forceinline=True)
+def _set_new_state(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags, out: np.ndarray) -> None:
+    """New state of the numbers (N_ALL,) of a run."""
+    law, around = law_and_surroundings(numbers, flags, step.dt)
+    new_state(x, z, step, law, exchange_of(step.dt, around), out)
+
+
+@kernel
+def _residual_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
+    return _residual_of(x, z, step, numbers, flags)
+
+
+@kernel
+def _set_new_state_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags, out: np.ndarray) -> None:
+    _set_new_state(x, z, step, numbers, flags, out)
+
+
 @kernel
 def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flags, w: Work) -> None:
-    """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian."""
+    """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian.
+
+    Without effects all is inlined, and nothing of the effects is left in it.
+    """
+    plain, full = Flags(flags.model, flags.closed_form, flags.plastic, 0), Flags(flags.model, flags.closed_form, flags.plastic, 1)
     n_p = w.rates.shape[1]
     for p in range(n_p):
-        law, around = law_and_surroundings(w.numbers[p], flags, step.dt, w.asked[p])
         _complex_state(w.s, w.rates, p, w.z)
-        r0, r1, r2, r3 = residual(_moved(x, -1), w.z, step, law, exchange_of(step.dt, around))
+        if flags.effective == 1 or w.asked[p]:
+            r0, r1, r2, r3 = _residual_with_effects(_moved(x, -1), w.z, step, w.numbers[p], full)
+        else:
+            r0, r1, r2, r3 = _residual_of(_moved(x, -1), w.z, step, w.numbers[p], plain)
         w.rhs[0, p], w.rhs[1, p], w.rhs[2, p], w.rhs[3, p] = -r0.imag, -r1.imag, -r2.imag, -r3.imag
     eliminate(w.jacobian, w.rhs)
     for p in range(n_p):
-        law, around = law_and_surroundings(w.numbers[p], flags, step.dt, w.asked[p])
         _complex_state(w.s, w.rates, p, w.z)
         end: Complex = (complex(x[0], w.rhs[0, p]), complex(x[1], w.rhs[1, p]), complex(x[2], w.rhs[2, p]), complex(x[3], w.rhs[3, p]))
-        new_state(end, w.z, step, law, exchange_of(step.dt, around), w.z_out)
+        if flags.effective == 1 or w.asked[p]:
+            _set_new_state_with_effects(end, w.z, step, w.numbers[p], full, w.z_out)
+        else:
+            _set_new_state(end, w.z, step, w.numbers[p], plain, w.z_out)
         for i in range(N_STATE):
             w.rates_out[i, p] = w.z_out[i].imag / STEP
 
@@ -262,7 +297,7 @@ def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flag
 @kernel
 def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags, w: Work) -> tuple[int, bool, int]:
     """One step from w.s to w.out, and its derivatives by the parameters that w follows: status, whether it flows, iterations."""
-    law, around = law_and_surroundings(w.numbers[-1], flags, step.dt, False)
+    law, around = law_and_surroundings(w.numbers[-1], flags, step.dt)
     exchange = exchange_of(step.dt, around)
     _complex_state(w.s, w.rates, -1, w.z)
     status, x, flows, n = solve_step(w.z, step, law, exchange, guess, w)

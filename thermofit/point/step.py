@@ -7,7 +7,7 @@ elastic stretch across and along the load, the plastic increment dLambda, and th
 
     mu C_el,x + k = 0                                              free lateral faces (4.8)
     lambda_y = lambda_rest + strain,  or  (mu C_el,y + k) / lambda_y = stress
-    mu |C_el|_G = sigma_y,  or  dLambda = 0                        yield surface (4.18), or elastic
+    |mu C_el - X|_G = sigma_y,  or  dLambda = 0                    yield surface (4.18), or elastic; X the backstress
     theta = theta_air + (theta_n - theta_air) e + Q phi / c0       lumped heat balance, exact for heat that is released evenly
 
 with e = exp(-dt/tau), phi = (1 - e) tau / dt and Q the dissipated and thermoelastic heat of the step (4.20) to (4.22). A sensor of
@@ -23,8 +23,11 @@ from typing import NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
+from thermofit.material.backstress import decay_share, recall_over
+from thermofit.material.composition import BACKSTRESSES, backstress_terms, modulus_factor
 from thermofit.material.law import (
     Law,
+    elastic_energy,
     hardening_variable,
     hill_gradient,
     pressure_factor,
@@ -50,18 +53,21 @@ STATE: tuple[str, ...] = (
     "stress",
     "lateral_x",
     "lateral_z",
+    *BACKSTRESSES,
 )
 """Entries of the state of a point: logarithmic plastic and elastic stretches, alpha, Lambda, temperatures in K, heat released so far in
-mJ/mm^3, stretch at rest, and what is measured: nominal strain along the load and across it, nominal stress in MPa."""
+mJ/mm^3, stretch at rest, what is measured: nominal strain along the load and across it, nominal stress in MPa; and
+for each backstress X_yy - X_xx in MPa, in uniaxial stress all there is of it."""
 N_STATE = len(STATE)
 (
     PLASTIC_X, PLASTIC_Y, PLASTIC_Z, ACROSS, ALONG, ALPHA, LAMBDA, THETA, SENSOR, DISSIPATED, THERMOELASTIC, REST, STRAIN, STRESS,
     LATERAL_X, LATERAL_Z,
-) = range(N_STATE)  # fmt: skip
+) = range(N_STATE - len(BACKSTRESSES))  # fmt: skip
+N_BACKSTRESSES = len(BACKSTRESSES)
+BACKSTRESS = N_STATE - N_BACKSTRESSES
 N_UNKNOWNS = 4
 BY_STRAIN, BY_STRESS, AT_REST = 0, 1, 2
 """What is prescribed at the end of a step; at rest: no stress, and the temperature as it is."""
-_SMALL = 1e-2
 _GONE = 40.0
 """exp(-40) is below the last digit of 1."""
 
@@ -94,8 +100,9 @@ class Exchange(NamedTuple):
 
 
 class End(NamedTuple):
-    """End of a step: nominal stress MPa, stretch along the load, excess of mu |C_el|_G over the yield stress in units of mu, traction on
-    lateral faces in units of mu, alpha, plastic increments D, heat dissipated and thermoelastic in mJ/mm^3."""
+    """End of a step: nominal stress MPa, stretch along the load, excess of |mu C_el - X|_G over the yield stress in units of mu, traction
+    on lateral faces in units of mu, alpha, plastic increments D, heat dissipated and thermoelastic in mJ/mm^3, yield stress MPa, and
+    `along`: S_yy - S_xx over |S|_G of the relative stress S, where a backstress is on."""
 
     stress: float
     stretch: float
@@ -108,14 +115,45 @@ class End(NamedTuple):
     dissipated: float
     thermoelastic: float
     yield_stress: float
+    along: float
 
 
 @kernel(forceinline=True)
-def decay_share(z: float) -> float:
-    """phi(z) = (1 - exp(-z)) / z, the mean of exp(-z s) over 0 < s < 1; by its series for small z."""
-    if abs(z.real) < _SMALL:
-        return 1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0)))))
-    return (1.0 - np.exp(-z)) / z
+def recalled(s: np.ndarray, gamma: float, rate: float, theta: float, law: Law) -> tuple[float, float]:
+    """What a step leaves of all backstresses in state s, X_yy - X_xx in MPa, and what it adds to them, |.|_G in MPa."""
+    left = gained = 0.0 * gamma
+    terms = backstress_terms(s[LAMBDA] + gamma, rate, theta, law)
+    for k in range(N_BACKSTRESSES):
+        if terms[k][0] != 0.0:
+            over = recall_over(gamma, terms[k][0], terms[k][1])
+            left += over.kept * s[BACKSTRESS + k]
+            gained += over.gained
+    return left, gained
+
+
+@kernel(forceinline=True)
+def recalled_heat(s: np.ndarray, gamma: float, theta: float, along: float, law: Law) -> float:
+    """Heat of the recall of all backstresses, mJ/mm^3: the work X : D of each less what is stored in it, |X|_G^2 / (2 C)."""
+    heat = 0.0 * gamma
+    weight = hill_gradient(0.0 * gamma, 0.0 * gamma + 1.0, 0.0 * gamma, law)[1]
+    terms = backstress_terms(s[LAMBDA] + gamma, gamma * law.per_second, theta, law)
+    for k in range(N_BACKSTRESSES):
+        modulus = terms[k][0]
+        if modulus != 0.0:
+            over, before = recall_over(gamma, modulus, terms[k][1]), s[BACKSTRESS + k]
+            after = over.kept * before + over.gained * along
+            work = gamma * (over.mean_kept * before * weight * along + over.mean_gained)
+            heat += work - weight * (after - before) * (after + before) / (2.0 * modulus)
+    return heat
+
+
+@kernel
+def set_backstresses(s: np.ndarray, gamma: float, theta: float, along: float, law: Law, out: np.ndarray) -> None:
+    """The backstresses at the end of a step into out, from those in s."""
+    terms = backstress_terms(s[LAMBDA] + gamma, gamma * law.per_second, theta, law)
+    for k in range(N_BACKSTRESSES):
+        over = recall_over(gamma, terms[k][0], terms[k][1])
+        out[BACKSTRESS + k] = over.kept * s[BACKSTRESS + k] + over.gained * along
 
 
 @kernel(forceinline=True)
@@ -129,30 +167,58 @@ def exchange_of(dt: float, around: Surroundings) -> Exchange:
 
 
 @kernel(forceinline=True)
-def end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law) -> End:
-    """Stress, flow and heat at the end of a step from state s (N_STATE,) with unknowns x = (a, b, dLambda, theta)."""
+def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law) -> End:
     a, b, gamma, theta = x
-    c_x, c_y = np.exp(2.0 * a), np.exp(2.0 * b)
+    c_x, c_y, middle = np.exp(2.0 * a), np.exp(2.0 * b), 0.5 * (s[THETA] + theta)
     zero = 0.0 * gamma
-    d_x, d_y, d_z, excess, sigma_y = zero, zero, zero, zero, zero
+    d_x, d_y, d_z, excess, sigma_y, along = zero, zero, zero, zero, zero, zero
     alpha, dissipated = zero + s[ALPHA], zero
+    stiff = zero + 1.0
+    if law.effective == 1:
+        stiff = zero + modulus_factor(s[LAMBDA] + (gamma if step.flows else zero), law)
     if step.flows:
-        g_x, g_y, g_z = hill_gradient(c_x, c_y, c_x, law)
-        norm = np.sqrt(g_x * c_x + g_y * c_y + g_z * c_x)
+        accumulated, rate = s[LAMBDA] + gamma, gamma * law.per_second
+        t_x, t_y, gained = c_x, c_y, zero
+        if law.effective == 1:
+            left, gained = recalled(s, gamma, rate, theta, law)
+            t_x, t_y = stiff * c_x, stiff * c_y - left / law.mu
+        g_x, g_y, g_z = hill_gradient(t_x, t_y, t_x, law)
+        norm = np.sqrt(g_x * t_x + g_y * t_y + g_z * t_x)
         r = gamma / norm if norm.real > 0.0 else zero
         d_x, d_y, d_z = r * g_x, r * g_y, r * g_z
         alpha = hardening_variable(s[ALPHA], gamma, law)[0]
-        accumulated = s[LAMBDA] + gamma
-        sigma_y = yield_stress_at_rate(alpha, accumulated, gamma * law.per_second, theta, law)
-        excess = norm - sigma_y / law.mu
-        dissipated = zero + released_energy(s[ALPHA], alpha, gamma, accumulated, theta, law)
+        sigma_y = yield_stress_at_rate(alpha, accumulated, rate, theta, law)
+        excess = norm - (sigma_y + gained) / law.mu
+        dissipated = zero + released_energy(s[ALPHA], alpha, gamma, accumulated, middle, law)
+        if law.effective == 1:
+            along = (t_y - t_x) / norm if norm.real > 0.0 else zero
+            dissipated += recalled_heat(s, gamma, theta, along, law)
     log_j, log_j_n = 2.0 * a + b, 2.0 * s[ACROSS] + s[ALONG]
     j, j_n = np.exp(log_j), np.exp(log_j_n)
     k = pressure_factor(log_j, j, theta, law)[0]
     stretch = np.exp(s[PLASTIC_Y] + d_y + b)
-    heat = thermoelastic_heat(0.5 * (s[THETA] + theta), log_j_n / j_n, log_j / j, law)
-    stress, lateral = (law.mu * c_y + k) / stretch, c_x + k / law.mu
-    return End(stress, stretch, excess, lateral, alpha, d_x, d_y, d_z, dissipated, heat, sigma_y)
+    g_n, g, stress = log_j_n / j_n, log_j / j, (law.mu * c_y + k) / stretch
+    if law.effective == 1:
+        lost = modulus_factor(s[LAMBDA], law) - stiff
+        coupling = thermoelastic_heat(theta - law.theta_ref, zero, g, law)
+        dissipated += lost * (elastic_energy(2.0 * c_x + c_y, log_j, law) + coupling)
+        g_n, g, stress = (stiff + lost) * g_n, stiff * g, stiff * stress
+    heat = thermoelastic_heat(middle, g_n, g, law)
+    lateral = c_x + k / law.mu
+    return End(stress, stretch, excess, lateral, alpha, d_x, d_y, d_z, dissipated, heat, sigma_y, along)
+
+
+@kernel
+def _end_with_effects(x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law) -> End:
+    return _end_of_step(x, s, step, law)
+
+
+@kernel(forceinline=True)
+def end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law) -> End:
+    """Stress, flow and heat at the end of a step from state s (N_STATE,) with unknowns x = (a, b, dLambda, theta)."""
+    if law.effective == 0:  # inlined, so that nothing of the effects is left in it
+        return _end_of_step(x, s, step, law)
+    return _end_with_effects(x, s, step, law)
 
 
 @kernel(forceinline=True)
@@ -178,6 +244,11 @@ def new_state(x: tuple[float, float, float, float], s: np.ndarray, step: Input, 
     out[ACROSS], out[ALONG] = x[0], x[1]
     out[ALPHA], out[LAMBDA] = end.alpha, s[LAMBDA] + (x[2] if step.flows else 0.0 * x[2])
     out[THETA] = x[3]
+    if law.effective == 1 and step.flows:
+        set_backstresses(s, x[2], x[3], end.along, law, out)
+    else:
+        for i in range(BACKSTRESS, N_STATE):
+            out[i] = s[i]
     rise = x[3] - s[THETA]
     out[SENSOR] = x[3] - rise * exchange.sensor_share + (s[SENSOR] - s[THETA]) * exchange.sensor_kept
     out[DISSIPATED] = s[DISSIPATED] + end.dissipated

@@ -18,6 +18,8 @@ from thermofit.core.study_errors import near_miss
 NAME = "run"
 OPTIONAL = ("gridsearch", "sensitivity")
 """Stages that cost many identifications: run on demand."""
+ALONE = "necking"
+"""The only link of the chain of a necking test."""
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
 
 
@@ -152,6 +154,8 @@ def _records(study: Study, steps: Sequence[Step]) -> list[Record]:
     """Records of the identification up to the last stage of this run; those before its first stage are on disk."""
     reached = [step.name for step in steps]
     made = {step.name: step.outcome.record for step in steps if step.outcome is not None}
+    if ALONE in made:
+        return [made[ALONE]]
     last = max((IDENTIFY.index(name) for name in reached if name in IDENTIFY), default=-1)
     if any(name in reached for name in (*OPTIONAL, "verify", "report")):
         last = len(IDENTIFY) - 1

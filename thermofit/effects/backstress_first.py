@@ -1,0 +1,20 @@
+"""Backstress of Armstrong and Frederick, fast term: slot backstress. Off at C = 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from thermofit.core.parameters import Param
+
+SLOT = "backstress"
+PARAMS = (
+    Param("backstress_first.C", "MPa", 0.0, 0.0, 1e6, 1e3, "modulus of the backstress", probe=4000.0),
+    Param("backstress_first.gamma", "1", 100.0, 0.0, 1e4, 50.0, "its recall; it saturates at C / gamma", scan=(30.0, 100.0, 300.0, 1000.0)),
+)
+FORMULA = "dX = C N dLambda - gamma X dLambda"
+SOURCE = "Armstrong and Frederick 1966; Chaboche 1986, International Journal of Plasticity 2"
+
+
+def backstress(accumulated: float, rate: float, theta: float, law: Any, C: float, gamma: float) -> tuple[float, float]:
+    """Modulus C in MPa and recall gamma."""
+    return C, gamma

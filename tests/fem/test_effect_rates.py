@@ -16,7 +16,7 @@ from thermofit.material.composition import body_effects
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
 PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in body_effects() for p in e.params}
-AMPLITUDES = tuple(e.amplitude.name for e in body_effects())
+AMPLITUDES = tuple(p.name for e in body_effects() for p in e.amplitudes)
 EFFECT_PARAMS = tuple(name for e in body_effects() for name in e.names)
 FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
 TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])

@@ -92,13 +92,19 @@ stages:
 #   stage: thermal
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
 # sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
-# effects: [my_effect.py]                      # effect files of your own, relative to this file
+# effects: []                                  # effect files of your own, relative to this file: [my_effect.py]
 # diagnosis:                                   # diagnose and close-loop
 #   held_out: blocks                           # or phases
 #   max_effects: 3
 #   mesh: null                                 # null: not finer than coarse
 #   channels: null                             # of the joint model; null: all
 #   free: null                                 # its parameters; null: all that the stages identify
+
+# necking:                                     # a necking test without force, see docs/real-necking.md
+#   file: frames.csv
+#   load_axis: y
+#   fit_frames: [0, 40]
+#   hardening_rate: 2.0                        # d ln(stress)/d(strain) of the neck at the first frame: prescribed
 
 ## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
 # coupon:

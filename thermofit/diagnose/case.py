@@ -43,7 +43,7 @@ class Case:
     def dormant(self) -> tuple[Effect, ...]:
         """Effects that are off: none of their Params is free and the amplitude is neutral."""
         free = set(self.parameters.free)
-        return tuple(e for e in self.known if not free & set(e.names) and self.parameters[e.amplitude.name] == e.amplitude.neutral)
+        return tuple(e for e in self.known if not free & set(e.names) and all(self.parameters[p.name] == p.neutral for p in e.amplitudes))
 
 
 def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:

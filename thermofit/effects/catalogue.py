@@ -62,6 +62,11 @@ class Effect:
         return self.params[0]
 
     @property
+    def amplitudes(self) -> tuple[Param, ...]:
+        """Params that switch the effect: all without `scan`. It is off where all of them are neutral."""
+        return tuple(p for p in self.params if not p.scan)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the Params."""
         return tuple(p.name for p in self.params)

@@ -11,7 +11,7 @@ from thermofit.core.parameters import Param
 SLOT = "yield_stress"
 PARAMS = (
     Param("yield_plateau.length", "1", 0.0, 0.0, 0.2, 5e-3, "plastic strain at the end of the plateau", probe=0.01),
-    Param("yield_plateau.upper", "MPa", 0.0, 0.0, 500.0, 10.0, "excess of the upper yield point", scan=(0.0, 20.0, 60.0)),
+    Param("yield_plateau.upper", "MPa", 0.0, 0.0, 500.0, 10.0, "excess of the upper yield point", probe=20.0),
     Param("yield_plateau.drop", "1", 1e-3, 1e-5, 0.05, 1e-3, "plastic strain in which the excess decays", scan=(1e-3, 4e-3)),
 )
 FORMULA = "hardening begins at Lambda = length; sigma_y += upper exp(-Lambda / drop)"

@@ -54,10 +54,15 @@ EFFECT_PARAMS: tuple[str, ...] = tuple(name for e in law_effects() for name in e
 """Names of all Params of effects in the law."""
 BACKSTRESSES: tuple[str, ...] = tuple(e.name for e in effects(("backstress",)))
 """Names of the effects that have a backstress each, in the order of `backstress_terms`."""
-AMPLITUDES: tuple[str, ...] = tuple(e.amplitude.name for e in law_effects())
+AMPLITUDES: tuple[str, ...] = tuple(p.name for e in law_effects() for p in e.amplitudes)
 """Names of those Params that switch an effect."""
 EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAMS)
 """The same as numbers of the law."""
+
+
+def _is_on(e: Effect) -> str:
+    """Condition under which an effect is looked at."""
+    return " or ".join(f"law.{number_of(p.name)} != {p.neutral!r}" for p in e.amplitudes)
 
 
 def _call(e: Effect) -> str:
@@ -76,7 +81,7 @@ def _function(name: str, members: list[Effect], product: bool) -> str:
     for e in members:
         operation = "*" if product else "+"
         lines += [
-            f"    if law.{number_of(e.amplitude.name)} != {e.amplitude.neutral!r}:",
+            f"    if {_is_on(e)}:",
             f"        value = value {operation} {_call(e)}",
         ]
     return "\n".join([*lines, "    return value", "", ""])
@@ -88,7 +93,7 @@ def _terms(members: list[Effect]) -> str:
     for k, e in enumerate(members):
         lines += [
             f"    modulus_{k}, recall_{k} = zero, zero",
-            f"    if law.{number_of(e.amplitude.name)} != {e.amplitude.neutral!r}:",
+            f"    if {_is_on(e)}:",
             f"        given = {_call(e)}",
             f"        modulus_{k}, recall_{k} = zero + given[0], zero + given[1]",
         ]

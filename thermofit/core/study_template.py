@@ -100,11 +100,11 @@ stages:
 #   channels: null                             # of the joint model; null: all
 #   free: null                                 # its parameters; null: all that the stages identify
 
-# necking:                                     # a necking test without force, see docs/real-necking.md
-#   file: frames.csv
-#   load_axis: y
-#   fit_frames: [0, 40]
-#   hardening_rate: 2.0                        # d ln(stress)/d(strain) of the neck at the first frame: prescribed
+## necking:                                     # a necking test without force, see docs/real-necking.md
+##   file: frames.csv
+##   load_axis: y
+##   fit_frames: [0, 40]
+##   hardening_rate: 2.0                        # d ln(stress)/d(strain) of the neck at the first frame: prescribed
 
 ## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
 # coupon:

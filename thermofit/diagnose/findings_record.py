@@ -100,6 +100,7 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "threshold": here.ranking.threshold,
         "unfelt": list(here.ranking.unfelt),
         "evaluations": dict(merged_counts(found.fit)),
+        "remarks": [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"],
         "unlisted": None,
     }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.diagnose.case import Case, slots_of
-from thermofit.diagnose.refit import JointFit, require_converged
+from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.structure import Span, named_phases
 from thermofit.diagnose.verification import identified_stages
 from thermofit.effects.catalogue import Effect
@@ -32,6 +32,8 @@ from thermofit.measure.stations import INFRARED
 SECTIONS = (
     *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
 )
+JOINT_EVALUATIONS = 10
+"""Evaluations after which a joint fit that still moves is given up."""
 FINER = 1.5
 """Refinement of the mesh by which the error of the discretisation is measured."""
 
@@ -83,11 +85,16 @@ class _Joint:
 
 
 def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
-    """Joint fit of everything that the stages identified, from where they ended. UntrustworthyError where it does not converge."""
+    """Joint fit of everything that the stages identified, from where they ended.
+
+    A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
+    scores are those after a joint step of all fitted parameters in any case.
+    """
     joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
     refit = JointFit(study, joint.settings, joint.model, task)
-    parameters, fit = refit(joint.base, "joint")
-    require_converged(fit)
+    parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
+    if not fit.converged:
+        parameters = joint.base
     case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None)
     finer, share = joint.finer()
     error = (joint.model.residual(parameters) - finer.residual(parameters)) / share

@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass, replace
 
 from thermofit.core.checkpoint import Checkpoint
-from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.progress import progress
 from thermofit.core.staging import Job
@@ -27,6 +26,8 @@ class JointFit:
     settings: StageSettings
     model: StageModel
     job: Job
+    at_most: int | None = None
+    """Most evaluations; None: those of the settings."""
 
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
@@ -34,7 +35,9 @@ class JointFit:
         problem, change = stage_problem(self.study, settings, start, remembering(self.model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        options = Settings(x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations)
+        options = Settings(
+            x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=self.at_most or settings.max_evaluations
+        )
         with progress(f"{self.job.stage} {label}", None) as advance:
 
             def follow(evaluation: object, residual: object) -> None:
@@ -43,9 +46,3 @@ class JointFit:
             fit = change.converted(minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow)))
         spread, _ = covariance_of(self.model, fit)
         return start.with_vector(fit.x), fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
-
-
-def require_converged(fit: FitResult) -> None:
-    """UntrustworthyError where a fit has not converged: its residual says nothing on the model."""
-    if not fit.converged:
-        raise UntrustworthyError(f"diagnosis: the joint fit has not converged ({fit.message}); mend starts or bounds first")

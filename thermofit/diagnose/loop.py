@@ -12,6 +12,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
 from thermofit.diagnose.held_out import Proof, compared, held_out_residual
+from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import PRACTICAL, SURE, Traced, best_scan, traced
 from thermofit.effects.catalogue import effect
@@ -130,7 +131,7 @@ def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) ->
     if not scanned or not fit.converged:
         return parameters, fit
     try:
-        free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name} exponents")
+        free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name}{EXPONENTS}")
     except NumericsError:
         return parameters, fit
     return (free, after) if after.converged and fit.f - after.f > WORTH_AN_EXPONENT else (parameters, fit)

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from thermofit.diagnose.held_out import Rows, held_out_residual, proof, split_by_blocks, split_by_phase
 
 N_T, N_S = 60, 50
+
+
+def free(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.full(n, -np.inf), np.full(n, np.inf)
 
 
 def rows() -> Rows:
@@ -57,10 +62,23 @@ def test_an_effect_is_proved_only_where_it_is(size: float) -> None:
     for seed in range(20):
         random = np.random.default_rng(seed)
         residual = random.normal(size=len(here.time)) - size * effect[:, 0]
-        found = proof(residual, fitted, effect, here, split)
+        found = proof(residual, (fitted, effect), here, split, (free(2), free(1)))
         gains.append((found.gain, found.sigma))
         assert found.folds == 5 and found.by_channel[0][0] == pytest.approx(found.without)
     sure = np.mean([gain > 2.0 * sigma for gain, sigma in gains])
     assert sure > 0.95 if size else sure < 0.15
     if size:
         assert np.mean([g for g, _ in gains]) == pytest.approx(0.5 * size**2 / (1.0 + 0.5 * size**2), rel=0.2)
+
+
+def test_a_parameter_stays_within_its_room_and_the_others_step_anew() -> None:
+    """As a bounded least squares of the rows that are seen."""
+    random, here = np.random.default_rng(7), rows()
+    split = split_by_blocks(here, (5, 2), (2.0, 0.6))
+    columns = random.normal(size=(len(here.time), 3)) @ np.array([[1.0, 0.4, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]])
+    residual = random.normal(size=len(here.time)) - columns @ [0.5, -0.2, 0.1]
+    room = (np.array([-1.0, -0.05, -1.0]), np.array([0.2, 1.0, 1.0]))
+    found = held_out_residual(residual, columns, split, room)
+    held, seen = split.held_out[1], ~(split.held_out[1] | split.buffer[1])
+    expected = lsq_linear(columns[seen], -residual[seen], bounds=room, tol=1e-14).x
+    assert found[held] == pytest.approx(residual[held] + columns[held] @ expected, abs=1e-6)

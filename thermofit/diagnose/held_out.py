@@ -87,26 +87,53 @@ class Proof:
     folds: int
 
 
-def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split) -> np.ndarray:
-    """Residual (n,) of every row when its fold is predicted from the others; nan in rows that no fold holds out."""
+Room = tuple[np.ndarray, np.ndarray]
+"""How far every column's parameter may go down (<= 0) and up (>= 0), each (p,): to its bounds."""
+
+
+def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split, room: Room | None = None) -> np.ndarray:
+    """Residual (n,) of every row when its fold is predicted from the others; nan in rows that no fold holds out.
+
+    A parameter that the step would take beyond its `room` stays at the end of it, and the others step anew.
+    """
     out = np.full(len(residual), np.nan)
     size = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(size > 0.0, size, 1.0)
+    size = np.where(size > 0.0, size, 1.0)
+    scaled = columns / size
+    ends = (np.full(len(size), -np.inf), np.full(len(size), np.inf)) if room is None else (room[0] * size, room[1] * size)
     gram, right = scaled.T @ scaled, scaled.T @ residual
     for held, near in zip(split.held_out, split.buffer, strict=True):
         hidden = held | near
         a = scaled[hidden]
-        seen_gram, seen_right = gram - a.T @ a, right - a.T @ residual[hidden]
-        # A direction that only the hidden rows feel stays where it is.
-        step = -np.linalg.pinv(seen_gram, rcond=1e-9, hermitian=True) @ seen_right
+        step = _bounded_step(gram - a.T @ a, right - a.T @ residual[hidden], ends)
         out[held] = residual[held] + scaled[held] @ step
     return out
 
 
-def proof(residual: np.ndarray, fitted: np.ndarray, effect: np.ndarray, rows: Rows, split: Split) -> Proof:
-    """Held-out error with and without an effect by linear algebra; `fitted` (n, p), `effect` (n, k) columns."""
-    before = held_out_residual(residual, fitted, split)
-    after = held_out_residual(residual, np.concatenate([fitted, effect], axis=1), split)
+def _bounded_step(gram: np.ndarray, right: np.ndarray, ends: Room) -> np.ndarray:
+    """Step (p,) that lowers |r + A x|^2 most between its ends, with gram = A^T A and right = A^T r, one end after the other.
+
+    A direction that the seen rows do not feel stays where it is.
+    """
+    step, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
+    for _ in range(len(right)):
+        pull = right[free] + gram[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -np.linalg.pinv(gram[np.ix_(free, free)], rcond=1e-9, hermitian=True) @ pull
+        beyond = free & ((step < ends[0]) | (step > ends[1]))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(step[beyond], ends[0][beyond], ends[1][beyond])
+        free &= ~beyond
+    return step
+
+
+def proof(residual: np.ndarray, columns: tuple[np.ndarray, np.ndarray], rows: Rows, split: Split, rooms: tuple[Room, Room]) -> Proof:
+    """Held-out error with and without an effect by linear algebra; columns = (fitted (n, p), those of the effect (n, k)), with their
+    rooms."""
+    (fitted, effect), (room, own) = columns, rooms
+    both = (np.append(room[0], own[0]), np.append(room[1], own[1]))
+    before = held_out_residual(residual, fitted, split, room)
+    after = held_out_residual(residual, np.concatenate([fitted, effect], axis=1), split, both)
     return compared(before, after, rows, len(split.held_out))
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
-from thermofit.diagnose.held_out import Proof, compared, held_out_residual
+from thermofit.diagnose.held_out import Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.score import Score, ranked
-from thermofit.diagnose.trace import PRACTICAL, SURE, Traced, best_scan, traced
+from thermofit.diagnose.trace import PRACTICAL, SURE, Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 
@@ -138,7 +138,11 @@ def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) ->
 
 
 def _held_out(here: Traced) -> np.ndarray:
-    return held_out_residual(here.columns.residual, here.columns.fitted, here.split)
+    return held_out_residual(here.columns.residual, here.columns.fitted, here.split, _room(here))
+
+
+def _room(here: Traced) -> Room:
+    return room_of(here.case.parameters, here.case.parameters.free)
 
 
 def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float], proof: Proof, fit: FitResult) -> str:
@@ -169,7 +173,10 @@ def _without_columns(here: Traced, name: str) -> tuple[np.ndarray, np.ndarray]:
 def _still_needed(here: Traced, name: str) -> bool:
     """Whether the held-out error rises when an accepted effect is taken away again."""
     residual, fitted = _without_columns(here, name)
-    found = compared(held_out_residual(residual, fitted, here.split), _held_out(here), here.rows, len(here.split.held_out))
+    own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
+    low, high = _room(here)
+    room = (np.delete(low, own), np.delete(high, own))
+    found = compared(held_out_residual(residual, fitted, here.split, room), _held_out(here), here.rows, len(here.split.held_out))
     return found.gain > max(SURE * found.sigma, PRACTICAL)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, rows_of, scans
-from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import Columns, Ranking, Score, ranked
 from thermofit.effects.catalogue import Effect
 
@@ -91,8 +92,18 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto") -
         columns = _scanned(case, columns, settings)
     ranking = ranked(columns)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
-    proofs = {effect: proof(found.residual, found.fitted, columns.dormant[effect][1], rows, split) for effect in strongest}
+    own = room_of(case.parameters, case.parameters.free)
+    proofs = {}
+    for effect in strongest:
+        names, block = columns.dormant[effect]
+        proofs[effect] = proof(found.residual, (found.fitted, block), rows, split, (own, room_of(case.parameters, names)))
     return Traced(case, found, rows, split, ranking, proofs, columns, settings)
+
+
+def room_of(parameters: Parameters, names: Sequence[str]) -> Room:
+    """How far the named parameters may go to their physical bounds."""
+    x = np.array([parameters[name] for name in names])
+    return np.array([param(name).lower for name in names]) - x, np.array([param(name).upper for name in names]) - x
 
 
 def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]) -> Columns:

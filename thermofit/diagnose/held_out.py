@@ -45,13 +45,19 @@ def split_by_phase(rows: Rows, names: Sequence[str], buffer_s: float) -> Split |
     return Split(tuple(held), tuple(near), "load phases " + ", ".join(names[k] for k in phases))
 
 
-def split_by_blocks(rows: Rows, shape: tuple[int, int], buffer: tuple[float, float], folds: int = 5) -> Split:
+def split_by_blocks(
+    rows: Rows, shape: tuple[int, int], buffer: tuple[float, float], folds: int = 5, weight: np.ndarray | None = None
+) -> Split:
     """Blocks of time and of length along the load, `shape` = (in time, in y), dealt out to folds as on a chess board with a shift.
 
-    `buffer` = (s, mm): rows nearer than that to a held-out block are not seen either.
+    `buffer` = (s, mm): rows nearer than that to a held-out block are not seen either. Blocks of time hold equal shares of `weight` (n,),
+    which says how much every row tells of the parameters: else a short phase that tells most would be one block.
     """
     n_t, n_y = shape
-    t_edges = np.quantile(rows.time, np.linspace(0.0, 1.0, n_t + 1))
+    order = np.argsort(rows.time, kind="stable")
+    share = np.cumsum((np.ones(len(rows.time)) if weight is None else weight)[order])
+    inner = np.interp(np.linspace(0.0, share[-1], n_t + 1)[1:-1], share, rows.time[order])
+    t_edges = np.concatenate([[rows.time.min()], inner, [rows.time.max()]])
     y = rows.xy[:, 1]
     y_edges = np.linspace(y.min() - 1e-9, y.max() + 1e-9, n_y + 1)
     i = np.clip(np.searchsorted(t_edges, rows.time, side="right") - 1, 0, n_t - 1)

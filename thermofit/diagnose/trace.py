@@ -60,7 +60,13 @@ class Traced:
         return ""
 
 
-def split_of(case: Case, rows: Rows, how: str = "auto") -> Split:
+def information(fitted: np.ndarray) -> np.ndarray:
+    """Share (n,) of every row in what all rows tell of the parameters, half of it even: mean of its squared normalised columns."""
+    size = np.maximum(np.linalg.norm(fitted, axis=0), 1e-300)
+    return np.asarray(0.5 / len(fitted) + 0.5 * np.mean((fitted / size) ** 2, axis=1))
+
+
+def split_of(case: Case, rows: Rows, weight: np.ndarray, how: str = "auto") -> Split:
     """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
 
     Blocks see every phase, so that a parameter which a single phase determines is not lost with it.
@@ -73,7 +79,8 @@ def split_of(case: Case, rows: Rows, how: str = "auto") -> Split:
     used = rows.channel >= 0
     length = float(np.ptp(rows.xy[used, 1]))
     shape = (_BLOCKS[0], _BLOCKS[1] if length > 0.0 else 1)
-    split = split_by_blocks(replace(rows, time=np.where(used, rows.time, rows.time.min())), shape, (_BUFFER_SHARE * span, 0.05 * length))
+    inside = replace(rows, time=np.where(used, rows.time, rows.time.min()))
+    split = split_by_blocks(inside, shape, (_BUFFER_SHARE * span, 0.05 * length), weight=np.where(used, weight, 0.0))
     kept = tuple(held & used for held in split.held_out)
     note = " (only one load phase)" if how == "phases" else ""
     return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
@@ -83,7 +90,7 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto") -
     """Trace a case. UntrustworthyError where the data do not suffice; NumericsError where the run fails."""
     found = linearised(case)
     rows = rows_of(case.model, case.spans)
-    split = split_of(case, rows, how)
+    split = split_of(case, rows, information(found.fitted), how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(rows, np.ones(len(rows.time), dtype=bool))
     columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)

@@ -66,6 +66,11 @@ def information(fitted: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 / len(fitted) + 0.5 * np.mean((fitted / size) ** 2, axis=1))
 
 
+def _by_sample(rows: Rows) -> Rows:
+    """Rows with the number of the sample for the time: records of one study last from milliseconds to hours."""
+    return replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float))
+
+
 def split_of(case: Case, rows: Rows, weight: np.ndarray, how: str = "auto") -> Split:
     """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
 
@@ -90,9 +95,9 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto") -
     """Trace a case. UntrustworthyError where the data do not suffice; NumericsError where the run fails."""
     found = linearised(case)
     rows = rows_of(case.model, case.spans)
-    split = split_of(case, rows, information(found.fitted), how)
+    split = split_of(case, _by_sample(rows) if case.cheap else rows, information(found.fitted), how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
-    groups = groups_of(rows, np.ones(len(rows.time), dtype=bool))
+    groups = groups_of(_by_sample(rows) if case.cheap else rows, np.ones(len(rows.time), dtype=bool))
     columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)
     settings: dict[str, dict[str, float]] = {}
     if case.cheap:

@@ -96,6 +96,7 @@ def test_planted_effect_is_named_added_and_estimated() -> None:
     trial = found.rounds[0].trials[0]
     assert trial.refused == "" and trial.proof is not None and trial.proof.gain > 2.0 * trial.proof.sigma
     assert trial.estimate["ir_drift.rate"] == pytest.approx(1e-3, abs=4.0 * trial.sigma["ir_drift.rate"])
+    assert found.last.split is found.first.split, "before and after are compared on the same held-out data"
     table = before_after(found.first, found.last)
     for kind in ("fit", "held_out"):
         assert table["after"][kind]["theta"] < table["before"][kind]["theta"]

@@ -64,7 +64,8 @@ def _trials(console: Console, rounds: Any) -> None:
         return
     out = _table("tried by a refit", ("round", "effect", "estimate", "held-out gain %", "result"))
     for n, t in tried:
-        out.add_row(str(n), t["effect"], _estimate(t), _gain(t), t["remark"] or "added")
+        said = [t["remark"] or "added", *([f"exponents: {t['exponents']}"] if t["exponents"] else [])]
+        out.add_row(str(n), t["effect"], _estimate(t), _gain(t), "; ".join(said))
     console.print(out)
 
 

@@ -28,7 +28,8 @@ def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, 
     for name in case.parameters.given():
         free = name in fit.names
         k = fit.names.index(name) if free else -1
-        sigma = None if fit.sigma is None or not free or not np.isfinite(fit.sigma[k]) else float(fit.sigma[k])
+        known = fit.converged and fit.sigma is not None and free and np.isfinite(fit.sigma[k])
+        sigma = float(fit.sigma[k]) if known else None  # type: ignore[index]
         low, high = study.bounds(name)
         value = case.parameters[name]
         results[name] = ParameterResult(value, sigma, param(name).unit, free, bool(free and fit.at_bound[k]), value, low, high)
@@ -92,7 +93,7 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
 def _common(found: Prepared, here: Traced) -> dict[str, Any]:
     size = found.size
     return {
-        "trustworthy": True,
+        "trustworthy": found.fit.converged,
         "channels": channels_of(here),
         "lack_of_fit": lack_of_fit(here, found.numerical),
         "mesh": [size.n_x, size.n_y, size.n_z],
@@ -101,7 +102,6 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "unfelt": list(here.ranking.unfelt),
         "evaluations": dict(merged_counts(found.fit)),
         "remarks": [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"],
-        "unlisted": None,
     }
 
 
@@ -118,6 +118,7 @@ def _trial(trial: Trial) -> dict[str, Any]:
         "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
         "accepted": trial.refused == "",
         "remark": trial.refused,
+        "exponents": trial.exponents,
     }
 
 
@@ -127,6 +128,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     rounds = [{"ranking": ranking_rows(r.traced), "tried": [_trial(t) for t in r.trials], "accepted": r.accepted} for r in closed.rounds]
     return {
         **_common(found, closed.last),
+        "trustworthy": closed.fit.converged,
         "verdict": _verdict(closed, table),
         "ranking": ranking_rows(closed.first, closed.accepted),
         "accepted": list(closed.accepted),

@@ -29,7 +29,8 @@ AWAY = 2.0
 
 @dataclass(frozen=True)
 class Trial:
-    """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept)."""
+    """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept), and
+    what became of its exponents."""
 
     score: Score
     proof: Proof | None
@@ -37,6 +38,7 @@ class Trial:
     sigma: Mapping[str, float]
     achieved_drop: float
     refused: str
+    exponents: str = ""
 
 
 @dataclass(frozen=True)
@@ -114,27 +116,32 @@ def _tried(
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
-    parameters, after = _refined(parameters, after, score.effect, refit)
+    parameters, after, exponents = _refined(parameters, after, score.effect, refit)
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
-    there = traced(replace(here.case, parameters=parameters), numerical, how)
+    there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
     proof = compared(_held_out(here), _held_out(there), here.rows, len(here.split.held_out))
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
     refused = _refusal(score.effect, estimate, sigma, proof, after)
-    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
+    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, exponents)
     return trial, None if refused else (there, after)
 
 
-def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[Parameters, FitResult]:
-    """A second refit with the scanned Params of an effect free as well; kept where it converges and the objective falls."""
+def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[Parameters, FitResult, str]:
+    """A second refit with the scanned Params of an effect free as well; kept where it converges and the objective falls, and said."""
     scanned = [p.name for p in effect(name).params if len(p.scan) > 1]
     if not scanned or not fit.converged:
-        return parameters, fit
+        return parameters, fit, ""
+    held = "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in scanned)
     try:
         free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name}{EXPONENTS}")
-    except NumericsError:
-        return parameters, fit
-    return (free, after) if after.converged and fit.f - after.f > WORTH_AN_EXPONENT else (parameters, fit)
+    except NumericsError as error:
+        return parameters, fit, f"{held}: the refit with them free failed ({error})"
+    if not after.converged:
+        return parameters, fit, f"{held}: the refit with them free did not converge"
+    if fit.f - after.f <= WORTH_AN_EXPONENT:
+        return parameters, fit, f"{held}: freeing them gains nothing"
+    return free, after, "fitted"
 
 
 def _held_out(here: Traced) -> np.ndarray:
@@ -149,6 +156,8 @@ def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float
     """Why a refitted effect is not accepted, empty where it is."""
     if not fit.converged:
         return f"the refit did not converge: {fit.message}"
+    if fit.sigma is None:
+        return "the refit has no standard errors: the data do not determine all of its parameters"
     if proof.gain <= max(SURE * proof.sigma, PRACTICAL):
         return f"held-out error falls by {100 * proof.gain:.2f} % +- {100 * proof.sigma:.2f} % only"
     amplitude = effect(name).amplitude
@@ -185,7 +194,7 @@ def _without(here: Traced, name: str, refit: Refit, numerical: np.ndarray | None
     neutral = {n: param(n).neutral for n in effect(name).names}
     free = tuple(n for n in here.case.parameters.free if n not in neutral)
     parameters, fit = refit(here.case.parameters.replace(**neutral).with_free(free), f"without {name}")
-    return traced(replace(here.case, parameters=parameters), numerical, how), fit
+    return traced(replace(here.case, parameters=parameters), numerical, how, here.split), fit
 
 
 def channel_rms(here: Traced, residual: np.ndarray) -> dict[str, float]:

@@ -91,11 +91,15 @@ def split_of(case: Case, rows: Rows, weight: np.ndarray, how: str = "auto") -> S
     return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
 
 
-def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto") -> Traced:
-    """Trace a case. UntrustworthyError where the data do not suffice; NumericsError where the run fails."""
+def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", split: Split | None = None) -> Traced:
+    """Trace a case; `split`: the held-out data of an earlier trace, so that both can be compared.
+
+    UntrustworthyError where the data do not suffice; NumericsError where the run fails.
+    """
     found = linearised(case)
     rows = rows_of(case.model, case.spans)
-    split = split_of(case, _by_sample(rows) if case.cheap else rows, information(found.fitted), how)
+    if split is None:
+        split = split_of(case, _by_sample(rows) if case.cheap else rows, information(found.fitted), how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(_by_sample(rows) if case.cheap else rows, np.ones(len(rows.time), dtype=bool))
     columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)

@@ -120,13 +120,12 @@ def closed(study: Study, data: CouponData, folder: Path) -> Closed:
     settings = coupon_joint_settings(study, data)
     base = study.start_parameters(data).with_free(settings.free)  # type: ignore[arg-type]
     model = coupon_model(study, data, settings, base)
-    refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
-    parameters, fit = refit(base, f"joint-{time.time_ns()}")
+    refit = JointFit(study, settings, model, job(Path(tempfile.mkdtemp(dir=folder)), "operating", {}, {}))
+    parameters, fit = refit(base, "joint")
     case = Case(model, parameters, slots_of("point", SENSOR), coupon_spans(data), station_names(), cheap=True)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     numerical = (model.residual(parameters) - coupon_model(fine, data, settings, base).residual(parameters)) / 0.5
-    unique = lambda start, label: refit(start, f"{label}-{time.time_ns()}")  # noqa: E731
-    return close_loop(case, fit, unique, study.diagnosis.max_effects, numerical)
+    return close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)
 
 
 def detectable(study: Study, folder: Path) -> dict[str, float]:

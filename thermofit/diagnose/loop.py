@@ -107,7 +107,7 @@ def _tried(
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
     chosen = here.settings.get(score.effect)
-    if chosen is None and len(scans(effect(score.effect))) > 1:
+    if chosen is None and len(scans(effect(score.effect), here.case.spans)) > 1:
         chosen, block = best_scan(here.case, here.problem, effect(score.effect))
         alone = replace(here.problem, dormant={score.effect: (here.problem.dormant[score.effect][0], block)})
         score = replace(ranked(alone).scores[0], family=score.family)
@@ -130,18 +130,16 @@ def _tried(
 def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[Parameters, FitResult, str]:
     """A second refit with the scanned Params of an effect free as well; kept where it converges and the objective falls, and said."""
     scanned = [p.name for p in effect(name).params if len(p.scan) > 1]
-    if not scanned or not fit.converged:
+    if not scanned:
         return parameters, fit, ""
     held = "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in scanned)
     try:
         free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name}{EXPONENTS}")
     except NumericsError as error:
         return parameters, fit, f"{held}: the refit with them free failed ({error})"
-    if not after.converged:
-        return parameters, fit, f"{held}: the refit with them free did not converge"
     if fit.f - after.f <= WORTH_AN_EXPONENT:
         return parameters, fit, f"{held}: freeing them gains nothing"
-    return free, after, "fitted"
+    return free, after, "fitted" if after.converged else "fitted, but not settled"
 
 
 def _held_out(here: Traced) -> np.ndarray:
@@ -154,8 +152,6 @@ def _room(here: Traced) -> Room:
 
 def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float], proof: Proof, fit: FitResult) -> str:
     """Why a refitted effect is not accepted, empty where it is."""
-    if not fit.converged:
-        return f"the refit did not converge: {fit.message}"
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
     if proof.gain <= max(SURE * proof.sigma, PRACTICAL):

@@ -43,6 +43,8 @@ class Columns:
     noise: Callable[[np.ndarray], np.ndarray] | None = None
     groups: np.ndarray | None = None
     numerical: np.ndarray | None = None
+    also_tried: tuple[np.ndarray, ...] = ()
+    """Columns (n, k) that were tried besides, for other exponents: chance had as many more directions to pick from."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,8 @@ def ranked(columns: Columns) -> Ranking:
             own[effect] = s[:, felt]
         else:
             unfelt.append(effect)
-    threshold = _threshold(list(own.values()))
+    besides = (block - basis @ (basis.T @ block) for block in columns.also_tried)
+    threshold = _threshold([*own.values(), *(s for s in besides if np.all(np.linalg.norm(s, axis=0) > 0.0))])
     alike = likeness(own)
     scores = [_score(columns, effect, own[effect], left, threshold, _family(effect, alike)) for effect in own]
     scores.sort(key=lambda s: (bool(s.vetoed), -s.z))

@@ -104,8 +104,7 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     groups = groups_of(_by_sample(rows) if case.cheap else rows, np.ones(len(rows.time), dtype=bool))
     columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)
     settings: dict[str, dict[str, float]] = {}
-    if case.cheap:
-        columns = _scanned(case, columns, settings)
+    columns = _scanned(case, columns, settings, found.scanned)
     ranking = ranked(columns)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
     own = room_of(case.parameters, case.parameters.free)
@@ -122,21 +121,30 @@ def room_of(parameters: Parameters, names: Sequence[str]) -> Room:
     return np.array([param(name).lower for name in names]) - x, np.array([param(name).upper for name in names]) - x
 
 
-def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]) -> Columns:
-    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them."""
+Scanned = Mapping[str, Sequence[np.ndarray]]
+"""Columns (n, k) of effects at every set of values of their `scans`."""
+
+
+def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]], known: Scanned) -> Columns:
+    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them.
+
+    Only what is `known` or costs next to nothing is scanned.
+    """
     dormant = dict(columns.dormant)
     for effect in case.dormant():
-        if len(scans(effect)) > 1:
-            settings[effect.name], block = best_scan(case, columns, effect)
+        if len(scans(effect, case.spans)) > 1 and (case.cheap or effect.name in known):
+            settings[effect.name], block = best_scan(case, columns, effect, known.get(effect.name, ()))
             dormant[effect.name] = (dormant[effect.name][0], block)
-    return replace(columns, dormant=dormant)
+    others = (block for name, blocks in known.items() for block in blocks if block is not dormant[name][1])
+    return replace(columns, dormant=dormant, also_tried=tuple(others))
 
 
-def best_scan(case: Case, columns: Columns, effect: Effect) -> tuple[dict[str, float], np.ndarray]:
-    """The values of an effect's exponents at which the predicted drop is largest, and its columns there."""
-    best, kept = -1.0, (scans(effect)[0], columns.dormant[effect.name][1])
-    for k, values in enumerate(scans(effect)):
-        block = columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
+def best_scan(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[dict[str, float], np.ndarray]:
+    """The values of an effect's exponents at which the predicted drop is largest, and its columns there; `known` at all of them."""
+    tried = scans(effect, case.spans)
+    best, kept = -1.0, (tried[0], columns.dormant[effect.name][1])
+    for k, values in enumerate(tried):
+        block = known[k] if known else columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
         here = ranked(replace(columns, dormant={effect.name: (columns.dormant[effect.name][0], block)}))
         score = here.scores[0] if here.scores else None
         if score is not None and not score.vetoed and score.predicted_drop > best:

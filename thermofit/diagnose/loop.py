@@ -119,7 +119,7 @@ def _tried(
     parameters, after, exponents = _refined(parameters, after, score.effect, refit)
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
-    proof = compared(_held_out(here), _held_out(there), here.rows, len(here.split.held_out))
+    proof = compared(held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.noise)
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
     refused = _refusal(score.effect, estimate, sigma, proof, after)
@@ -142,7 +142,8 @@ def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) ->
     return free, after, "fitted" if after.converged else "fitted, but not settled"
 
 
-def _held_out(here: Traced) -> np.ndarray:
+def held_out_of(here: Traced) -> np.ndarray:
+    """Whitened residual (n,) of every row as predicted from the folds that do not hold it; nan in rows that are never held out."""
     return held_out_residual(here.columns.residual, here.columns.fitted, here.split, _room(here))
 
 
@@ -181,7 +182,9 @@ def _still_needed(here: Traced, name: str) -> bool:
     own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
     low, high = _room(here)
     room = (np.delete(low, own), np.delete(high, own))
-    found = compared(held_out_residual(residual, fitted, here.split, room), _held_out(here), here.rows, len(here.split.held_out))
+    found = compared(
+        held_out_residual(residual, fitted, here.split, room), held_out_of(here), here.rows, len(here.split.held_out), here.problem.noise
+    )
     return found.gain > max(SURE * found.sigma, PRACTICAL)
 
 
@@ -207,7 +210,7 @@ def before_after(first: Traced, last: Traced) -> dict[str, dict[str, dict[str, f
     floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in first.case.model.comparisons}
     table: dict[str, dict[str, dict[str, float]]] = {}
     for word, here in (("before", first), ("after", last)):
-        fit, held = channel_rms(here, here.columns.residual), channel_rms(here, _held_out(here))
+        fit, held = channel_rms(here, here.columns.residual), channel_rms(here, held_out_of(here))
         table[word] = {
             "fit": {c: v * floors[c] for c, v in fit.items()},
             "held_out": {c: v * floors[c] for c, v in held.items()},

@@ -16,6 +16,7 @@ from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
+from thermofit.effects.catalogue import effect
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
@@ -43,7 +44,9 @@ def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name
     """
     p = param(name)
     to, back = (np.log, np.exp) if p.logarithmic else (float, float)
-    grid = sorted({float(to(v)) for v in (*p.scan, value)})
+    here = float(to(value))
+    near = 1e-3 * float(np.ptp([to(v) for v in p.scan]))
+    grid = sorted({here, *(x for x in (float(to(v)) for v in p.scan) if abs(x - here) > near)})
     found: dict[float, tuple[float, Parameters]] = {}
 
     def known(x: float) -> float:
@@ -51,7 +54,7 @@ def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name
             found[x] = at(float(back(x)))
         return found[x][0]
 
-    k = grid.index(float(to(value)))
+    k = grid.index(here)
     known(grid[k])
     for side in (-1, 1):
         while 0 <= k + side < len(grid) and known(grid[k + side]) < known(grid[k]):
@@ -62,6 +65,23 @@ def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name
             a, b, _ = np.polyfit(x - x[1], f, 2)
             known(float(np.clip(x[1] - 0.5 * b / a, x[0], x[2])) if a > 0.0 else x[1])
     return min(found.values(), key=lambda end: end[0])[1]
+
+
+def _as_strong(model: StageModel, start: Parameters, name: str, value: float) -> Parameters:
+    """Parameters with an exponent of an effect at another value and the amplitude at which it does about as much as before.
+
+    To first order in the amplitude: what it does per unit is compared at a tiny one.
+    """
+    added = effect(name.partition(".")[0])
+    amplitude = added.amplitude
+    if value == start[name] or amplitude.probe is None:
+        return start.replace(**{name: value})
+    tiny = start.replace(**{amplitude.name: amplitude.neutral + 1e-3 * (amplitude.probe - amplitude.neutral)})
+    old, new = (model.linearised(tiny.replace(**{name: v}), (amplitude.name,))[1][:, 0] for v in (start[name], value))
+    size = float(new @ new)
+    share = float(new @ old) / size if size > 0.0 else 1.0
+    moved = amplitude.neutral + share * (start[amplitude.name] - amplitude.neutral)
+    return start.replace(**{name: value, amplitude.name: float(np.clip(moved, amplitude.lower, amplitude.upper))})
 
 
 @dataclass(frozen=True)
@@ -125,7 +145,7 @@ class JointFit:
             def at(value: float, name: str = name, start: Parameters = start) -> tuple[float, Parameters]:
                 nonlocal tried
                 tried += 1
-                begin = start.replace(**{name: value}).with_free(others)
+                begin = _as_strong(model, start, name, value).with_free(others)
                 try:
                     there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS)
                 except NumericsError:

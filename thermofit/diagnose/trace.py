@@ -10,7 +10,7 @@ import numpy as np
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, rows_of, scans
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
-from thermofit.diagnose.score import Columns, Ranking, Score, ranked
+from thermofit.diagnose.score import Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 
 PROVED_AT_MOST = 8
@@ -21,7 +21,7 @@ OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
 PRACTICAL = 1e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
-_BLOCKS = (10, 5)
+_BLOCKS = (25, 5)
 _BUFFER_SHARE = 0.01
 
 
@@ -111,7 +111,7 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     proofs = {}
     for effect in strongest:
         names, block = columns.dormant[effect]
-        proofs[effect] = proof(found.residual, (found.fitted, block), rows, split, (own, room_of(case.parameters, names)))
+        proofs[effect] = proof(found.residual, (found.fitted, block), rows, split, (own, room_of(case.parameters, names)), columns.noise)
     return Traced(case, found, rows, split, ranking, proofs, columns, settings)
 
 
@@ -145,8 +145,7 @@ def best_scan(case: Case, columns: Columns, effect: Effect, known: Sequence[np.n
     best, kept = -1.0, (tried[0], columns.dormant[effect.name][1])
     for k, values in enumerate(tried):
         block = known[k] if known else columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
-        here = ranked(replace(columns, dormant={effect.name: (columns.dormant[effect.name][0], block)}))
-        score = here.scores[0] if here.scores else None
-        if score is not None and not score.vetoed and score.predicted_drop > best:
-            best, kept = score.predicted_drop, (values, block)
+        drop = drop_of(columns, columns.dormant[effect.name][0], block)
+        if drop > best:
+            best, kept = drop, (values, block)
     return kept

@@ -12,7 +12,8 @@ from thermofit.effects.scene import Scene
 from thermofit.fem.history import History, Watch
 from thermofit.fem.loading import felt_force, felt_force_rate
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
-from thermofit.identify.forward import Run, Sampler
+from thermofit.identify.forward import Sampler
+from thermofit.identify.held import AnyRun
 from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.stations import CAMERA, INFRARED, chain, scene_of, seen, seen_along
@@ -50,7 +51,7 @@ class View:
 class Instruments:
     """Cameras on the faces of a body and the load cell: samplers and observations by field "u", "theta", "force", and the run."""
 
-    run: Run
+    run: AnyRun
     samplers: dict[str, Sampler]
     observations: dict[str, FieldObservation]
     theta_air: float
@@ -82,7 +83,7 @@ class Instruments:
 
 @dataclass(frozen=True)
 class JointPrediction:
-    """Error fields of all channels by one coupled run, and their derivatives by parameters of body and instruments."""
+    """Error fields of all channels by one run, and their derivatives by parameters of body and instruments."""
 
     instruments: Instruments
 
@@ -146,7 +147,7 @@ class _Slopes:
 
     def __init__(self, instruments: Instruments, n_p: int) -> None:
         self._samplers = instruments.samplers
-        n_steps = len(instruments.run.loading.time)
+        n_steps = len(instruments.run.time)
         self._values: dict[str, np.ndarray] = {}
         self._resting: np.ndarray | float = 0.0
         for name, observation in instruments.observations.items():

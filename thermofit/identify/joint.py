@@ -14,6 +14,7 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.identify.forward import march_settings, run_of, sampler
+from thermofit.identify.held import LastRun
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
 from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
@@ -62,6 +63,6 @@ def joint_model(study: Study, data: Measured, settings: StageSettings, size: Mes
     run = run_of(study, data, size, steps, march_settings(study, "full"))
     samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
     comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
-    prediction = JointPrediction(Instruments(run, samplers, observations, data.theta_air))
+    prediction = JointPrediction(Instruments(LastRun(run, station_names()), samplers, observations, data.theta_air))
     model = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise)
     return replace(model, priors=priors_of(data, settings.free))

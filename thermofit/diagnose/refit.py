@@ -21,7 +21,7 @@ from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.joint import Joint
-from thermofit.identify.known_motion import thermal_names
+from thermofit.identify.known_motion import felt_by_temperatures
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
 
@@ -113,7 +113,7 @@ class JointFit:
         """
         if self.parts is None:
             return start
-        thermal = thermal_names(start.free)
+        thermal = felt_by_temperatures(start.free)
         mechanical = tuple(name for name in start.free if name not in thermal)
         model = self.parts.mechanics
         if model is not None and mechanical:

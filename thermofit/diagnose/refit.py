@@ -30,6 +30,8 @@ EXPONENTS = " exponents"
 EXPONENT_EVALUATIONS = 12
 REFIT_EVALUATIONS = 16
 """Evaluations after which a fit that still moves is judged where it stands: in a valley the last per mille take the longest."""
+COARSELY = 1e-3
+"""The same for one of several values of an exponent that are compared."""
 PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
@@ -147,7 +149,7 @@ class JointFit:
                 tried += 1
                 begin = _as_strong(model, start, name, value).with_free(others)
                 try:
-                    there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS)
+                    there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS, COARSELY)
                 except NumericsError:
                     return float("inf"), begin
                 return fit.f, there
@@ -155,13 +157,15 @@ class JointFit:
             start = profiled(at, start[name], name)
         return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS)[0]
 
-    def _minimised(self, start: Parameters, model: StageModel, label: str, most: int) -> tuple[Parameters, FitResult]:
-        """The optimum of one model."""
+    def _minimised(
+        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float = NEGLIGIBLE
+    ) -> tuple[Parameters, FitResult]:
+        """The optimum of one model, up to a negligible fall of the mean square."""
         settings = self.settings.model_copy(update={"free": start.free})
         problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        least = max(F_TOLERANCE, NEGLIGIBLE * sum(c.n for c in model.comparisons))
+        least = max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:
 

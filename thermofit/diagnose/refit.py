@@ -17,13 +17,16 @@ from thermofit.core.study import Study
 from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import effect
+from thermofit.fem.history import History
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.joint import Joint
-from thermofit.identify.known_motion import felt_by_temperatures
+from thermofit.identify.known_motion import felt_by_temperatures, keeping_points
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
+from thermofit.material.composition import FACTORS, SUMS
+from thermofit.material.law import law_of
 
 EXPONENTS = " exponents"
 """Ending of the label of a refit with exponents free."""
@@ -69,21 +72,31 @@ def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name
     return min(found.values(), key=lambda end: end[0])[1]
 
 
-def _as_strong(model: StageModel, start: Parameters, name: str, value: float) -> Parameters:
-    """Parameters with an exponent of an effect at another value and the amplitude at which it does about as much as before.
+Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Lambda, its rate in 1/s and the increment of Lambda at points that flow, each (n,)."""
 
-    To first order in the amplitude: what it does per unit is compared at a tiny one.
-    """
-    added = effect(name.partition(".")[0])
-    amplitude = added.amplitude
-    if value == start[name] or amplitude.probe is None:
-        return start.replace(**{name: value})
-    tiny = start.replace(**{amplitude.name: amplitude.neutral + 1e-3 * (amplitude.probe - amplitude.neutral)})
-    old, new = (model.linearised(tiny.replace(**{name: v}), (amplitude.name,))[1][:, 0] for v in (start[name], value))
-    size = float(new @ new)
-    share = float(new @ old) / size if size > 0.0 else 1.0
-    moved = amplitude.neutral + share * (start[amplitude.name] - amplitude.neutral)
-    return start.replace(**{name: value, amplitude.name: float(np.clip(moved, amplitude.lower, amplitude.upper))})
+
+def flow_of(history: History) -> Flow:
+    """Where and how fast a history that kept its points flows."""
+    accumulated = np.array([p.accumulated for p in history.points])
+    grown = np.diff(accumulated, axis=0)
+    rate = grown / np.diff(history.time)[:, None, None]
+    flows = grown > 0.0
+    return accumulated[1:][flows], rate[flows], grown[flows]
+
+
+def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int) -> Parameters:
+    """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
+    before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
+    added, moved = effect(name.partition(".")[0]), start.replace(**{name: value})
+    if added.slot not in (*SUMS, *FACTORS) or not len(flow[0]):
+        return moved
+    law, p = law_of(start, model), added.amplitude
+    strength = [added.act(*flow[:2], start["theta_ref"], law, *(at[n] for n in added.names)) for at in (start, moved)]
+    off = added.act(*flow[:2], start["theta_ref"], law, *(p.neutral if n == p.name else start[n] for n in added.names))
+    old, new = ((s - off) * np.sqrt(flow[2]) for s in strength)
+    share = float(new @ old) / max(float(new @ new), 1e-300)
+    return moved.replace(**{p.name: float(np.clip(p.neutral + share * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
 @dataclass(frozen=True)
@@ -139,15 +152,18 @@ class JointFit:
         A free exponent is looked for first, with the others fitted at each of its values: an amplitude that multiplies it makes a bent
         valley, in which no straight step goes far.
         """
+        assert self.parts is not None
         exponents = tuple(name for name in mechanical if param(name).scan)
         others = tuple(name for name in mechanical if name not in exponents)
+        flow = flow_of(keeping_points(self.parts.run)(start)) if exponents else None
         for name in exponents:
             tried = 0
 
             def at(value: float, name: str = name, start: Parameters = start) -> tuple[float, Parameters]:
                 nonlocal tried
                 tried += 1
-                begin = _as_strong(model, start, name, value).with_free(others)
+                assert flow is not None
+                begin = as_strong(start, name, value, flow, self.study.model).with_free(others)
                 try:
                     there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS, COARSELY)
                 except NumericsError:

@@ -33,6 +33,8 @@ EXPONENTS = " exponents"
 EXPONENT_EVALUATIONS = 12
 REFIT_EVALUATIONS = 16
 """Evaluations after which a fit that still moves is judged where it stands: in a valley the last per mille take the longest."""
+STRONGER = (1.0, 2.0, 4.0)
+"""Multiples of an amplitude that are tried in turn where the force cannot be carried with it at the start."""
 COARSELY = 1e-3
 """The same for one of several values of an exponent that are compared."""
 PART_EVALUATIONS = 12
@@ -85,6 +87,12 @@ def flow_of(history: History) -> Flow:
     return accumulated[1:][flows], rate[flows], grown[flows]
 
 
+def _scaled(start: Parameters, name: str, factor: float) -> Parameters:
+    """The same with the amplitude of the effect of an exponent that many times as far off neutral."""
+    p = effect(name.partition(".")[0]).amplitude
+    return start.replace(**{p.name: float(np.clip(p.neutral + factor * (start[p.name] - p.neutral), p.lower, p.upper))})
+
+
 def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int) -> Parameters:
     """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
     before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
@@ -117,6 +125,11 @@ class JointFit:
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
         start = self._approached(start, label)
         parameters, fit = self._minimised(start, self.model, label, most)
+        exponents = [name for name in start.free if param(name).scan]
+        if self.parts is not None and label.endswith(EXPONENTS) and not fit.converged and exponents:
+            # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
+            held = parameters.with_free(name for name in parameters.free if name not in exponents)
+            parameters, fit = self._minimised(held, self.model, f"{label} held", most)
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
 
@@ -164,11 +177,15 @@ class JointFit:
                 tried += 1
                 assert flow is not None
                 begin = as_strong(start, name, value, flow, self.study.model).with_free(others)
-                try:
-                    there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS, COARSELY)
-                except NumericsError:
-                    return float("inf"), begin
-                return fit.f, there
+                for turn, stronger in enumerate(STRONGER):
+                    try:
+                        there, fit = self._minimised(
+                            _scaled(begin, name, stronger), model, f"{label} {name} {tried}.{turn}", PART_EVALUATIONS, COARSELY
+                        )
+                    except NumericsError:
+                        continue
+                    return fit.f, there
+                return float("inf"), begin
 
             start = profiled(at, start[name], name)
         return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS)[0]

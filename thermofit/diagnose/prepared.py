@@ -138,11 +138,12 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
 
 
 def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
-    """All that the stages of a coupon study identify, on all that they compare."""
+    """All that the stages of a coupon study identify, on all that they compare; with temperatures, the air's too, held by a prior."""
     hot = any(test.theta is not None for test in data.tests)
     own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
-    free = study.diagnosis.free or tuple(dict.fromkeys(name for s in own for name in s.free))
     wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
+    nuisances = tuple(name for name in ("theta_air",) if {"theta", "dtheta"} & set(wanted) and name not in study.parameters)
+    free = study.diagnosis.free or tuple(dict.fromkeys((*(name for s in own for name in s.free), *nuisances)))
     channels = {c: ChannelSettings() for c in wanted}
     return StageSettings.model_construct(
         **{**own[1].__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}

@@ -148,7 +148,8 @@ def test_relaxing_overstress_at_turns_needs_no_smaller_steps() -> None:
 
 def test_stress_on_a_flat_plateau_cannot_be_carried() -> None:
     """A plateau that softens has no answer to a stress that rises: an error in words, whatever the iteration meets on its way."""
-    soft = SHEET.replace(**{"yield_plateau.share": 1.0, "yield_plateau.length": 0.02, "yield_plateau.upper": 100.0, "backstress_first.C": 100.0})
+    plateau = {"yield_plateau.share": 1.0, "yield_plateau.length": 0.02, "yield_plateau.upper": 100.0}
+    soft = SHEET.replace(**plateau, **{"backstress_first.C": 100.0})
     time = np.linspace(0.0, 10.0, 11)
     with pytest.raises(NumericsError, match="is not reached"):
         simulate(soft, Programme.under_stress(time, np.linspace(0.0, 600.0, 11)))

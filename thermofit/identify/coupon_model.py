@@ -22,12 +22,12 @@ from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
 from thermofit.identify.joint import THERMOCOUPLE
+from thermofit.identify.measured_work import Work, with_measured_work
 from thermofit.identify.model import Prior, StageModel, field_of
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
 from thermofit.measure.observation import FieldObservation
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
-from thermofit.point.measured_work import Work, with_measured_work
 
 HISTORY = {"stress": "stress", "strain": "strain", "theta": "theta_sensor"}
 """Channel of a PointHistory behind an observed field."""
@@ -47,11 +47,12 @@ class CouponRun:
     """Steps between two samples of a record."""
     measured_work: bool = False
     """True where the measured stress on the measured strain heats the specimen, and not the law."""
+    air_is_free: bool = False
+    """True where the temperature of the air is fitted: all records depart from their own by as much."""
 
     def parameters_of(self, parameters: Parameters, test: CouponTest) -> Parameters:
-        """Parameters of a record: its own air, as far off as that of the first one, and free of stress at its own start, unless the study
-        says otherwise."""
-        departure = parameters["theta_air"] - self.data.theta_air
+        """Parameters of a record: its own air and free of stress at its own start, unless the study says otherwise."""
+        departure = parameters["theta_air"] - self.data.theta_air if self.air_is_free else 0.0
         own = {"theta_air": test.theta_air + departure, "theta_ref": test.theta_start}
         return parameters.replace(**{name: value for name, value in own.items() if name not in self.common})
 
@@ -102,9 +103,10 @@ def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
 
 def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plastic: bool = True) -> CouponRun:
     """CouponRun of a study; `free` parameters are common to all records."""
-    common = frozenset({*study.parameters, *free} - ({"theta_air"} - set(study.parameters)))
+    departs = "theta_air" in free and "theta_air" not in study.parameters
+    common = frozenset({*study.parameters, *free} - ({"theta_air"} if departs else set()))
     work = study.coupon is not None and study.coupon.heat == "measured-work"
-    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval, work)
+    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval, work, departs)
 
 
 def offsets(tests: Sequence[CouponTest]) -> np.ndarray:

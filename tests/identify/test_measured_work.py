@@ -42,12 +42,13 @@ def heated(parameters: Parameters, work: Work) -> PointHistory:
 
 
 def test_elastic_pull_cools_by_the_thermoelastic_law() -> None:
-    """Adiabatic and uniaxial, d theta = -alpha theta d sigma / c0; a sensor with a lag shows it late."""
+    """Adiabatic and uniaxial, d theta = -alpha theta d sigma / c_p, c_p = c0 + 9 alpha^2 K theta; a sensor with a lag shows it late."""
     time = np.linspace(0.0, 10.0, 200)
     parameters = TRUTH.replace(tau=1e9, lag=0.0)
     stress = 30.0 * time
     found = heated(parameters, Work(time, stress / 200e3, stress, AIR))
-    assert found.theta - AIR == pytest.approx(-12e-6 * AIR * stress / 3.65, rel=4e-3, abs=1e-9)
+    capacity = 3.65 + 9.0 * 12e-6**2 * (200e3 / 1.2) * AIR
+    assert found.theta - AIR == pytest.approx(-12e-6 * AIR * stress / capacity, rel=4e-3, abs=1e-9)
     assert np.array_equal(found.theta, found.theta_sensor)
     late = heated(parameters.replace(lag=2.0), Work(time, stress / 200e3, stress, AIR)).theta_sensor - AIR
     slope = (found.theta[-1] - AIR) / 10.0
@@ -88,10 +89,11 @@ def test_no_hardening_law_reaches_the_temperature() -> None:
 
 
 def test_turned_signs_turn_the_thermoelastic_heat_only() -> None:
-    """Tension for compression: plastic heat stays, thermoelastic heat changes its sign."""
+    """Tension for compression (1 / lambda, -tau): plastic heat stays, thermoelastic heat changes its sign."""
     time, strain = cycle()
     stress = simulate(TRUTH, Programme.by_strain(time, strain, AIR), SETTINGS).stress
-    work, turned = Work(time, strain, stress, AIR), Work(time, -strain, -stress, AIR)
+    stretch = 1.0 + strain
+    work, turned = Work(time, strain, stress, AIR), Work(time, 1.0 / stretch - 1.0, -stress * stretch**2, AIR)
     plastic = heated(TRUTH.replace(alpha_exp=0.0), work).theta - AIR
     change = heated(TRUTH, work).theta - AIR - plastic
     assert heated(TRUTH, turned).theta - AIR == pytest.approx(plastic - change, abs=0.04 * np.abs(change).max())
@@ -108,7 +110,9 @@ def record(air: float) -> CouponTest:
     hardening = TRUTH.replace(M_yinf=600.0, H_exp=40.0, theta_air=air, theta_ref=air)
     law = simulate(hardening, Programme.by_strain(time, strain, air), SETTINGS)
     theta = with_measured_work(hardening, Work(time, strain, law.stress, air), SETTINGS, (law, None))[0].theta_sensor
-    return CouponTest("a", time, strain, law.stress, theta, air, air, {"strain": 1e-7, "stress": 0.2, "theta": 0.01}, (TestPhase(0, 60, "x"),))
+    return CouponTest(
+        "a", time, strain, law.stress, theta, air, air, {"strain": 1e-7, "stress": 0.2, "theta": 0.01}, (TestPhase(0, 60, "x"),)
+    )
 
 
 def test_a_study_asks_for_it(tmp_path: Path) -> None:
@@ -138,7 +142,7 @@ def test_a_study_asks_for_it(tmp_path: Path) -> None:
     run = coupon_run(study, data, settings.free)
     rises = [run.parameters_of(warmer, test)["theta_air"] - test.theta_air for test in data.tests]
     assert rises == pytest.approx([0.3, 0.3])
-    residual, jacobian = model.linearised(base, settings.free)
+    _, jacobian = model.linearised(base, settings.free)
     there, back = (model.residual(base.replace(theta_air=AIR + x)) for x in (1e-4, -1e-4))
     assert jacobian[:, 2] == pytest.approx((there - back) / 2e-4, rel=1e-6, abs=1e-6)
     law = load_study(path, ["coupon.heat=law"])

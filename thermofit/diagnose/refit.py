@@ -18,7 +18,7 @@ from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
 
 EXPONENTS = " exponents"
-"""Ending of the label of a refit with exponents free: it is given up early, because they often lie in a valley."""
+"""Ending of the label of a refit with exponents free: it is given up early where a run is dear, because they often lie in a valley."""
 EXPONENT_EVALUATIONS = 8
 NEGLIGIBLE = 3e-5
 """Fall of the mean square that ends a joint fit: a thirtieth of the least that is worth an effect."""
@@ -41,7 +41,8 @@ class JointFit:
         problem, change = stage_problem(self.study, settings, start, remembering(self.model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most or settings.max_evaluations
+        brief = label.endswith(EXPONENTS) and self.study.coupon is None
+        most = EXPONENT_EVALUATIONS if brief else self.at_most or settings.max_evaluations
         least = max(F_TOLERANCE, NEGLIGIBLE * sum(c.n for c in self.model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:

@@ -136,18 +136,23 @@ def _tried(
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
-    freed, said = _freed(parameters, after, score.effect, refit)
-    if freed is not None:
-        trial, found = _judged(here, fit, score, freed, numerical, how)
-        if not here.case.cheap:
-            return replace(trial, exponents=said), found
-    held, found_so = _judged(here, fit, score, (parameters, after), numerical, how)
-    if freed is None:
-        return replace(held, exponents=said), found_so
-    if trial.refused or trial.gain < held.gain:
-        values = ", ".join(f"{p.name} = {parameters[p.name]:.3g}" for p in effect(score.effect).params if len(p.scan) > 1)
-        return replace(held, exponents=f"held at {values}: freeing them gains nothing on held-out data"), found_so
+    scanned = tuple(p.name for p in effect(score.effect).params if len(p.scan) > 1)
+    freed, said = _freed((parameters, after), scanned, score.effect, refit)
+    if not here.case.cheap:
+        trial, found = _judged(here, fit, score, freed or (parameters, after), numerical, how)
+        return replace(trial, exponents=said), found
+    ends = [((parameters, after), said if freed is None else f"{_held(parameters, scanned)}: freeing them gains nothing on held-out data")]
+    ends += [(freed, said)] if freed is not None else []
+    if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
+        alone = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
+        ends += [(one[0], f"{name} {one[1]}") for one, name in alone if one[0] is not None]
+    judged = [(*_judged(here, fit, score, end, numerical, how), words) for end, words in ends]
+    trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found
+
+
+def _held(parameters: Parameters, names: Sequence[str]) -> str:
+    return "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in names)
 
 
 def _judged(
@@ -165,18 +170,21 @@ def _judged(
     return trial, None if refused else (there, after)
 
 
-def _freed(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[tuple[Parameters, FitResult] | None, str]:
-    """A second refit with the scanned Params of an effect free as well where the objective falls by it, and what became of them."""
-    scanned = [p.name for p in effect(name).params if len(p.scan) > 1]
+def _freed(
+    start: tuple[Parameters, FitResult], scanned: tuple[str, ...], name: str, refit: Refit
+) -> tuple[tuple[Parameters, FitResult] | None, str]:
+    """A second refit with scanned Params of an effect free as well where the objective falls by it, and what became of them."""
+    parameters, fit = start
     if not scanned:
         return None, ""
-    held = "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in scanned)
     try:
-        found = refit(parameters.with_free((*parameters.free, *scanned)), f"{name}{EXPONENTS}")
+        found = refit(
+            parameters.with_free((*parameters.free, *scanned)), f"{name} {' '.join(n.rpartition('.')[2] for n in scanned)}{EXPONENTS}"
+        )
     except NumericsError as error:
-        return None, f"{held}: the refit with them free failed ({error})"
+        return None, f"{_held(parameters, scanned)}: the refit with them free failed ({error})"
     if fit.f - found[1].f <= WORTH_AN_EXPONENT:
-        return None, f"{held}: freeing them gains nothing"
+        return None, f"{_held(parameters, scanned)}: freeing them gains nothing"
     return found, "fitted" if found[1].converged else "fitted, but not settled"
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import StudyError
-from thermofit.effects.catalogue import MATERIAL, Effect, effect
 from thermofit.core.jit import CACHE_FOLDER, kernel
+from thermofit.effects.catalogue import MATERIAL, Effect, effect
 
 
 def check_compiles(files: Sequence[Path]) -> None:

@@ -83,7 +83,7 @@ def working(summaries: dict[str, dict[str, Any]] | None = None, calls: list[tupl
     """Stages that write a small record and note that they were called."""
 
     def function(name: str) -> StageStub:
-        def run(study: Study, *, force: bool = False) -> Outcome:
+        def run(study: Study, *, force: bool = False, **_: object) -> Outcome:
             print("a library talks on stdout")
             if calls is not None:
                 calls.append((name, force))
@@ -97,7 +97,7 @@ def working(summaries: dict[str, dict[str, Any]] | None = None, calls: list[tupl
 
 
 def failing(error: BaseException) -> Callable[[str], StageStub]:
-    def run(study: Study, *, force: bool = False) -> Outcome:
+    def run(study: Study, *, force: bool = False, **_: object) -> Outcome:
         raise error
 
     return lambda name: run

@@ -83,13 +83,13 @@ def test_jaw_temperature_of_the_thermal_stage(study_of: StudyOf) -> None:
 
 def test_quantity_that_reaches_the_mechanics_is_solved_anew(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     prepared = []
-    original = sensitivity.model_maker
+    original = trials.model_maker
 
     def counted(*args: object) -> object:
         inner = original(*args)  # type: ignore[arg-type]
         return lambda size, base: prepared.append(base["E"]) or inner(size, base)
 
-    monkeypatch.setattr(sensitivity, "model_maker", counted)
+    monkeypatch.setattr(trials, "model_maker", counted)
     sensitivity.run(study_of(sensitivity={"stage": "thermal", "quantity": "E", "values": [60000.0]}))
     assert set(prepared[1:]) - {prepared[0]} == {60000.0}
     prepared.clear()

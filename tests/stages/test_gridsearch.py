@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from thermofit.core.artefact import open_record
 from thermofit.core.errors import NumericsError, StudyError
+from thermofit.core.staging import job
 from thermofit.core.study import Study
 from thermofit.identify import trials
+from thermofit.identify.stage import ready
 from thermofit.stages import gridsearch
 
 StudyOf = Callable[..., Study]
@@ -141,3 +146,29 @@ def test_elastic_stage_can_be_searched_too(study_of: StudyOf) -> None:
     assert record.summary["uniqueness"] == "unique"
     assert record.parameters["E"].value == pytest.approx(open_record(study.run_dir / "identify-elastic.h5").parameters["E"].value, rel=1e-3)
     assert np.all(record["starts/converged"].value)
+
+
+def test_drawn_starts_follow_the_listed_ones(study_of: StudyOf) -> None:
+    study = study_of(gridsearch={"stage": "thermal", "starts": [FIRST], "draw": {"method": "sobol", "number": 2, "seed": 9}})
+    record = gridsearch.run(study).record
+    assert record.summary["uniqueness"] == "unique" and record.attributes["seed"] == 9
+    begun = record["starts/start"].value
+    assert begun.shape == (3, 3) and begun[0].tolist() == list(FIRST.values()) and len(np.unique(begun[:, 0])) == 3
+    assert [row["ends in"] for row in record.summary["optima"]] == ["optimum 1"] * 3
+    picture = study.run_dir / "figures" / "gridsearch-basins.png"
+    assert picture.stat().st_size > 5000 and str(picture) in record.summary["figures"].values()
+    picture.unlink()
+    assert gridsearch.run(study).fresh and picture.exists(), "a picture that is gone is drawn again"
+
+
+def test_a_worker_that_does_not_see_the_run_folder_answers_the_same(study_of: StudyOf, tmp_path: Path) -> None:
+    """Another machine: nothing is written where the run folder would be, the answer comes back by value."""
+    study = study_of()
+    whole = open_record(study.run_dir / "gridsearch.h5")
+    stage = ready(study, "thermal")
+    stage, optimum = gridsearch._with_optimum(study, gridsearch._settings(study), stage)
+    common = trials.setup(study, stage, job(study.run_dir, "gridsearch", stage.config, stage.inputs), optimum)
+    away = replace(common, keep=replace(common.keep, path=tmp_path / "elsewhere" / "gridsearch.h5"), mark="x")
+    answer = pickle.loads(pickle.dumps(trials.trial_answer(*pickle.loads(pickle.dumps((away, "gridsearch.2", SECOND, False))))))
+    assert not (tmp_path / "elsewhere").exists()
+    assert list(answer.summary["trial"]["optimum"].values()) == pytest.approx(whole["starts/optimum"].value[1].tolist(), rel=1e-9)

@@ -84,7 +84,9 @@ STAGES: tuple[Entry, ...] = (
         "gridsearch",
         TRUST,
         "Other starts: is the optimum the only one?",
-        "Starts are listed in the section 'gridsearch' of the study. A start that fails is counted and named.",
+        "Starts are listed or drawn in the section 'gridsearch' of the study. The verdict is unique, several optima, or valley with the "
+        "relation of the parameters along it. A start that fails is counted and named. Starts run side by side in --jobs processes or on "
+        "a Dask --scheduler; a killed search resumes.",
         "gridsearch study.yaml --jobs 2",
         spread=True,
     ),
@@ -93,7 +95,7 @@ STAGES: tuple[Entry, ...] = (
         TRUST,
         "Other boundary values: how far do parameters move?",
         "How far do the identified parameters move if, say, the temperature of the jaws is 0.1 K off? Quantity and values are in the "
-        "section 'sensitivity' of the study.",
+        "section 'sensitivity' of the study. Each value is identified anew; beside it stands the linearised answer.",
         "sensitivity study.yaml --set 'sensitivity.values=[296.6, 296.8]' --jobs 2",
         spread=True,
     ),

@@ -18,7 +18,7 @@ import numpy as np
 
 from thermofit.core.artefact import Dataset, Record, RecordContent, fresh, open_record, write_record
 from thermofit.core.digest import path_digest
-from thermofit.core.errors import NumericsError
+from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.executor import Executor, Task, run_all
 from thermofit.core.jit import set_threads
 from thermofit.core.jsonable import json_text
@@ -95,7 +95,7 @@ def run_trials(common: Setup, givens: Sequence[Mapping[str, float]], labels: Seq
     mark = common.keep.path.parent / f".{common.keep.stage}.here"
     common = replace(common, mark=secrets.token_hex(8))
     tasks = [Task(f"{common.keep.stage} {labels[i]}", trial_answer, (common, jobs[i].stage, dict(givens[i]), i == 0)) for i in missing]
-    if where.serial:
+    if where.serial or len(tasks) == 1:
         set_threads(common.study.numerics.threads)
     with progress(common.keep.stage, len(jobs)) as advance:
         advance(len(found))
@@ -141,7 +141,7 @@ def _replayed(record: Record) -> Trial:
 
 
 def trial_answer(common: Setup, label: str, given: Mapping[str, float], first: bool) -> Made:
-    """Solve the stage with the given values over those of the study; a NumericsError becomes the trial's failure."""
+    """Solve the stage with the given values over those of the study; a NumericsError or DataError becomes its failure."""
     mark = common.keep.path.parent / f".{common.keep.stage}.here"
     if mark.exists() and mark.read_text(encoding="utf-8") == common.mark:
         return _answer(common, Job(label, common.keep.path, common.keep.config, {}), given, first)
@@ -161,11 +161,20 @@ def _answer(common: Setup, keep: Job, given: Mapping[str, float], first: bool) -
         solved = solve(study, stage.settings, start, models, keep)
         row = trial_summary(given, stage.base, solved, remark)
         if first and common.change is not None:
-            row["response"] = response(study, stage, solved, models, common.change)
+            row |= _response(common, stage, solved, models)
         record = made(study, stage.base, solved)
-    except NumericsError as error:
+    except (NumericsError, DataError) as error:
         return Made({}, {"trial": {"given": dict(given), "failed": True, "converged": False, "message": str(error)}})
     return replace(record, summary={**record.summary, "trial": row})
+
+
+def _response(common: Setup, stage: Ready, solved: Solved, models: ModelOn) -> dict[str, Any]:
+    """How the optimum follows the prescribed quantity, or why that is not known: the optimum itself stands."""
+    assert common.change is not None
+    try:
+        return {"response": response(common.study, stage, solved, models, common.change), "no_response": ""}
+    except (NumericsError, DataError) as error:
+        return {"response": {}, "no_response": str(error)}
 
 
 def _models(common: Setup) -> ModelOn:
@@ -218,7 +227,7 @@ def trial_summary(given: Mapping[str, float], start: Parameters, solved: Solved,
 
 def shown(trial: Trial) -> dict[str, Any]:
     """A trial as it stands in the record of its command."""
-    return {key: value for key, value in trial.summary.items() if key not in ("curvature", "response")}
+    return {key: value for key, value in trial.summary.items() if key not in ("curvature", "response", "no_response")}
 
 
 def record_of(trial: Trial) -> Made:

@@ -103,10 +103,12 @@ def _with_comparisons(model: StageModel, change: Callable[[Comparison], Comparis
 
 
 def _clocked(data: Measured, seconds: float) -> Measured:
-    """The infrared frames that many seconds later, the load steps with them; frames that then lie outside the record of the force go."""
+    """The infrared frames that many seconds later, the load steps with them. Before the record of the force the specimen rests, so that
+    earlier frames show its beginning; frames that lie after its end go."""
     theta = temperature_of(data)
     steps = data.steps["all"].time
-    moved = replace(theta, time=theta.time + seconds).between(float(steps[0]), float(steps[-1]))
+    first, last = float(steps[0]), float(steps[-1])
+    moved = replace(theta, time=np.maximum(theta.time + seconds, first)).between(first, last)
     kept = {name: _stepping(known, theta.time, moved.time) for name, known in data.steps.items() if name != "displacement"}
     return replace(data, temperature=moved, steps={**data.steps, **kept})
 

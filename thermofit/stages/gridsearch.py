@@ -111,10 +111,20 @@ def _summary(study: Study, trials: list[Trial], verdict: Uniqueness) -> dict[str
         "spread": verdict.spread,
         "constant_ratios": {name: asdict(ratio) for name, ratio in verdict.ratios.items()},
         "relation": verdict.relation,
-        "starts": [{**shown(t), "optimum_number": group} for t, group in zip(trials, verdict.groups, strict=True)],
+        "optima": [_row(number, t, group) for number, (t, group) in enumerate(zip(trials, verdict.groups, strict=True), start=1)],
+        "starts": [shown(t) for t in trials],
         "evaluations": total_counts(trials),
         "figures": {FIGURE: str(study.run_dir / "figures" / f"{FIGURE}.png")},
     }
+
+
+def _row(number: int, trial: Trial, group: int) -> dict[str, Any]:
+    """A start as a line of a table: where it ended, with which objective and after how many runs."""
+    if trial.failed:
+        return {"start": number, "ends in": "failed"}
+    runs = trial.summary["evaluations"]
+    ends = f"optimum {group}" if group else "not converged"
+    return {"start": number, "ends in": ends, **trial.summary["optimum"], "f": trial.f, "runs": runs["forward"] + runs["replayed"]}
 
 
 def _losses(trials: list[Trial]) -> str:

@@ -62,7 +62,7 @@ def _make(study: Study, stage: Ready, begin: float, task: Job, where: Executor) 
     settings = study.sensitivity
     assert settings is not None
     values = (begin, *settings.values)
-    givens = [_given(study, stage, settings.quantity, value) for value in values]
+    givens = [_given(study, settings.quantity, value) for value in values]
     trials = run_trials(_setup(study, stage, task, values), givens, [str(number) for number in range(len(values))], where)
     return _made(study, stage, settings.quantity, trials)
 
@@ -74,7 +74,7 @@ def _setup(study: Study, stage: Ready, task: Job, values: Sequence[float]) -> Se
     direct = study.model_copy(update={"numerics": study.numerics.model_copy(update={"coarse_start": False})})
     shared = stage.base if _thermal_only(stage, settings.quantity) else None
     largest = max(abs(value - values[0]) for value in values)
-    direction = dict.fromkeys(_given(study, stage, settings.quantity, values[0]), 1.0)
+    direction = dict.fromkeys(_given(study, settings.quantity, values[0]), 1.0)
     step = STEP * largest if largest > 0.0 else 1e-3 * max(abs(values[0]), 1.0)
     return setup(direct, stage, task, shared, (settings.quantity, direction, step))
 
@@ -85,7 +85,7 @@ def _thermal_only(stage: Ready, quantity: str) -> bool:
     return stage.settings.coupling == "one-way" and not reaches and set(stage.settings.free) <= set(THERMAL)
 
 
-def _given(study: Study, stage: Ready, quantity: str, value: float) -> dict[str, float]:
+def _given(study: Study, quantity: str, value: float) -> dict[str, float]:
     """The prescribed value; the specimen rests in the jaws, so that theta_ref follows theta_clamp where the study gives none."""
     follows = quantity == "theta_clamp" and "theta_ref" not in study.parameters
     return {quantity: value, **({"theta_ref": value} if follows else {})}
@@ -111,19 +111,25 @@ def _made(study: Study, stage: Ready, quantity: str, trials: list[Trial]) -> Mad
     largest = {name: float(np.nan_to_num(np.abs(change[1:, i])).max(initial=0.0)) for i, name in enumerate(names)}
     linear = linearised(first.summary["response"], first.summary["optimum"], values)
     rows = [shown(t) for t in trials]
+    table = []
     for index, row in enumerate(rows):
         row["value"] = row["given"][quantity]
         row["change"] = None if row["failed"] else dict(zip(names, change[index].tolist(), strict=True))
         row["linearised_change"] = {name: slope * (values[index] - values[0]) for name, slope in linear["relative_slope"].items()}
+        for answer, of in (("identified", row["change"]), ("linearised", row["linearised_change"])):
+            line = {"answer": answer, quantity: row["value"]}
+            table.append({**line, **{f"{name} %": 100.0 * share for name, share in (of or {}).items()}})
     record = record_of(first)
     summary = {
         **record.summary,
         "verdict": sensitivity_verdict(quantity, values.tolist(), largest) + _losses(quantity, others),
         "trustworthy": all(t.converged for t in trials),
+        "remarks": [*record.summary["remarks"], *([f"no linearised answer: {why}"] if (why := first.summary["no_response"]) else [])],
         "quantity": quantity,
         "unit": unit_of(quantity),
         "nominal": rows[0],
         "values": rows[1:],
+        "changes": table,
         "largest_change": largest,
         "linearised": linear,
         "evaluations": total_counts(trials),

@@ -144,8 +144,8 @@ def _tried(
     ends = [((parameters, after), said if freed is None else f"{_held(parameters, scanned)}: freeing them gains nothing on held-out data")]
     ends += [(freed, said)] if freed is not None else []
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
-        alone = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
-        ends += [(one[0], f"{name} {one[1]}") for one, name in alone if one[0] is not None]
+        singly = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
+        ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None]
     judged = [(*_judged(here, fit, score, end, numerical, how), words) for end, words in ends]
     trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found

@@ -107,6 +107,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "trustworthy": trustworthy,
         "objective": fit.f,
         "method": fit.method,
+        "converged": bool(fit.converged),
         "algorithm": fit.algorithm,
         "channels": channels,
         "evaluations": counts,

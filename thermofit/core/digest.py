@@ -22,7 +22,7 @@ KERNEL_ROOMS = ("effects", "material", "fem", "point")
 """Rooms whose every source may be compiled into a kernel."""
 
 _OUTSIDE_KERNELS = tuple(
-    f"core/{name}" for name in ("artefact", "atomic", "checkpoint", "digest", "errors", "jsonable", "progress", "study")
+    f"core/{name}" for name in ("artefact", "atomic", "checkpoint", "digest", "errors", "executor", "jsonable", "progress", "study")
 )
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 

@@ -21,7 +21,7 @@ from thermofit.identify.planned_coupon import coupon_assumed, planned_coupon, re
 from thermofit.identify.programmes import NAMES as BODY_NAMES
 from thermofit.identify.programmes import OWN, programme_named
 from thermofit.identify.solve import remembering
-from thermofit.identify.stage import model_maker, ready
+from thermofit.identify.stage import Ready, model_maker, ready
 from thermofit.point.programmes import NAMES as COUPON_NAMES
 
 
@@ -70,12 +70,17 @@ def linear_subject(subject: Subject, store: Checkpoint | None = None) -> Linear:
 
 
 def _measured(subject: Subject) -> Prepared:
-    study, command = subject.study, f"identify-{subject.key}"
-    stage = ready(study, subject.key)
-    optimum, found = with_identified(study, stage.base, (command,))
-    base = optimum.with_free(stage.settings.free)
-    model = remembering(model_maker(study, stage.settings, stage.data)(study.mesh_size, base))
-    return Prepared(stage.settings, model, base, {**stage.inputs, **found}, {}, model.remark)
+    study = subject.study
+    stage, inputs = optimum_of(study, subject.key)
+    model = remembering(model_maker(study, stage.settings, stage.data)(study.mesh_size, stage.base))
+    return Prepared(stage.settings, model, stage.base, inputs, {}, model.remark)
+
+
+def optimum_of(study: Study, key: str) -> tuple[Ready, Mapping[str, Path]]:
+    """A stage at its optimum, and the artefacts that it rests on. StudyError where one is missing (names its command)."""
+    stage = ready(study, key)
+    optimum, found = with_identified(study, stage.base, (f"identify-{key}",))
+    return replace(stage, base=optimum.with_free(stage.settings.free)), {**stage.inputs, **found}
 
 
 def _planned(subject: Subject, name: str) -> Prepared:

@@ -15,9 +15,9 @@ from thermofit.core.artefact import Dataset, ParameterResult
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.executor import SERIAL, Executor, Task, run_all
 from thermofit.core.jit import set_threads
-from thermofit.core.parameters import param
+from thermofit.core.parameters import Parameters, param
 from thermofit.core.progress import progress
-from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.core.staging import Job, Made, Outcome, job, produce
 from thermofit.core.study import Study
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_identifiability import correlations_figure, profile_figure, programmes_figure, spectrum_figure
@@ -35,13 +35,12 @@ from thermofit.diagnose.tables_identifiability import (
 )
 from thermofit.identify.chains import chain_intervals
 from thermofit.identify.identifiability import Analysis, analysed
-from thermofit.identify.inputs import INTERPOLATE
 from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, laplace, profiles, student, wider
 from thermofit.identify.linear import Linear
 from thermofit.identify.programmes import OWN
 from thermofit.identify.solve import discard_checkpoints, evaluation_key
-from thermofit.identify.stage import EARLIER
-from thermofit.identify.subject import Subject, linear_subject, prepared, programme_names
+from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared, programme_names
+from thermofit.measure.coupon import coupon_files
 
 NAME = "identifiability"
 _SECTIONS = (
@@ -50,13 +49,13 @@ _SECTIONS = (
 )
 WIDER = 1.5
 """Bootstrap intervals wider than Laplace's by this factor: the residual is correlated beyond what the noise model knows."""
-PRECISION = 1e-3
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked: `stage` (None: thermal, of coupons plastic); `before` a test, under `programme`; `compare` these programmes (empty: all;
-    None: no comparison); `repeats` of a bootstrap (0: none), `refit` each in full; profile; mcmc, on the `full_model` itself; `seed`."""
+    """What is asked: `stage` (None: thermal, of coupons plastic); `before` a test, under `programme`; `compare` these programmes
+    (empty: all; None: no comparison); `repeats` of a bootstrap (0: none), `refit` each in full; profile; mcmc, on the `full_model`
+    itself; `seed`."""
 
     stage: str | None = None
     before: bool = False
@@ -112,10 +111,9 @@ def _job(study: Study, options: Options, key: str) -> Job:
     name = f"{NAME}-compare" if options.compare is not None else f"{NAME}-a-priori" if options.before else NAME
     inputs: dict[str, Path] = {}
     if not planned:
-        inputs = {stage: artefact_path(study.run_dir, stage) for stage in (INTERPOLATE, *EARLIER[key], f"identify-{key}")}
-        prepared(Subject(study, key))  # names the command of an artefact that is missing, before its content is asked for
-    elif study.coupon is not None and artefact_path(study.run_dir, INTERPOLATE).exists():
-        inputs = {INTERPOLATE: artefact_path(study.run_dir, INTERPOLATE)}
+        inputs = {**optimum_of(study, key)[1]}
+    elif study.coupon is not None:
+        inputs = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
     config = {**study.config_of(*_SECTIONS, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
     return job(study.run_dir, name, config, inputs)
 
@@ -243,7 +241,7 @@ def _compared(study: Study, key: str, options: Options, how: tuple[Job, Executor
     task, where = how
     assert options.compare is not None
     names = options.compare or programme_names(study)
-    kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, study_base(study)))
+    kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, Parameters.of({})))
     tasks = [Task(f"programme {name}", programme_task, (study, key, name, kept)) for name in names]
     with progress("compare", len(tasks)) as advance:
         found = run_all(tasks, where, lambda index, row: advance(1, names[index]))
@@ -261,11 +259,6 @@ def _compared(study: Study, key: str, options: Options, how: tuple[Job, Executor
         "remarks": [f"{row['programme']}: {row['said']}" for row in rows if row["kind"] != "unique"],
     }
     return Made({}, summary)
-
-
-def study_base(study: Study) -> Any:
-    """Parameters of which evaluations of planned tests depend."""
-    return study.truth_parameters() if study.simulate is not None else study.start_parameters(None)
 
 
 def programme_task(study: Study, key: str, name: str, kept: Kept) -> Row:

@@ -20,5 +20,5 @@ def test_coverage_of_white_noise(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_coverage_of_correlated_noise(tmp_path: Path) -> None:
     """Neighbouring samples alike by 0.8: intervals for independent samples would hold the truth far too rarely."""
-    found = coverage(bench(tmp_path, 600), 0.8, REPEATS)
+    found = coverage(bench(tmp_path, 1000), 0.8, REPEATS)
     assert all(0.90 <= share <= 0.99 for share in found.values()), found

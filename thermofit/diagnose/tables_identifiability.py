@@ -101,6 +101,17 @@ def sensitive(linear: Linear, change: np.ndarray) -> tuple[str, ...]:
     return tuple(linear.names[i] for i in order if abs(change[i]) >= STRONG)
 
 
+def move_remarks(linear: Linear, analysis: Analysis) -> list[str]:
+    """What an error of something prescribed moves, one sentence for each that moves anything by a large share."""
+    out = []
+    for name, change in analysis.shifts.items():
+        strong = sensitive(linear, change)
+        if strong:
+            moves = ", ".join(f"{p} by {100.0 * change[linear.names.index(p)]:+.2g} %" for p in strong)
+            out.append(f"{linear.shifts[name].words} moves {moves}; all others by less than {100.0 * STRONG:g} %")
+    return out
+
+
 def interval_rows(found: Mapping[str, Mapping[str, Interval]]) -> list[Row]:
     """One row for each parameter and way; `<`, `>` mark an end that a bound, not the data, sets."""
     names = list(dict.fromkeys(name for ways in found.values() for name in ways))

@@ -2,8 +2,12 @@
 
 The residual of a fit at optimum is cut into blocks of time and space that are longer than its memory. One repeat multiplies every block by
 a random sign (the wild bootstrap for clusters; Webb's six weights where blocks are few) and fits again: correlation within a block, unequal
-noise and misfit of the model are kept as they are, and missing values need no filling. Linearised, the repeat moves the optimum by
--(J^T J)^-1 J^T r*, within the bounds, and only the block sums J_b^T r_b are needed.
+noise and misfit of the model are kept as they are, and missing values need no filling. A fit has bent towards the errors of each block, so
+that its residual is too small; taken instead is the residual of the block against a fit to all others (the jackknife), linearised
+
+    r~_b = r_b + J_b (A - J_b^T J_b)^-1 J_b^T r_b,   A = J^T J.
+
+A linearised repeat moves the optimum by -A^-1 sum_b w_b J_b^T r~_b, within the bounds.
 """
 
 from __future__ import annotations
@@ -31,19 +35,42 @@ class Blocks:
 
 
 def block_weights(blocks: Blocks, seed: int, number: int) -> np.ndarray:
-    """Weights (count,) of one repeat, mean 0 and variance n/(n - 1): the residual of a fit holds one mean less than its blocks."""
+    """Weights (count,) of one repeat, mean 0 and variance 1."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     size = blocks.count
     signs = rng.choice((-1.0, 1.0), size)
     if size < FEW:
         signs = signs * rng.choice(_WEBB, size)
-    return np.asarray(signs * np.sqrt(size / (size - 1.0)))
+    return np.asarray(signs)
 
 
-def drawn_residual(residual: np.ndarray, blocks: Blocks, seed: int, number: int, n_parameters: int) -> np.ndarray:
-    """Residual r* (n,) of one repeat: blocks with random signs, widened for the degrees of freedom that the fit took."""
-    widen = np.sqrt(residual.size / max(residual.size - n_parameters, 1))
-    return np.asarray(widen * residual * block_weights(blocks, seed, number)[blocks.label])
+def outside_residual(jacobian: np.ndarray, residual: np.ndarray, blocks: Blocks) -> np.ndarray:
+    """Residual (n,) of every block against the fit to all other blocks, from the linear model; no smaller than that of the fit.
+
+    A direction that a single block alone determines keeps the residual of the fit.
+    """
+    q = np.linalg.qr(_normalised(jacobian))[0]
+    order = np.argsort(blocks.label, kind="stable")
+    ends = np.cumsum(np.bincount(blocks.label, minlength=blocks.count))
+    out = np.empty_like(residual)
+    for first, last in zip(np.append(0, ends[:-1]), ends, strict=True):
+        rows = order[first:last]
+        own, r = q[rows], residual[rows]
+        values, vectors = np.linalg.eigh(own.T @ own)
+        left = 1.0 - values
+        gain = np.divide(1.0, left, out=np.zeros_like(left), where=left > 1e-3)
+        out[rows] = r + own @ (vectors @ (gain * (vectors.T @ (own.T @ r))))
+    return out
+
+
+def _normalised(jacobian: np.ndarray) -> np.ndarray:
+    norms = np.linalg.norm(jacobian, axis=0)
+    return np.asarray(jacobian / np.where(norms > 0.0, norms, 1.0))
+
+
+def drawn_residual(outside: np.ndarray, blocks: Blocks, seed: int, number: int) -> np.ndarray:
+    """Residual r* (n,) of one repeat: the blocks of `outside_residual` with random signs."""
+    return np.asarray(outside * block_weights(blocks, seed, number)[blocks.label])
 
 
 def require_blocks(blocks: Blocks) -> None:
@@ -64,12 +91,10 @@ def linearised_repeats(
     """
     require_blocks(blocks)
     seed, count = draws
-    n, p = jacobian.shape
-    widen = np.sqrt(n / max(n - p, 1))
-    product = jacobian * residual[:, None]
-    sums = np.stack([np.bincount(blocks.label, product[:, i], blocks.count) for i in range(p)], axis=1)
+    product = jacobian * outside_residual(jacobian, residual, blocks)[:, None]
+    sums = np.stack([np.bincount(blocks.label, column, blocks.count) for column in product.T], axis=1)
     weights = np.stack([block_weights(blocks, seed, k) for k in range(count)])
-    right = widen * weights @ sums
+    right = weights @ sums
     norms = np.linalg.norm(jacobian, axis=0)
     unit = np.where(norms > 0.0, norms, 1.0)
     triangle = np.asarray(np.linalg.qr(jacobian / unit, mode="r"))

@@ -11,7 +11,7 @@ from thermofit.identify.model import StageModel, field_of
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
-LONGER = 4.0
+LONGER = 6.0
 """Length of a block in units of the correlation time or length."""
 _LEAST_BLOCKS = 12
 """A record is cut into this many blocks at least: fewer would say nothing of their scatter."""
@@ -36,10 +36,15 @@ def correlation_time(rho: np.ndarray) -> float:
     return max(float(2.0 * rho.sum() - 1.0), 1.0)
 
 
+def block_length(time: float) -> int:
+    """Values in a block for a correlation time: one of white noise, LONGER times the memory beyond."""
+    return 1 + int(np.ceil(LONGER * (time - 1.0)))
+
+
 def _of_segments(residual: np.ndarray, segments: tuple[int, ...]) -> tuple[np.ndarray, str]:
     labels, at, count, lengths = [], 0, 0, []
     for n in segments:
-        size = min(int(np.ceil(LONGER * correlation_time(tapered_correlation(residual[at : at + n])))), max(n // _LEAST_BLOCKS, 1))
+        size = min(block_length(correlation_time(tapered_correlation(residual[at : at + n]))), max(n // _LEAST_BLOCKS, 1))
         number = np.arange(n) // size
         labels.append(count + number)
         count, at = count + int(number[-1]) + 1, at + n
@@ -83,7 +88,7 @@ def _frames(c: Comparison, residual: np.ndarray, n_times: int) -> int:
     rho = sums / sums[0]
     below = np.flatnonzero(rho <= 0.02)
     rho = rho[: int(below[0])] if len(below) else rho
-    return min(int(np.ceil(LONGER * correlation_time(rho))) if len(rho) > 1 else 1, n_times)
+    return min(block_length(correlation_time(rho)), n_times)
 
 
 def _side(c: Comparison, residual: np.ndarray, observation: FieldObservation) -> float:

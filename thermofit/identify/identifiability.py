@@ -27,9 +27,8 @@ from thermofit.identify.linear import Linear, moved
 Kind = Literal["unique", "valley", "undetermined"]
 """`valley`: several parameters can move together; `undetermined`: a single one is not felt."""
 _MOST_SETS = 8
-STRONG = 0.05
-"""Relative change by an error of something prescribed from which on a parameter counts as sensitive to it, in its own standard errors
-and in this share of its value."""
+STRONG = 0.01
+"""Relative move of a parameter by an error of something prescribed from which on it is said."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from scipy.stats import norm, t
 from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.executor import Executor, Task, run_all
 from thermofit.core.progress import progress
-from thermofit.fit.bootstrap import Blocks, drawn_residual, linearised_repeats, percentile_interval, require_blocks
+from thermofit.fit.bootstrap import Blocks, drawn_residual, linearised_repeats, outside_residual, percentile_interval, require_blocks
+from thermofit.fit.memory import memories
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.profile import Optimum, Side, profile_side
@@ -57,18 +58,26 @@ class Kept:
         return Checkpoint(self.folder / label, self.key)
 
 
-def student(linear: Linear, analysis: Analysis) -> float:
-    """Half width of an interval in standard errors."""
+def half_width(linear: Linear, analysis: Analysis) -> float:
+    """Half width of an interval in standard errors: normal before a test, else Student's; where the memory of records was estimated from
+    the residual itself, the critical value of Kiefer and Vogelsang (Econometric Theory 21, 2005, table 1, Bartlett, 97.5 %), which knows
+    that this estimate is uncertain and too small."""
     if linear.before:
         return float(norm.ppf(0.5 * (1.0 + LEVEL)))
-    return float(t.ppf(0.5 * (1.0 + LEVEL), max(analysis.covariance.degrees_of_freedom, 1.0)))
+    plain = float(t.ppf(0.5 * (1.0 + LEVEL), max(analysis.covariance.degrees_of_freedom, 1.0)))
+    if linear.model.segments is None:
+        return plain
+    found = memories(linear.error[: sum(linear.model.segments)], linear.model.segments)
+    n = sum(memory.n for memory in found)
+    share = sum(memory.n * len(memory.correlation) for memory in found) / n**2
+    return max(plain, float(np.polynomial.polynomial.polyval(min(share, 1.0), (1.96, 2.9694, 0.4160, -0.5324))))
 
 
 def laplace(linear: Linear, analysis: Analysis) -> dict[str, Interval]:
     """x +- t sigma, with the honest covariance; open where the data do not give the parameter, or where a bound cuts it off."""
     out = {}
     for i, name in enumerate(linear.names):
-        half = student(linear, analysis) * float(analysis.sigma[i])
+        half = half_width(linear, analysis) * float(analysis.sigma[i])
         low, high = max(linear.x[i] - half, linear.lower[i]), min(linear.x[i] + half, linear.upper[i])
         out[name] = Interval(float(low), float(high), low > linear.x[i] - half, high < linear.x[i] + half)
     return out
@@ -114,12 +123,13 @@ def refit_task(subject: Subject, kept: Kept, seed: int, numbers: tuple[int, ...]
     done = kept.store()
     linear = linear_subject(subject, kept.store("linear"))
     blocks = residual_blocks(linear.model, linear.residual)
+    outside = outside_residual(linear.jacobian[:, ~linear.at_bound], linear.residual, blocks)
     out = []
     for number in numbers:
         key = np.array([1.0, float(seed), float(number)])
         found = done.get(key)
         if found is None:
-            drawn = drawn_residual(linear.residual, blocks, seed, number, linear.x.size)
+            drawn = drawn_residual(outside, blocks, seed, number)
             problem, change, _ = fit_problem(subject, linear, linear.residual - drawn)
             mine = kept.store(f"repeat-{number}")
             fit = minimise(problem, "least-squares", _settings(subject), Hooks(store=mine))
@@ -140,7 +150,7 @@ def profiles(
     with progress("profile", len(sides)) as advance:
         found = run_all(tasks, where, lambda index, side: advance(1, linear.names[sides[index][0]]))
     out, curves = {}, {}
-    level = student(linear, analysis) ** 2
+    level = half_width(linear, analysis) ** 2
     for i, name in enumerate(linear.names):
         ends = sorted((found[2 * i], found[2 * i + 1]), key=lambda side: side[0])
         (low, open_low, words_low, points_low), (high, open_high, words_high, points_high) = ends
@@ -166,7 +176,7 @@ def allowed_rises(linear: Linear, analysis: Analysis) -> np.ndarray:
             ratio[i] = (analysis.sigma[i] / linear.size[i]) ** 2 * float(left @ left)
     known = ratio[np.isfinite(ratio)]
     ratio[~np.isfinite(ratio)] = float(np.median(known)) if known.size else analysis.s2
-    return np.asarray(student(linear, analysis) ** 2 * ratio)
+    return np.asarray(half_width(linear, analysis) ** 2 * ratio)
 
 
 Answer = tuple[float, bool, str, np.ndarray]

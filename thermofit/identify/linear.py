@@ -11,12 +11,14 @@ from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.study import Study
 from thermofit.core.study_stages import StageSettings
+from thermofit.fit.bootstrap import outside_residual
 from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
 from thermofit.fit.evaluate import Evaluations
 from thermofit.fit.information import Information, information
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.result import ON_BOUND
 from thermofit.fit.settings import Settings
+from thermofit.identify.blocks import residual_blocks
 from thermofit.identify.joint import THERMOCOUPLE
 from thermofit.identify.model import StageModel, field_of
 from thermofit.identify.solve import DIFFERENCE_STEP, noise_of, stage_problem
@@ -65,7 +67,16 @@ class Linear:
         """Correlation of the noise of the residual, None where it is white."""
         if self.before:
             return self.model.noise if any(c.noise is not None for c in self.model.comparisons) else None
-        return noise_of(self.model, self.residual)
+        return noise_of(self.model, self.error)
+
+    @property
+    def error(self) -> np.ndarray:
+        """What shows the memory of records (n,): the residual of each block against the fit to all others. In the residual of the fit itself
+        the slow errors are missing that the parameters could follow."""
+        if self.before or self.model.segments is None:
+            return self.residual
+        blocks = residual_blocks(self.model, self.residual)
+        return outside_residual(self.jacobian[:, ~self.at_bound], self.residual, blocks)
 
     def covariance(self) -> Covariance:
         """Covariance with the correlation of the noise; before a test take `sigma_unit`. UntrustworthyError for too few data."""

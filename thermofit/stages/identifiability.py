@@ -28,6 +28,7 @@ from thermofit.diagnose.tables_identifiability import (
     flat_rows,
     interval_rows,
     intervals_json,
+    move_remarks,
     programme_rows,
     sensitive,
     shift_rows,
@@ -35,7 +36,7 @@ from thermofit.diagnose.tables_identifiability import (
 )
 from thermofit.identify.chains import chain_intervals
 from thermofit.identify.identifiability import Analysis, analysed
-from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, laplace, profiles, student, wider
+from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, half_width, laplace, profiles, wider
 from thermofit.identify.linear import Linear
 from thermofit.identify.programmes import OWN
 from thermofit.identify.solve import discard_checkpoints, evaluation_key
@@ -146,12 +147,12 @@ def _analysis(study: Study, key: str, options: Options, how: tuple[Job, Executor
         figures["profile"] = profile_figure(linear, curves, found)
         paths = _saved(study, task.stage, figures)
     summary = {
-        **_summary(linear, analysis, student(linear, analysis)),
+        **_summary(linear, analysis, half_width(linear, analysis)),
         "stage_analysed": key,
         "before": options.before,
         "intervals": intervals_json(found),
         "interval_table": interval_rows(found),
-        "remarks": [*remarks, *_interval_remarks(found)],
+        "remarks": [*remarks, *move_remarks(linear, analysis), *_interval_remarks(found)],
         "figures": paths,
     }
     return Made(datasets, summary, _parameters(study, linear, analysis), options.seed if options.repeats or options.mcmc else None)
@@ -182,14 +183,14 @@ def _interval_remarks(found: Mapping[str, Mapping[str, Interval]]) -> list[str]:
     return [f"{way} of {name}: {i.remark}" for way, ways in found.items() for name, i in ways.items() if i.remark]
 
 
-def _summary(linear: Linear, analysis: Analysis, half_width: float) -> dict[str, Any]:
+def _summary(linear: Linear, analysis: Analysis, half: float) -> dict[str, Any]:
     moves = shift_rows(linear, analysis)
     strong = {linear.shifts[name].words: list(sensitive(linear, change)) for name, change in analysis.shifts.items()}
     return {
         "verdict": analysis.verdict,
         "trustworthy": analysis.kind == "unique",
         "kind": analysis.kind,
-        "determined": determined_rows(linear, analysis, half_width),
+        "determined": determined_rows(linear, analysis, half),
         "correlation_sensitivity": correlation_rows(analysis, "C^S"),
         "correlation_parameters": correlation_rows(analysis, "C^P"),
         "spectrum": spectrum_rows(analysis),

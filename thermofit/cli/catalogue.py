@@ -222,3 +222,19 @@ RUN_HELP = (
 RUN_EXAMPLES = """[bold]Examples:[/]
 thermofit run study.yaml
 thermofit run study.yaml --from identify-plastic --until verify"""
+
+IDENTIFIABILITY_HELP = (
+    "Do the data determine the parameters, and to what?\n\n"
+    "At the optimum of a stage, or with --a-priori before any data on the planned test of the section 'simulate': correlations, spectrum "
+    "of the Hessian, which ratios of parameters stay constant where the data leave a direction open, what would have to be fixed, and "
+    "intervals by Laplace, block bootstrap, profile and Markov chain. --compare ranks test programmes: own, monotonic, load-unload, "
+    "load-unload-cool, stepped-rates, cycles. Exit code 5 where the parameters are not determined."
+)
+IDENTIFIABILITY_EXAMPLES = "\n".join(
+    (
+        "[bold]Examples:[/]",
+        "  thermofit identifiability study.yaml --a-priori --stage thermal",
+        "  thermofit identifiability study.yaml --compare monotonic load-unload-cool",
+        "  thermofit identifiability study.yaml --stage plastic --bootstrap 1000 --profile",
+    )
+)

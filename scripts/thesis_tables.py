@@ -85,8 +85,8 @@ def document(title: str, place: Place, parts: Sequence[str], statements: Sequenc
     size = {"quick": "4 x 28 x 1", "coarse": "6 x 40 x 2", "full": "12 x 80 x 4"}[place.mesh]
     made = "4 x 32 x 2" if place.mesh == "quick" else "10 x 72 x 3"
     head = (
-        f"Written by `make thesis MESH={place.mesh}`. The data are virtual: files of force, image correlation and infrared camera with noise, "
-        "rigid-body motion, compliance and slip of the machine and a turned camera, computed on a mesh of "
+        f"Written by `make thesis MESH={place.mesh}`. The data are virtual: files of force, image correlation and infrared camera with "
+        "noise, rigid-body motion, compliance and slip of the machine and a turned camera, computed on a mesh of "
         f"{made} elements and identified from the files on {size}. The thesis's own measurements are not public."
     )
     return "\n\n".join([f"# {title}", head, "## What was found", "\n".join(s.line for s in statements), *parts]) + "\n"

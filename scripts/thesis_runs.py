@@ -51,6 +51,19 @@ _MODEL_1 = ("model=1", "parameters.beta={start: 1.0, bounds: [0.0, 50.0]}")
 """The bounds (4.25) of beta are those of model 2."""
 _MODEL_2 = ("model=2", "parameters.beta={start: 1.0, bounds: [0.0, 6.92]}")
 _COUPLED = ("stages.thermal.coupling=full",)
+_FOUR = (
+    "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 1.0}",
+    "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.1}",
+    "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.5}",
+    "{alpha_exp: 12.0e-6, kappa: 400.0, c0: 1.22, beta: 0.5}",
+)
+_KNOWN_FILMS = (
+    "model=1",
+    *_fixed(alpha_air=14.72, alpha_clamp=236.30),
+    f"stages.thermal.free=[{', '.join(_THERMAL)}]",
+    f"gridsearch.starts=[{', '.join(_FOUR)}]",
+)
+"""Model 1 with the film coefficients of Table 5.19 and the starts of Table 5.9."""
 _SEARCH = (("identify-thermal",), ("gridsearch",))
 _THERMAL_ONLY = (("identify-thermal",), ("verify",))
 RUNS = (
@@ -69,6 +82,7 @@ RUNS = (
         "exp3-literature", "5.5", "exp3.yaml",
         (*_fixed(alpha_exp=23.0e-6, kappa=200.0, c0=2.43), "stages.thermal.free=[beta, alpha_air, alpha_clamp]"), "exp3", _THERMAL_ONLY,
     ),
+    Run("exp3-model-1", "5.4", "exp3.yaml", _KNOWN_FILMS, "exp3", _SEARCH),
     Run("exp1-model-1-coupled", "5.4", "exp1-models.yaml", _COUPLED, "exp1-models", _SEARCH),
     Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", _SEARCH),
 )  # fmt: skip
@@ -113,8 +127,9 @@ def place_of(runs: Path, mesh: str) -> Place:
 
 
 def chosen(sections: Sequence[str]) -> tuple[Run, ...]:
-    """The runs of the named sections."""
-    return tuple(run for run in RUNS if run.section in sections)
+    """The runs of the named sections, and those that they take over."""
+    names = {other.name for run in RUNS if run.section in sections for other in (run, base_of(run))}
+    return tuple(run for run in RUNS if run.name in names)
 
 
 def execute(runs: Sequence[Run], place: Place, jobs: int, say: Callable[[str], None]) -> None:

@@ -147,9 +147,10 @@ def sensitivities(place: Place, pages: Path) -> list[str]:
         values = [row for row in record.summary["values"] if not row["failed"] and row["value"] in printed]
         difference = [sign * (row["value"] - (AIR_MEASURED if what == "air" else JAWS_MEASURED)) + 0.7 for row in values]
         ours = {name: [100.0 * row["change"][name] for row in values] for name in (*STRONG, *WEAK)}
+        linear = {name: [100.0 * row["linearised_change"][name] for row in values] for name in ours}
         theirs = {name: [100.0 * (printed[row["value"]][name] / TABLE_5_19[name] - 1.0) for row in values] for name in ours}
         caption = f"Relative change of the optimum over the prescribed difference (temperature of the {what} varied), as figure 5.33"
-        parts.append(figures.saved(pages, f"exp3-{what}", figures.reactions(difference, ours, theirs), caption))
+        parts.append(figures.saved(pages, f"exp3-{what}", figures.reactions(difference, ours, theirs, linear), caption))
     parts.append(
         "Agrees: kappa, alpha_air and alpha_clamp, which all carry heat, follow the prescribed difference; alpha_exp, c0 and beta hardly "
         "do; and only "

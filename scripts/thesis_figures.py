@@ -168,8 +168,12 @@ def dissipation(truth: Record, fitted: Mapping[str, tuple[int, Record]]) -> Figu
     return figure
 
 
-def reactions(difference: Sequence[float], change: Mapping[str, Sequence[float]], printed: Mapping[str, Sequence[float]]) -> Figure:
-    """Relative change of every parameter in % over the prescribed temperature difference: lines here, crosses in the thesis."""
+Changes = Mapping[str, Sequence[float]]
+"""Relative change in % by parameter, one value per prescribed temperature."""
+
+
+def reactions(difference: Sequence[float], change: Changes, printed: Changes, linearised: Changes) -> Figure:
+    """Relative change of every parameter over the prescribed difference: lines here, dotted as linearised, crosses in the thesis."""
     names = list(change)
     strong = [name for name in names if max(abs(v) for v in printed[name]) > 5.0]
     figure = new_figure(8.4, 3.4)
@@ -179,11 +183,12 @@ def reactions(difference: Sequence[float], change: Mapping[str, Sequence[float]]
     for number, name in enumerate(names):
         ax = axes[0 if name in strong else 1]
         ax.plot(x, np.asarray(change[name])[order], marker="o", color=COLOURS[number], label=name)
+        ax.plot(x, np.asarray(linearised[name])[order], linestyle=":", color=COLOURS[number])
         ax.plot(x, np.asarray(printed[name])[order], linestyle="none", marker="x", color=COLOURS[number])
     for ax, title in zip(axes, ("react strongly in the thesis", "react little in the thesis"), strict=True):
         ax.set_title(title)
         ax.set_xlabel("air - jaws in K")
         ax.xaxis.set_major_locator(MaxNLocator(6))
         ax.legend()
-    axes[0].set_ylabel("change in % (line: here, x: thesis)")
+    axes[0].set_ylabel("change in % (line: here, dotted: linearised,\nx: thesis)")
     return figure

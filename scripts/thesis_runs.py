@@ -89,10 +89,11 @@ RUNS = (
 """In the order in which they begin: the longest first, and every run behind the one that it takes over."""
 MESHES = {
     "quick": (
-        "mesh={n_x: 4, n_y: 28, n_z: 1}",
-        "simulate.mesh={n_x: 4, n_y: 32, n_z: 2}",
-        "simulate.dic={stages: 60}",
-        "simulate.ir={frames: 70}",
+        "mesh={n_x: 2, n_y: 16, n_z: 1}",
+        "simulate.mesh={n_x: 2, n_y: 16, n_z: 1}",
+        "simulate.dic={stages: 60, spacing: 2.0}",
+        "simulate.ir={frames: 50, image_shape: [150, 90]}",
+        "numerics.max_time_step=10.0",
     ),
     "coarse": ("mesh=coarse",),
     "full": ("mesh=full",),

@@ -82,8 +82,8 @@ def of_f(thermal: Record, printed: float) -> str:
 
 def document(title: str, place: Place, parts: Sequence[str], statements: Sequence[Statement]) -> str:
     """A page: what the data are, what holds, tables and figures."""
-    size = {"quick": "4 x 28 x 1", "coarse": "6 x 40 x 2", "full": "12 x 80 x 4"}[place.mesh]
-    made = "4 x 32 x 2" if place.mesh == "quick" else "10 x 72 x 3"
+    size = {"quick": "2 x 16 x 1", "coarse": "6 x 40 x 2", "full": "12 x 80 x 4"}[place.mesh]
+    made = "2 x 16 x 1" if place.mesh == "quick" else "10 x 72 x 3"
     head = (
         f"Written by `make thesis MESH={place.mesh}`. The data are virtual: files of force, image correlation and infrared camera with "
         "noise, rigid-body motion, compliance and slip of the machine and a turned camera, computed on a mesh of "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
+from pydantic import Field, StrictBool, Tag, model_validator
 
 from thermofit.core.parameters import param
 from thermofit.core.study_coupon import Coupon
@@ -17,6 +17,7 @@ from thermofit.core.study_search import GridSearch, Sensitivity
 from thermofit.core.study_section import (
     Count,
     Mesh,
+    ModelNumber,
     NonNegative,
     Number,
     ParameterSettings,
@@ -34,13 +35,6 @@ from thermofit.core.study_virtual import Simulate
 
 FROM_EXPERIMENT = ("theta_air", "theta_clamp", "theta_ref")
 """Parameters that need no start: thermocouples of the experiment give it."""
-
-
-def _no_truth_value(value: Any) -> Any:
-    """Python takes true for 1; the study must not."""
-    if isinstance(value, bool):
-        raise content_error(f"is {str(value).lower()}; expected 1 or 2")
-    return value
 
 
 class SpecimenOverride(Section):
@@ -201,7 +195,7 @@ class Sections(Section):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
     """Name of the study; letters, digits and _ . -"""
-    model: Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)] = 2
+    model: ModelNumber = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
     mesh: Mesh = "full"
     geometry: Geometry = Geometry()

@@ -102,6 +102,15 @@ def check_values(values: dict[str, float]) -> dict[str, float]:
     return values
 
 
+def _no_truth_value(value: Any) -> Any:
+    """Python takes true for 1; the study must not."""
+    if isinstance(value, bool):
+        raise content_error(f"is {str(value).lower()}; expected 1 or 2")
+    return value
+
+
+ModelNumber = Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)]
+"""Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
 ParameterValues = Annotated[dict[ParameterName, Number], AfterValidator(check_values)]
 """Named values, each inside the physical bounds."""
 

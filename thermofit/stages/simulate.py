@@ -34,6 +34,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     the forward model fails.
     """
     settings = _settings(study)
+    study = study.model_copy(update={"model": settings.model or study.model})
     task = job(study.run_dir, NAME, study.config_of("name", "model", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())

@@ -32,6 +32,7 @@ from thermofit.core.study_section import (
 )
 from thermofit.core.study_stages import StageName, Stages, StageSettings
 from thermofit.core.study_virtual import Simulate
+from thermofit.core.study_windows import Mask
 
 FROM_EXPERIMENT = ("theta_air", "theta_clamp", "theta_ref")
 """Parameters that need no start: thermocouples of the experiment give it."""
@@ -92,6 +93,8 @@ class Evaluation(Section):
     """`frames` (every infrared frame) or a list of times in s."""
     reference_time: NonNegative | None = None
     """Time t_0 of dtheta and of du in s (2.22), (2.23); null: the first observation, which must be before loading."""
+    mask: Mask = ()
+    """Regions that no stage sees: a scratch, a glare, a stage that failed."""
 
 
 class Force(Section):

@@ -17,10 +17,10 @@ from thermofit.core.study import Study
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.fem.body import Body
 from thermofit.fem.march import History, Watch
+from thermofit.identify.channels import reference_times
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, read_field
 from thermofit.identify.instruments import Instruments
-from thermofit.identify.model import reference_times
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
 from thermofit.measure.observation import FieldObservation
 

@@ -13,10 +13,11 @@ from dataclasses import replace
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.identify.channels import FIELDS, comparisons_of
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
-from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
+from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -53,15 +54,16 @@ def priors_of(data: Measured, free: Sequence[str]) -> tuple[Prior, ...]:
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:
     """StageModel of the joint stage on a mesh: all observations, one coupled run."""
+    needs_drive(study, settings.channels)
     observations: dict[str, FieldObservation] = {"u": data.displacement}
     if data.temperature is not None:
         observations["theta"] = data.temperature
-    if "force" in settings.channels:
+    if any(FIELDS[channel] == "force" for channel in settings.channels):
         observations["force"] = data.force
     steps: LoadSteps = steps_for(data, set(observations))
     run = run_of(study, data, size, steps, march_settings(study, "full"))
     samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
-    comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
+    comparisons = comparisons_of(settings, observations, study, data)
     prediction = JointPrediction(Instruments(run, samplers, observations, data.theta_air))
     model = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise)
     return replace(model, priors=priors_of(data, settings.free))

@@ -207,7 +207,7 @@ def covariance_of(model: StageModel, fit: FitResult) -> tuple[Covariance | None,
     """Covariance at an optimum with the correlation of the noise, or None and why not."""
     if fit.jacobian is None:
         return None, "no standard errors: the Jacobian at the optimum could not be formed"
-    noise: NoiseOperator | None = model.noise if any(c.noise is not None for c in model.comparisons) else None
+    noise: NoiseOperator | None = None if model.white else model.noise
     if model.segments is not None:
         noise = noise_operator(memories(fit.residual, model.segments))
     try:

@@ -36,6 +36,7 @@ from thermofit.measure.noise import displacement_noise, temperature_noise
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.observation_points import ObservationPoints, observation_points
 from thermofit.measure.raw import read_experiment
+from thermofit.measure.selection import masked
 
 NAME = "interpolate"
 CALIBRATE = "calibrate-ir"
@@ -79,11 +80,12 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     nodal = interpolate_displacements(experiment.dic, points.xy)
     summary: dict[str, Any] = {}
-    displacement = _displacement(study, experiment.dic, nodal, points, summary)
+    mask = study.evaluation.mask
+    displacement = masked(_displacement(study, experiment.dic, nodal, points, summary), mask, "evaluation.mask")
     fields, temperature = [displacement], None
     if calibrated is not None:
         record = read_record(calibrated, CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
-        temperature = _temperature(study, record, nodal, (points, specimen), summary)
+        temperature = masked(_temperature(study, record, nodal, (points, specimen), summary), mask, "evaluation.mask")
         fields.append(temperature)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)

@@ -30,10 +30,10 @@ XY = np.stack([X.ravel(), Y.ravel()], axis=1)
 NUMERICS = "numerics: {threads: 1, newton_tolerance: 1.0e-9, coupling_tolerance: 1.0e-6}\n"
 
 
-def study(extra: str = "", values: dict[str, float] | None = None) -> Study:
+def study(extra: str = "", values: dict[str, float] | None = None, raw: str = "experiment: raw") -> Study:
     """A study on a folder that does not exist, all parameters at their truth."""
     starts = ", ".join(f"{name}: {value!r}" for name, value in (values or TRUTH).items())
-    text = f"name: small\nexperiment: raw\nmesh: {{n_x: 1, n_y: 8, n_z: 1}}\nparameters: {{{starts}}}\n{NUMERICS}{extra}"
+    text = f"name: small\n{raw}\nmesh: {{n_x: 1, n_y: 8, n_z: 1}}\nparameters: {{{starts}}}\n{NUMERICS}{extra}"
     with TemporaryDirectory() as folder:
         path = Path(folder) / "study.yaml"
         path.write_text(text, encoding="utf-8")

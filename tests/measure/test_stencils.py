@@ -10,7 +10,7 @@ from thermofit.core.study_windows import Region
 from thermofit.measure.comparison import RelativeScheme, neighbour_differences
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.selection import inside, masked
-from thermofit.measure.stencils import differences, neighbours, planes
+from thermofit.measure.stencils import differences, neighbours
 from thermofit.measure.strain import StrainScheme, strains
 
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 7), np.linspace(-20.0, 20.0, 11))

@@ -18,10 +18,8 @@ def each(study: Study, name: str, run: Run, applies: Callable[[Study], bool], *,
     `applies` says of the study of one experiment whether the stage has anything to do there. Fresh where all of them are.
     """
     if not study.fitted:
-        for held in study.held_out:
-            if applies(study.one_of(held)):
-                run(study.one_of(held), force=force)
-        return run(study.alone, force=force)
+        others = [run(study.one_of(held), force=force) for held in study.held_out if applies(study.one_of(held))]
+        return run(study.alone, force=force) if applies(study.alone) or not others else others[-1]
     names = [n for n in (*study.fitted, *study.held_out) if applies(study.one_of(n))]
     outcomes = [run(study.one_of(n), force=force) for n in names]
     inputs = {f"{name}@{n}": artefact_path(study.run_dir / n, name) for n in names}

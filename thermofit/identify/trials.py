@@ -16,9 +16,9 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.fit.result import FitResult
 from thermofit.identify.model import StageModel
+from thermofit.identify.several import feasible
 from thermofit.identify.solve import ModelOn, Solved, merged_counts, solve
 from thermofit.identify.stage import Ready
-from thermofit.identify.start import feasible_start
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def attempt(study: Study, stage: Ready, model_on: ModelOn, given: Mapping[str, f
     """Solve the stage with the given values over those of the study; a NumericsError becomes the trial's failure."""
     base = stage.base.replace(**given)
     try:
-        start, remark = feasible_start(study, stage.data, base)
+        start, remark = feasible(study, stage.data, base)
         return Trial(given, solve(study, stage.settings, start, model_on, kept), "", remark)
     except NumericsError as error:
         return Trial(given, None, str(error))

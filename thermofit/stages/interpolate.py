@@ -15,6 +15,7 @@ from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_each import each
 from thermofit.core.study_section import mesh_size
 from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.coupon_inputs import interpolated
@@ -51,6 +52,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     Of coupons: their records as read, with noise and phases. Temperatures need the artefact of `calibrate-ir` where the experiment has
     infrared frames (StudyError names the command).
     """
+    if study.experiments:
+        return each(study, NAME, run, lambda one: True, force=force)
     if study.coupon is not None:
         files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
         return produce(job(study.run_dir, NAME, study.config_of("coupon"), files), lambda: interpolated(study), force=force)

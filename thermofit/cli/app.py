@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit import __version__
-from thermofit.cli import measured
+from thermofit.cli import judging, measured
 from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, NECKING_ORDER, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, on_study
@@ -148,6 +148,9 @@ def _lazy(name: str) -> Callable[..., Outcome]:
 
 for _entry in (*STAGES, *ASIDE):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
+
+
+judging.register(app, stage_function, _announce)
 
 
 @app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")

@@ -13,6 +13,7 @@ from thermofit.core.study_diagnosis import Diagnosis
 from thermofit.core.study_errors import content_error
 from thermofit.core.study_experiments import Experiments, check_experiments
 from thermofit.core.study_geometry import Geometry, StaticTest
+from thermofit.core.study_literature import Candidates, LiteratureValues, check_literature
 from thermofit.core.study_necking import Necking
 from thermofit.core.study_section import (
     Count,
@@ -243,6 +244,10 @@ class Sections(Section):
     """Several tests that share the material parameters, by name; with held_out: true one that is predicted, not fitted."""
     shared: Annotated[tuple[ParameterName, ...], AfterValidator(no_repeats)] = ()
     """Boundary and measurement parameters that are the same in all experiments."""
+    literature: LiteratureValues
+    """Published values by parameter, or c_p: a number, a range [low, high], or {value: ..., sigma: ..., source: ...}."""
+    compare: Candidates
+    """Other models of the same data, by name, for `thermofit compare`."""
     necking: Necking | None = None
     """A necking test without force, alone in its study: the hardening law from equal force through all cross-sections."""
 
@@ -251,6 +256,7 @@ class Sections(Section):
         """Starts, truth and grid are physical, and every stage that the study lists has its starts."""
         starts = {name: start_of(setting) for name, setting in self.parameters.items()}
         _check_several(self)
+        check_literature(self.literature)
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
         _check_hardening(starts, "parameters.M_yinf")

@@ -91,7 +91,7 @@ stages:
 
 # literature: {E: [67000, 74000], c_p: {value: 2.43, sigma: 0.05, source: handbook}}   # shown beside what is found
 # compare: {model-1: {model: 1}}               # other models of the same data, for `thermofit compare`
-# experiments: {}                              # further tests by name: {other: {experiment: FOLDER, held_out: true}}, `validate` predicts it
+# experiments: {}                              # further tests by name: {other: {experiment: FOLDER, held_out: true}} is predicted
 # shared: []                                  # boundary and measurement parameters that are the same in all experiments
 # gridsearch:                                  # the same stage from other starts
 #   stage: thermal

@@ -28,7 +28,7 @@ from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model
 from thermofit.identify.inputs import Measured, with_identified
-from thermofit.identify.joint import NUISANCES, joint_free, joint_model, joint_settings
+from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings
 from thermofit.identify.model import StageModel
 from thermofit.identify.several import Part, Several, expanded, several_model
 from thermofit.identify.stage import Data, data_of, start_of
@@ -119,11 +119,16 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
     model = joint_of(own, data, settings, base)
     keyed = replace(task, config={**task.config, "candidate": {"name": name, **candidate.model_dump(mode="json")}})
     try:
-        parameters, fit = JointFit(own, settings, model, keyed)(base, name)
+        parameters, fit = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))(base, name)
     except NumericsError as error:
         raise NumericsError(f"candidate '{name}': {error}") from error
     residual, columns = model.linearised(parameters, free)
     return Contender(name, own, parameters, fit, model, residual, columns)
+
+
+def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | None:
+    """Where displacements and temperatures of one body can be approached on their own."""
+    return Joint(study, data, settings, diagnosis_mesh(study)) if isinstance(data, Measured) else None
 
 
 def _started(base: Parameters, candidate: Candidate, free: Sequence[str]) -> Parameters:

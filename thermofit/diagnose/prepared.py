@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.artefact import open_record
-from thermofit.core.errors import UntrustworthyError
+from thermofit.core.errors import StudyError, UntrustworthyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
@@ -25,7 +25,7 @@ from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model, offsets
 from thermofit.identify.coupon_sensor import SENSOR
 from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
-from thermofit.identify.joint import NUISANCES, joint_free, joint_model, joint_settings, station_names
+from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings, station_names
 from thermofit.identify.model import StageModel
 from thermofit.measure.stations import INFRARED
 
@@ -54,6 +54,12 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
 
     StudyError where a record is missing (names its command); UntrustworthyError where a fit has not converged.
     """
+    if study.fitted:
+        others = ", ".join(study.fitted[1:]) or "the others"
+        raise StudyError(
+            f"{study.source.name}: {name} traces the residual of one fitted experiment, but {len(study.fitted)} are fitted under 'experiments'; "
+            f"name the one as 'experiment' and set held_out: true for {others}"
+        )
     stages = identified_stages(study)
     inputs: dict[str, Path] = {name: artefact_path(study.run_dir, name) for name in (INTERPOLATE, *stages)}
     for stage in stages:
@@ -82,6 +88,7 @@ class _Joint:
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
     size: MeshSize
+    parts: Joint | None = None
 
 
 def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
@@ -91,11 +98,12 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     scores are those after a joint step of all fitted parameters in any case.
     """
     joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
-    refit = JointFit(study, joint.settings, joint.model, task)
+    refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
     parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
     if not fit.converged:
         parameters = joint.base
-    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None)
+    scored = None if joint.parts is None else joint.parts.scored
+    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None, scored)
     finer, share = joint.finer()
     error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
     return Prepared(case, fit, refit, error, joint.size)
@@ -108,14 +116,16 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
     finer = MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
+    joint = Joint(study, data, settings, size)
     return _Joint(
         settings,
         base.with_free(free),
-        joint_model(study, data, settings, size),
+        joint.model,
         lambda: (joint_model(study, data, settings, finer), 1.0 - FINER**-2),
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
         size,
+        joint,
     )
 
 

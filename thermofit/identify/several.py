@@ -6,7 +6,7 @@ test is modelled as if it were alone, with the parameters as they read for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -94,6 +94,13 @@ def expanded(free: Sequence[str], data: Several) -> tuple[str, ...]:
     for name in free:
         out += [f"{name}{AT}{part.name}" for part in data.parts] if name in data.own else [name]
     return tuple(dict.fromkeys(out))
+
+
+def spread(values: Mapping[str, float], data: object) -> dict[str, float]:
+    """Given values by the names of the joint fit: what each experiment has for itself gets the value in each."""
+    if not isinstance(data, Several):
+        return dict(values)
+    return {full: value for name, value in values.items() for full in expanded([name], data)}
 
 
 def seen_by(parameters: Parameters, part: str) -> Parameters:

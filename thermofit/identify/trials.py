@@ -16,7 +16,7 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.fit.result import FitResult
 from thermofit.identify.model import StageModel
-from thermofit.identify.several import feasible
+from thermofit.identify.several import feasible, spread
 from thermofit.identify.solve import ModelOn, Solved, merged_counts, solve
 from thermofit.identify.stage import Ready
 
@@ -64,7 +64,7 @@ def trial_job(task: Job, stage: Ready, label: str) -> Job:
 
 def attempt(study: Study, stage: Ready, model_on: ModelOn, given: Mapping[str, float], kept: Job) -> Trial:
     """Solve the stage with the given values over those of the study; a NumericsError becomes the trial's failure."""
-    base = stage.base.replace(**given)
+    base = stage.base.replace(**spread(given, stage.data))
     try:
         start, remark = feasible(study, stage.data, base)
         return Trial(given, solve(study, stage.settings, start, model_on, kept), "", remark)

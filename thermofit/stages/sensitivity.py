@@ -19,6 +19,7 @@ from thermofit.core.study_models import Sensitivity
 from thermofit.identify.inputs import with_identified
 from thermofit.identify.model import THERMAL
 from thermofit.identify.outcome import made
+from thermofit.identify.several import own_names
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, model_maker, ready
 from thermofit.identify.trials import Trial, attempt, optima, shared_models, total_counts, trial_datasets, trial_job, trial_summary
@@ -36,6 +37,11 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     """
     if study.sensitivity is None:
         raise StudyError(f"{study.source.name}: key 'sensitivity' is missing: add its stage, quantity and values, see `thermofit new`")
+    if study.fitted and study.sensitivity.quantity in own_names(study):
+        raise StudyError(
+            f"{study.source.name}: key 'sensitivity.quantity' is {study.sensitivity.quantity}, which every experiment has for itself; name "
+            f"one of them, such as {study.sensitivity.quantity}@{study.fitted[0]}"
+        )
     stage = _warm(study, study.sensitivity)
     task = job(study.run_dir, NAME, {**stage.config, **study.config_of("sensitivity")}, stage.inputs)
     outcome = produce(task, lambda: _make(study, stage, task), force=force)

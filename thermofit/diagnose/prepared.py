@@ -57,8 +57,8 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
     if study.fitted:
         others = ", ".join(study.fitted[1:]) or "the others"
         raise StudyError(
-            f"{study.source.name}: {name} traces the residual of one fitted experiment, but {len(study.fitted)} are fitted under 'experiments'; "
-            f"name the one as 'experiment' and set held_out: true for {others}"
+            f"{study.source.name}: {name} traces the residual of one fitted experiment, but {len(study.fitted)} are fitted under "
+            f"'experiments'; name the one as 'experiment' and set held_out: true for {others}"
         )
     stages = identified_stages(study)
     inputs: dict[str, Path] = {name: artefact_path(study.run_dir, name) for name in (INTERPOLATE, *stages)}

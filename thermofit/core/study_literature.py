@@ -78,4 +78,5 @@ class Candidate(Section):
     """Effects, or parameters, that are fitted as well: [rate_power] or [H_lin]."""
 
 
-Candidates = Annotated[dict[str, Candidate], Field(default={})]
+CandidateName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+Candidates = Annotated[dict[CandidateName, Candidate], Field(default={})]

@@ -34,6 +34,7 @@ OTHER_PROGRAMME = [
 
 def tree(run_dir: Path) -> dict[str, Any]:
     whole = tiny.tree(run_dir)
+    whole["parameters"]["kappa"] = 133.0
     whole["parameters"]["alpha_air"] = {"start": 25.0, "bounds": [0.0, 200.0]}
     whole["stages"] = {"thermal": {"free": ["alpha_exp", "c0", "beta", "alpha_air"]}}
     whole["experiments"] = {

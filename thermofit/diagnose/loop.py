@@ -139,6 +139,8 @@ def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) ->
         return parameters, fit, f"{held}: the refit with them free failed ({error})"
     if fit.f - after.f <= WORTH_AN_EXPONENT:
         return parameters, fit, f"{held}: freeing them gains nothing"
+    if not set(scanned) <= set(free.free):
+        return free, after, "at " + ", ".join(f"{n} = {free[n]:.3g}" for n in scanned) + ", which the data do not determine further"
     return free, after, "fitted" if after.converged else "fitted, but not settled"
 
 

@@ -16,8 +16,8 @@ from thermofit.core.progress import progress
 from thermofit.core.staging import Job, Made, Outcome, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_models import Sensitivity
+from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import with_identified
-from thermofit.identify.model import THERMAL
 from thermofit.identify.outcome import made
 from thermofit.identify.several import own_names
 from thermofit.identify.solve import discard_checkpoints
@@ -77,7 +77,7 @@ def _make(study: Study, stage: Ready, task: Job) -> Made:
 
 def _thermal_only(stage: Ready, quantity: str) -> bool:
     """True where neither the quantity nor a free parameter reaches the mechanics of a one-way stage."""
-    return stage.settings.coupling == "one-way" and quantity in THERMAL and set(stage.settings.free) <= set(THERMAL)
+    return stage.settings.coupling == "one-way" and {quantity, *stage.settings.free} <= thermal_names()
 
 
 def _given(study: Study, quantity: str, value: float) -> dict[str, float]:

@@ -158,6 +158,23 @@ ASIDE: tuple[Entry, ...] = (
 SPREAD: frozenset[str] = frozenset(entry.name for entry in (*STAGES, *ASIDE) if entry.spread)
 """Commands that --jobs and --scheduler spread."""
 
+VALIDATE = Entry(
+    "validate",
+    TRUST,
+    "Predict an experiment that no fit has seen.",
+    "Every experiment (or record of a coupon) with held_out: true, and every raw folder named with --experiment, is predicted with the "
+    "parameters that were identified on the others, in one coupled run, and judged by its noise, as `verify` judges fitted data.",
+    "validate study.yaml --experiment lab/test-08",
+)
+COMPARE = Entry(
+    "compare",
+    TRUST,
+    "Models side by side on the same data: which one?",
+    "The model of the study, the candidates of its section 'compare' (model 1 or 2, with or without effects) and those of further "
+    "studies of the same data are fitted to all channels at once: error, held-out error, AIC and BIC with an honest number of data.",
+    "compare study.yaml --set 'compare={model-1: {model: 1}}'",
+)
+
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
 ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")

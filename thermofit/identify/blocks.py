@@ -6,8 +6,9 @@ import numpy as np
 
 from thermofit.fit.bootstrap import Blocks
 from thermofit.fit.memory import tapered_correlation
+from thermofit.identify.channels import field_of
 from thermofit.identify.correlated import correlogram
-from thermofit.identify.model import StageModel, field_of
+from thermofit.identify.model import StageModel
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 

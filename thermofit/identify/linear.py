@@ -19,8 +19,9 @@ from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.result import ON_BOUND
 from thermofit.fit.settings import Settings
 from thermofit.identify.blocks import residual_blocks
+from thermofit.identify.channels import field_of
 from thermofit.identify.joint import THERMOCOUPLE
-from thermofit.identify.model import StageModel, field_of
+from thermofit.identify.model import StageModel
 from thermofit.identify.solve import DIFFERENCE_STEP, noise_of, stage_problem
 
 PRESCRIBED = ("theta_clamp", "theta_air")
@@ -71,8 +72,8 @@ class Linear:
 
     @property
     def error(self) -> np.ndarray:
-        """What shows the memory of records (n,): the residual of each block against the fit to all others. In the residual of the fit itself
-        the slow errors are missing that the parameters could follow."""
+        """What shows the memory of records (n,): the residual of each block against the fit to all others. In the residual of the fit
+        itself the slow errors are missing that the parameters could follow."""
         if self.before or self.model.segments is None:
             return self.residual
         blocks = residual_blocks(self.model, self.residual)

@@ -219,7 +219,7 @@ def noise_of(model: StageModel, residual: np.ndarray) -> NoiseOperator | None:
     """Correlation of the residual at an optimum: as it is over time for records, else as the comparisons put it in; None where white."""
     if model.segments is not None:
         return noise_operator(memories(residual, model.segments))
-    return model.noise if any(c.noise is not None for c in model.comparisons) else None
+    return None if model.white else model.noise
 
 
 def merged_counts(*fits: FitResult | None) -> Mapping[str, float]:

@@ -13,6 +13,7 @@ from thermofit.core.parameters import NAMES, Parameters, param
 from thermofit.core.progress import progress
 from thermofit.core.staging import Made, Outcome, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_each import each
 from thermofit.core.study_section import MeshSize, mesh_size
 from thermofit.core.study_virtual import Simulate
 from thermofit.fem.body import Body, tension_body
@@ -33,6 +34,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     StudyError where the study describes no virtual experiment or the material cannot carry its programme; NumericsError where
     the forward model fails.
     """
+    if study.experiments:
+        return each(study, NAME, run, lambda one: one.virtual, force=force)
     settings = _settings(study)
     study = study.model_copy(update={"model": settings.model or study.model})
     task = job(study.run_dir, NAME, study.config_of("name", "model", "material_axes", "simulate", "numerics"), {})

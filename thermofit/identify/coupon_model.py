@@ -21,6 +21,7 @@ from thermofit.fit.memory import memories
 from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
+from thermofit.identify.missing_coupon import CouponMissing
 from thermofit.identify.model import StageModel, field_of
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
@@ -210,6 +211,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         False,
         linearise,
         segments(comparisons, data),
+        missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen)),
     )
 
 

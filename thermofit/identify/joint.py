@@ -16,6 +16,7 @@ from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
+from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
 from thermofit.measure.observation import FieldObservation
 
@@ -64,4 +65,4 @@ def joint_model(study: Study, data: Measured, settings: StageSettings, size: Mes
     comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
     prediction = JointPrediction(Instruments(run, samplers, observations, data.theta_air))
     model = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise)
-    return replace(model, priors=priors_of(data, settings.free))
+    return replace(model, priors=priors_of(data, settings.free), missing=BodyMissing(prediction.instruments, {}))

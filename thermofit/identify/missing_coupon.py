@@ -77,6 +77,32 @@ class CouponMissing:
         shown = self.run(parameters, test).theta_sensor[:, None]
         return np.stack([seen_along(shown, column[:, None], scene, links, parameters)[:, 0] for column in theta.T], axis=1)
 
+    def yielding(self, parameters: Parameters, variable: str, steps: tuple[np.ndarray, float]) -> np.ndarray:
+        """Change (n_t, 1, 1, m) of the stress by steps of one MPa of the yield stress at edges of a state variable; steps = (edges, width).
+
+        While the coupon flows the stress follows the yield stress; while it does not, the change stays, because the plastic strain does.
+        """
+        edges, width = steps
+        parts = []
+        for test in self.tests:
+            own, history = self.of_test(parameters, test), self.run(parameters, test)
+            z = (yield_variable(history, variable)[:, None] - edges) / width
+            stretch = (1.0 + history.strain) * np.sqrt(own["F"] + own["H"])
+            value = np.sign(history.stress)[:, None] * smooth_step(z) / stretch[:, None]
+            flows = np.append(False, np.diff(history.accumulated) > 0.0)
+            last = np.maximum.accumulate(np.where(flows, np.arange(len(flows)), -1))
+            parts.append(np.where(last[:, None] >= 0, value[np.maximum(last, 0)], 0.0))
+        return np.concatenate(parts)[:, None, None, :]
+
+    def yield_variables(self, parameters: Parameters, variable: str) -> np.ndarray:
+        """Values of a state variable wherever a coupon flows."""
+        found = []
+        for test in self.tests:
+            history = self.run(parameters, test)
+            flows = np.append(False, np.diff(history.accumulated) > 0.0)
+            found.append(yield_variable(history, variable)[flows])
+        return np.concatenate(found)
+
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Not known of a coupon."""
         return None
@@ -117,3 +143,18 @@ def lumped(time: np.ndarray, power: np.ndarray, c0: float, tau: float) -> np.nda
         held = lost * tau / dt
         out[n + 1] = out[n] * decay + 0.5 * (power[n] + power[n + 1]) * dt * held / c0
     return out
+
+
+def smooth_step(z: np.ndarray) -> np.ndarray:
+    """From 0 to 1 around z = 0, algebraic, so that no argument overflows."""
+    return np.asarray(0.5 + 0.5 * z / np.sqrt(1.0 + z * z))
+
+
+def yield_variable(history: PointHistory, variable: str) -> np.ndarray:
+    """A state variable (n_t,) of a run that a yield stress may depend on."""
+    if variable == "accumulated plastic strain":
+        return history.accumulated
+    if variable == "temperature":
+        return history.theta
+    rate = np.append(0.0, np.diff(history.accumulated) / np.diff(history.time))
+    return np.asarray(np.log(1e-12 + np.maximum(rate, 0.0)))

@@ -82,9 +82,9 @@ def _before_after(console: Console, before: Mapping[str, Any], after: Mapping[st
 def _unlisted(console: Console, said: Mapping[str, Any]) -> None:
     """What no effect of the catalogue explains: place, window, strength, error with the reconstructed term, hints, files."""
     listed = said["best_listed"]
-    explained = (
-        "no listed effect explains any of it" if listed is None else f"{listed['effect']} explains {100 * listed['explains']:.0f} % of it"
-    )
+    explained = "no listed effect explains any of it"
+    if listed is not None:
+        explained = f"{listed['effect']} explains {100 * listed['explains']:.0f} % of it"
     if said["where"] is None:
         console.print(f"unlisted  in {said['channel']}; {explained}", soft_wrap=True)
         return

@@ -156,9 +156,11 @@ def _volumes(case: Case, hat: Basis) -> np.ndarray | None:
 
 
 def _hints(here: Traced, term: Field) -> tuple[Hint, ...]:
-    """What the term goes with."""
+    """What the term goes with where it is: over the hats that were chosen."""
     grid, missing = term.basis.grid, here.case.model.missing
     assert missing is not None
-    states = missing.states(here.case.parameters, grid)
-    flat = term.values.reshape(len(grid.time), grid.places, grid.components)
+    near = np.zeros(grid.places, dtype=bool)
+    near[np.unravel_index(term.basis.chosen, (len(grid.time), grid.places, grid.components))[1]] = True
+    states = {name: value[:, near] for name, value in missing.states(here.case.parameters, grid).items()}
+    flat = term.values.reshape(len(grid.time), grid.places, grid.components)[:, near]
     return hints(flat[:, :, 0] if grid.components == 1 else np.linalg.norm(flat, axis=2), states, grid.time, here.case.spans)

@@ -13,11 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.identify.missing import Grid
 
-WEIGHTS = tuple(10.0**k for k in np.arange(-7.0, 3.01, 0.5))
+WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""
 SIZE = 0.03
 """Weight of q itself among the differences."""
@@ -104,7 +105,9 @@ def field_of(known: Known, basis: Basis, rows: Rows, split: Split) -> Field:
             best = (error, weight * unit, after)
     assert best is not None
     _, weight, after = best
-    step, inverse = _step(system.gram, system.right, system.rough, weight, system.p)
+    step = _step((system.gram, system.right), system.rough, weight, system.p)
+    whole, scale = _scaled(system.gram, system.rough, weight, system.p)
+    inverse = np.linalg.pinv(whole, rcond=_RANK, hermitian=True) * scale[:, None] * scale[None, :]
     residual = known[0] + system.fitted @ step[: system.p]
     residual[basis.rows] += basis.columns @ step[system.p :]
     spread = (inverse @ system.gram @ inverse)[system.p :, system.p :]
@@ -137,6 +140,8 @@ class _System:
         return self.gram - gram, self.right - right
 
 
+Normal = tuple[np.ndarray, np.ndarray]
+"""Normal matrix and right-hand side."""
 Fold = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -149,7 +154,7 @@ def _predicted(system: _System, folds: list[Fold], weight: float | None) -> np.n
         if weight is None:
             step = np.append(-np.linalg.pinv(gram[:p, :p], rcond=_RANK, hermitian=True) @ right[:p], np.zeros(len(right) - p))
         else:
-            step, _ = _step(gram, right, system.rough, weight, p)
+            step = _step((gram, right), system.rough, weight, p)
         value = system.residual + system.fitted @ step[:p]
         out[held] = value[held]
         if weight is not None:
@@ -158,13 +163,22 @@ def _predicted(system: _System, folds: list[Fold], weight: float | None) -> np.n
     return out
 
 
-def _step(gram: np.ndarray, right: np.ndarray, rough: np.ndarray, weight: float, p: int) -> tuple[np.ndarray, np.ndarray]:
-    """Step (p + m,) and the inverse of the regularised normal matrix."""
+def _step(system: Normal, rough: np.ndarray, weight: float, p: int) -> np.ndarray:
+    """Step (p + m,); directions that nothing feels stay where they are."""
+    whole, scale = _scaled(system[0], rough, weight, p)
+    right = -scale * system[1]
+    try:
+        return np.asarray(scale * cho_solve(cho_factor(whole), right))
+    except LinAlgError:
+        return np.asarray(scale * (np.linalg.pinv(whole, rcond=_RANK, hermitian=True) @ right))
+
+
+def _scaled(gram: np.ndarray, rough: np.ndarray, weight: float, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Regularised normal matrix with ones on its diagonal, and the scale of every unknown."""
     whole = gram.copy()
     whole[p:, p:] += weight * rough
     scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    inverse = np.linalg.pinv(whole * scale[:, None] * scale[None, :], rcond=_RANK, hermitian=True) * scale[:, None] * scale[None, :]
-    return np.asarray(-inverse @ right), np.asarray(inverse)
+    return whole * scale[:, None] * scale[None, :], scale
 
 
 Whiten = Callable[[np.ndarray], np.ndarray]

@@ -60,8 +60,7 @@ def described(study: Study, here: Traced, found: Unlisted | None) -> dict[str, A
 
 
 def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:
-    """A summary of `diagnose` or `close-loop` with the entry `unlisted`; an answer that leaves structure unexplained is not the whole answer
-    (exit code 5)."""
+    """A summary of `diagnose` or `close-loop` with the entry `unlisted`; what leaves structure unexplained is not trusted (exit code 5)."""
     if said is None:
         return {**summary, "unlisted": None}
     return {**summary, "unlisted": said, "trustworthy": False, "verdict": f"{summary['verdict']}; unlisted: {in_words(said)}"}
@@ -69,13 +68,13 @@ def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[
 
 def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
-    share = (
-        f"{100 * said['excess_share']:.0f} % of the square sum of {said['channel']} hangs together and no listed effect explains half of it"
-    )
+    part = f"{100 * said['excess_share']:.0f} %"
+    share = f"{part} of the square sum of {said['channel']} hangs together and no listed effect explains half of it"
     if said["where"] is None:
         return share
     a, b = said["when_s"]
-    return f"a {said['kind']} of {number(said['mean_in_window'])} {said['unit']} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
+    size = f"{number(said['mean_in_window'])} {said['unit']}"
+    return f"a {said['kind']} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
 
 
 def place_in_words(where: dict[str, Any]) -> str:

@@ -32,8 +32,8 @@ COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement"
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
-MOST_NUMBERS = 4e7
-"""Largest number of entries of a table of answers."""
+MOST_HATS = 320
+"""Most hats of a term whose place is known."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,11 @@ def _term(here: Traced, structure: Structure) -> Field | None:
         return None
     if kind != "heat" or coupon:
         return whole
-    near = compact(whole.values)
-    finer = replace(missing.grid(kind, (IN_TIME, *counts[1:])), x=grid.x, y=grid.y)
+    near = compact(whole.values, whole.sigma)
+    in_time = min(IN_TIME, MOST_HATS // int(near.sum()))
+    if in_time <= counts[0]:
+        return whole
+    finer = replace(missing.grid(kind, (in_time, *counts[1:])), x=grid.x, y=grid.y)
     chosen = np.flatnonzero(np.broadcast_to(near[None, :, :, None], finer.shape).ravel())
     close = solved(here, basis(here, structure, kind, finer, chosen))
     worse = np.nanmean(close.after[close.basis.rows] ** 2) - np.nanmean(whole.after[whole.basis.rows] ** 2)

@@ -20,7 +20,7 @@ from thermofit.identify.missing import Grid
 
 WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""
-SIZE = 0.03
+SIZE = 0.002
 """Weight of q itself among the differences."""
 _RANK = 1e-10
 
@@ -63,6 +63,11 @@ class Field:
     def values(self) -> np.ndarray:
         """Coefficients (n_k, n_y, n_x, n_c)."""
         return self.basis.full(self.q)
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """Their standard errors, (n_k, n_y, n_x, n_c)."""
+        return self.basis.full(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
 def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE) -> np.ndarray:

@@ -17,7 +17,7 @@ HALF = 0.5
 @dataclass(frozen=True)
 class Place:
     """Centroid and extent (standard deviation) in mm, time window s; `time` (n_k,) s and `strength` (n_k,) with its standard error: power
-    in mW where volumes are known, else the mean coefficient; `size`: mean of strength in the window; `total`: its integral."""
+    in mW where volumes are known, else the mean coefficient; `size`: mean of strength in the window; `total`: its integral over it."""
 
     centroid: tuple[float, float]
     extent: tuple[float, float]
@@ -29,12 +29,15 @@ class Place:
     total: float
 
 
-def compact(values: np.ndarray) -> np.ndarray:
-    """Places (n_y, n_x) of the patch that holds the largest rms over time of values (n_k, n_y, n_x, n_c), and hangs together above KEPT."""
-    size = np.sqrt(np.mean(np.sum(values**2, axis=3), axis=0))
-    strong = size >= KEPT * size.max()
+def compact(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Places (n_y, n_x) of the patch that stands out most from its standard error, and hangs together: there the rms over time of values
+    (n_k, n_y, n_x, n_c), both as it is and over that of sigma (same shape), is above KEPT of the largest."""
+    size, noise = (np.sqrt(np.mean(np.sum(v**2, axis=3), axis=0)) for v in (values, sigma))
+    clear = size / np.maximum(noise, 1e-300)
+    strong = (size >= KEPT * size.max()) & (clear >= KEPT * clear.max())
+    top = np.unravel_index(int(np.argmax(np.where(strong, clear, 0.0))), size.shape)
     found = np.zeros_like(strong)
-    found[np.unravel_index(int(np.argmax(size)), size.shape)] = True
+    found[top] = True
     for _ in range(strong.size):
         grown = found.copy()
         for dy in (-1, 0, 1):
@@ -72,11 +75,10 @@ def place_of(field: Field, volumes: np.ndarray | None) -> Place:
     share = mean / max(float(mean.sum()), 1e-300)
     cx, cy = float(share @ x), float(share @ y)
     extent = (float(np.sqrt(share @ (x - cx) ** 2)), float(np.sqrt(share @ (y - cy) ** 2)))
-    total = float(np.trapezoid(strength, grid.time))
     length = window[1] - window[0]
     clipped = np.linspace(window[0], window[1], 200)
     size = float(np.mean(np.interp(clipped, grid.time, strength))) if length > 0.0 else float(strength[np.argmax(np.abs(strength))])
-    return Place((cx, cy), extent, window, grid.time, strength, sigma, size, total)
+    return Place((cx, cy), extent, window, grid.time, strength, sigma, size, size * length)
 
 
 def _sigma(field: Field, weights: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
+from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, loop_summary
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import diagnosis_job, prepared
@@ -31,7 +32,9 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         closed, missing = ended(closed, found.refit, found.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
-        summary = with_unlisted(loop_summary(found, closed, study.run_dir / STUDY), described(study, closed.last, missing))
+        summary = decided(
+            with_unlisted(loop_summary(found, closed, study.run_dir / STUDY), described(study, closed.last, missing)), closed.last
+        )
         return Made({**diagnosis_datasets(closed.last), **unlisted_datasets(missing)}, summary, parameters)
 
     outcome = produce(task, make, force=force)

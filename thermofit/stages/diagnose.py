@@ -5,6 +5,7 @@ from __future__ import annotations
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
+from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
 from thermofit.diagnose.prepared import diagnosis_job, prepared
 from thermofit.diagnose.trace import traced
@@ -27,7 +28,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found = prepared(study, task, stages)
         here = traced(found.case, found.numerical, study.diagnosis.held_out)
         missing = unlisted(here, found.numerical)
-        summary = with_unlisted(diagnosis_summary(found, here), described(study, here, missing))
+        summary = decided(with_unlisted(diagnosis_summary(found, here), described(study, here, missing)), here)
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
 

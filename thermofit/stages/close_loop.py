@@ -32,9 +32,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         closed, missing = ended(closed, found.refit, found.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
-        summary = decided(
-            with_unlisted(loop_summary(found, closed, study.run_dir / STUDY), described(study, closed.last, missing)), closed.last
-        )
+        told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last)
+        summary = with_unlisted(told, described(study, closed.last, missing))
         return Made({**diagnosis_datasets(closed.last), **unlisted_datasets(missing)}, summary, parameters)
 
     outcome = produce(task, make, force=force)

@@ -28,7 +28,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found = prepared(study, task, stages)
         here = traced(found.case, found.numerical, study.diagnosis.held_out)
         missing = unlisted(here, found.numerical)
-        summary = decided(with_unlisted(diagnosis_summary(found, here), described(study, here, missing)), here)
+        summary = with_unlisted(decided(diagnosis_summary(found, here), here), described(study, here, missing))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
 

@@ -96,10 +96,10 @@ def test_the_effect_file_holds_the_source(tmp_path: Path) -> None:
     theta = np.zeros_like(MODEL.x)
     power = np.stack([module.heat_source(theta, theta, theta, float(t), MODEL.x, MODEL.y, 1.0) for t in middle])
     assert np.all(module.heat_source(theta, theta, theta, 50.0, MODEL.x, MODEL.y, 0.0) == 0.0)
-    warmed = MODEL.run(here.case.parameters, power[:, :, None])[:, :, 0]
+    warmed = MODEL.run(found.parameters, power[:, :, None])[:, :, 0]
     missing = here.case.model.missing
     assert missing is not None
-    expected = missing.answers("heat", here.case.parameters, grid, found.field.basis.chosen)[:, :, 0, :] @ found.field.q
+    expected = missing.answers("heat", found.parameters, grid, found.field.basis.chosen)[:, :, 0, :] @ found.field.q
     assert np.abs(warmed - expected).max() < 1e-4 * np.abs(expected).max()
 
 

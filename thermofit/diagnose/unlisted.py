@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.score import Score
-from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted_field import Basis, Field, basis_of, field_of
+from thermofit.diagnose.trace import Traced, room_of
+from thermofit.diagnose.unlisted_field import Basis, Field, basis_of, field_of, proved
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_structure import Structure, structures
@@ -32,6 +34,8 @@ COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement"
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
+SETTLING, SETTLED = 3, 0.02
+"""Steps of the fitted parameters beside a term at most, and the last of them in units of their scale."""
 MOST_HATS = 320
 """Most hats of a term whose place is known."""
 
@@ -39,7 +43,8 @@ MOST_HATS = 320
 @dataclass(frozen=True)
 class Unlisted:
     """What is missing: channel, excess, the listed effect that explains most of it with its part, the reconstructed field and its place
-    (None where the channel has no kind of term), hints, other channels that hold structure, accepted effects that only resembled it."""
+    (None where the channel has no kind of term), hints, other channels that hold structure, the parameters beside the field, and
+    accepted effects that only resembled it."""
 
     channel: str
     structure: Structure
@@ -48,6 +53,7 @@ class Unlisted:
     place: Place | None
     hints: tuple[Hint, ...]
     others: tuple[str, ...]
+    parameters: Parameters
     resembles: tuple[str, ...] = ()
 
 
@@ -67,9 +73,10 @@ def unlisted(here: Traced, numerical: np.ndarray | None) -> Unlisted | None:
     structure, listed, term = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
     others = tuple(s.blocks.channel for s, _, _ in found if s is not structure)
     if term is None:
-        return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others)
+        return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
+    term, parameters = _settled(here, structure, term)
     place = place_of(term, _volumes(here.case, term.basis))
-    return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others)
+    return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters)
 
 
 def unfitted(here: Traced) -> np.ndarray:
@@ -122,7 +129,7 @@ def _term(here: Traced, structure: Structure) -> Field | None:
     counts = COUNTS[kind]
     coupon = here.case.model.segments is not None
     grid = missing.grid(kind, (IN_TIME, 1, 1) if coupon else counts)
-    whole = solved(here, basis(here, structure, kind, grid, np.arange(grid.size)))
+    whole = solved(here, basis(here.case, structure, kind, grid, np.arange(grid.size)))
     if not believed(whole):
         return None
     if kind != "heat" or coupon:
@@ -133,15 +140,38 @@ def _term(here: Traced, structure: Structure) -> Field | None:
         return whole
     finer = replace(missing.grid(kind, (in_time, *counts[1:])), x=grid.x, y=grid.y)
     chosen = np.flatnonzero(np.broadcast_to(near[None, :, :, None], finer.shape).ravel())
-    close = solved(here, basis(here, structure, kind, finer, chosen))
+    close = solved(here, basis(here.case, structure, kind, finer, chosen))
     worse = np.nanmean(close.after[close.basis.rows] ** 2) - np.nanmean(whole.after[whole.basis.rows] ** 2)
     doubt = whole.proof.sigma * np.nanmean(whole.before[whole.basis.rows] ** 2)
     return close if worse <= doubt else whole
 
 
-def basis(here: Traced, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:
+def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters]:
+    """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
+    hats with them. Held-out data without the term stay those of the optimum."""
+    case, first = here.case, term
+    room = room_of(case.parameters, case.parameters.free)
+    parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
+    for _ in range(SETTLING):
+        x = np.clip(moved + term.step, *room)
+        change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
+        moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
+        there = replace(case, parameters=parameters)
+        try:
+            known = there.model.linearised(parameters, parameters.free)
+        except NumericsError:
+            return first, case.parameters
+        hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
+        term = field_of(known, hat, here.rows, here.split)
+        if change.max(initial=0.0) < SETTLED:
+            break
+    folds = len(here.split.held_out)
+    term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
+    return (term, parameters) if believed(term) else (first, case.parameters)
+
+
+def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:
     """Whitened hats of a channel."""
-    case = here.case
     comparison = case.model.comparisons[case.channels.index(structure.blocks.channel)]
     assert case.model.missing is not None
     answers = case.model.missing.answers(kind, case.parameters, grid, chosen)

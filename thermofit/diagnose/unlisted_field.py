@@ -47,13 +47,14 @@ class Basis:
 
 @dataclass(frozen=True)
 class Field:
-    """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step of the fitted parameters, residual
-    with it (n,), held-out residuals (n,) without and with it, and the proof on the rows that feel it."""
+    """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step (p,) of the fitted parameters,
+    residual with it (n,), held-out residuals (n,) without and with it, and the proof on the rows that feel it."""
 
     basis: Basis
     q: np.ndarray
     covariance: np.ndarray
     weight: float
+    step: np.ndarray
     residual: np.ndarray
     before: np.ndarray
     after: np.ndarray
@@ -116,10 +117,15 @@ def field_of(known: Known, basis: Basis, rows: Rows, split: Split) -> Field:
     residual = known[0] + system.fitted @ step[: system.p]
     residual[basis.rows] += basis.columns @ step[system.p :]
     spread = (inverse @ system.gram @ inverse)[system.p :, system.p :]
+    moved = step[: system.p] / system.size
+    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proved(basis, rows, (before, after), len(folds)))
+
+
+def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:
+    """Proof on the rows that feel a basis, from held-out residuals (n,) without and with the term."""
     own = basis.rows
     part = Rows(rows.channel[own], rows.time[own], rows.xy[own], rows.phase[own])
-    proof = compared(before[own], after[own], part, len(folds))
-    return Field(basis, step[system.p :], spread, weight, residual, before, after, proof)
+    return compared(held_out[0][own], held_out[1][own], part, folds)
 
 
 class _System:
@@ -128,7 +134,8 @@ class _System:
     def __init__(self, known: Known, basis: Basis) -> None:
         self.residual, fitted = known
         size = np.linalg.norm(fitted, axis=0)
-        self.fitted = fitted / np.where(size > 0.0, size, 1.0)
+        self.size = np.where(size > 0.0, size, 1.0)
+        self.fitted = fitted / self.size
         self.basis, self.p, self.rough = basis, fitted.shape[1], basis.rough
         self.gram, self.right = self._normal(slice(None), slice(None))
 

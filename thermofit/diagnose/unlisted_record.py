@@ -170,7 +170,7 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     source, grid, kind = f"{study_name}, channel {found.channel}", field.basis.grid, field.basis.kind
     name = NAMES[kind]
     if isinstance(missing, CouponMissing) and kind == "heat":
-        text = sensor_file(name, source, _rises(here, missing, field))
+        text = sensor_file(name, source, _rises(found, missing, field))
         return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
     if isinstance(missing, CouponMissing):
         return _table(source, here, found, missing)
@@ -181,9 +181,9 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     return EffectFile(name, text, "the missing heat source over place and time", field.proof)
 
 
-def _rises(here: Traced, missing: CouponMissing, field: Field) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def _rises(found: Unlisted, missing: CouponMissing, field: Field) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Per record its times and the temperature that is missing there."""
-    rise = missing.answers("heat", here.case.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
+    rise = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
     out = []
     for n, test in enumerate(missing.tests):
         own = missing.part == n

@@ -16,7 +16,7 @@ NAME = "planted_for_missing_body"
 
 
 def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path) -> None:
-    """Hats of two places, in every channel's whitened rows, within 3 % of the largest; volumes are those of the whole specimen."""
+    """Hats of two places, in every channel's whitened rows, within 4 % of the largest; volumes are those of the whole specimen."""
     joint, base = model(study()), Parameters.of(TRUTH)
     assert isinstance(joint.missing, BodyMissing) and joint.missing.folded
     grid = joint.missing.grid("heat", (5, 4, 2))
@@ -35,5 +35,5 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path) -> None:
     answers = joint.missing.answers("heat", base, grid, chosen)
     expected = joint.comparisons[-1].residual(answers @ values.ravel()[chosen])
     assert np.abs(change).max() > 5.0
-    assert np.abs(expected - change).max() < 0.03 * np.abs(change).max()
+    assert np.abs(expected - change).max() < 0.04 * np.abs(change).max()
     assert SIZE.n_y == 8 and len(data().phases) == 2

@@ -13,7 +13,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.fem.body import Body, thermal_geometry
 from thermofit.fem.conduction import GAMMA, HeatStep, heat_step
 from thermofit.fem.films import conditions_of
-from thermofit.fem.heat_effects import about_middle, at_points, nodal_heat
+from thermofit.fem.heat_effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.fem.history import History
 from thermofit.identify.instruments import SLOTS, Instruments
 from thermofit.identify.missing import Grid, place_hats, time_hats
@@ -107,8 +107,7 @@ class BodyMissing:
         """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation."""
         loads, chosen = sources
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
-        middle = 0.5 * (history.time[:-1] + history.time[1:])
-        strength = time_hats(grid, middle, np.zeros(len(middle), dtype=int))[:, k]
+        strength = _means(grid, history.time)[:, k]
         state = np.zeros((self.body.mesh.n_nodes, len(chosen)))
         for n, step in enumerate(self._steps(parameters, history)):
             active = np.flatnonzero(strength[: n + 1].any(axis=0))
@@ -148,6 +147,12 @@ class BodyMissing:
         out = {name: _at_knots(history.time, value, grid.time) for name, value in found.items()}
         x, y = np.tile(grid.x, len(grid.y)), np.repeat(grid.y, len(grid.x))
         return out | {"x": np.tile(x, (len(grid.time), 1)), "y": np.tile(y, (len(grid.time), 1))}
+
+
+def _means(grid: Grid, time: np.ndarray) -> np.ndarray:
+    """Means (n_steps, n_k) of the hats over the steps between times (n_t,)."""
+    one = np.zeros(len(time) - 1, dtype=int)
+    return np.asarray(sum(w * time_hats(grid, time[:-1] + part * np.diff(time), one) for w, part in INSTANTS))
 
 
 def _at_knots(time: np.ndarray, value: np.ndarray, knots: np.ndarray) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""A thin strip that conducts heat in its plane, in numpy: a body without mechanics for tests of missing heat sources."""
+"""A thin strip that conducts heat in its plane, in numpy: a body without mechanics for tests of missing heat sources.
+
+The heat capacity is known: without mechanics nothing else says how much a kelvin is worth.
+"""
 
 from __future__ import annotations
 
@@ -162,7 +165,7 @@ def strip_case(seed: int, source: Source | None = None, known: tuple[Effect, ...
 
     model = StageModel(errors, (plain(observed),), {"theta": observed}, "", linearise=linearise, missing=StripMissing())
     instruments = frozenset(name for e in known for name in e.names if not name.startswith("stored"))
-    return Case(model, BASE.with_free(("kappa", "c0", "beta")), known, SPANS, instruments)
+    return Case(model, BASE.with_free(("kappa", "beta")), known, SPANS, instruments)
 
 
 def refitting(model: StageModel) -> Callable[[Parameters, str], tuple[Parameters, FitResult]]:

@@ -16,12 +16,12 @@ NAME = "planted_for_missing_body"
 
 
 def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path) -> None:
-    """Hats of 40 mW in all, in every channel's whitened rows, within 3 % of the largest; volumes are those of the whole specimen."""
+    """Hats of two places, in every channel's whitened rows, within 3 % of the largest; volumes are those of the whole specimen."""
     joint, base = model(study()), Parameters.of(TRUTH)
     assert isinstance(joint.missing, BodyMissing) and joint.missing.folded
     grid = joint.missing.grid("heat", (5, 4, 2))
     values = np.zeros(grid.shape)
-    values[2, 1, :, 0], values[3, 2, 0, 0] = 0.02, 0.03
+    values[2, 1, :, 0], values[3, 2, 0, 0] = 0.2, 0.3
     volumes = joint.missing.volumes(grid)
     assert volumes is not None
     gauge = 25.0 * 1.2 * (grid.y[-1] - grid.y[0])

@@ -22,6 +22,8 @@ WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""
 SIZE = 0.002
 """Weight of q itself among the differences."""
+VALLEY = 1e-8
+"""Added to the diagonal of the scaled normal matrix."""
 _RANK = 1e-10
 
 
@@ -190,7 +192,8 @@ def _scaled(gram: np.ndarray, rough: np.ndarray, weight: float, p: int) -> tuple
     whole = gram.copy()
     whole[p:, p:] += weight * rough
     scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    return whole * scale[:, None] * scale[None, :], scale
+    # What the data do not determine stays where it is: it must not run off along a valley.
+    return whole * scale[:, None] * scale[None, :] + VALLEY * np.eye(len(whole)), scale
 
 
 Whiten = Callable[[np.ndarray], np.ndarray]

@@ -14,9 +14,11 @@ from strip import refitting
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study, load_study
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted, unlisted
+from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_record import effect_file, summary_of
 from thermofit.effects.catalogue import effect, load_effect
 from thermofit.identify.coupon_inputs import CouponData, CouponTest
@@ -90,9 +92,15 @@ def test_nothing_planted_is_nothing_unlisted(tmp_path: Path) -> None:
 
 
 def test_a_pulse_of_heat(tmp_path: Path) -> None:
-    """Window, power per volume, and a file that loads, fits to a scale of one and takes the misfit to the noise."""
+    """A drift of the camera resembles it and is taken back; window, power per volume, and a file that loads, fits to a scale of one and
+    takes the misfit to the noise."""
     case = case_of(tmp_path, 1, pulse=True)
-    here, found = found_in(case)
+    refit = refitting(case.model)
+    parameters, fit = refit(case.parameters, "joint")
+    first = close_loop(replace(case, parameters=parameters), fit, refit, 3, None)
+    closed, found = ended(first, refit, None, "auto")
+    here = closed.last
+    assert "ir_drift" in first.accepted and closed.accepted == ()
     assert found is not None and found.channel == "dtheta" and found.place is not None
     said = summary_of(here, found, None)
     assert said["where"] == {"record": "pull"} and said["unit"] == "mW/mm^3"

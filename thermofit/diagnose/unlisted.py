@@ -8,7 +8,7 @@ resembled what is missing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,12 +57,15 @@ class Unlisted:
     resembles: tuple[str, ...] = ()
 
 
-def unlisted(here: Traced, numerical: np.ndarray | None) -> Unlisted | None:
-    """The unlisted effect that a traced case holds; None where nothing stands out, or a family of the catalogue explains half of it."""
+def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = ()) -> Unlisted | None:
+    """The unlisted effect that a traced case holds; None where nothing stands out, or a family of the catalogue explains half of it.
+
+    `aside`: effects that were already found to resemble it only.
+    """
     left = unfitted(here)
     standing = [s for s in structures(here.case, here.rows, left, numerical) if s.stands_out]
     standing.sort(key=lambda s: -s.excess / s.blocks.spread)
-    open_ones = [(s, best) for s in standing if (best := best_listed(here, s, left))[1] < HALF]
+    open_ones = [(s, best) for s in standing if (best := best_listed(here, s, left, aside))[1] < HALF]
     found = []
     for structure, listed in open_ones:
         term = _term(here, structure)
@@ -91,11 +94,11 @@ def _scaled(columns: np.ndarray) -> np.ndarray:
     return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
 
 
-def best_listed(here: Traced, structure: Structure, left: np.ndarray) -> tuple[str, float]:
-    """The dormant effect whose linear step takes most of the excess away, and that part."""
+def best_listed(here: Traced, structure: Structure, left: np.ndarray, aside: Sequence[str] = ()) -> tuple[str, float]:
+    """The dormant effect, none of those `aside`, whose linear step takes most of the excess away, and that part."""
     basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
     best = ("", 0.0)
-    for score in here.ranking.scores:
+    for score in (s for s in here.ranking.scores if s.effect not in aside):
         part = 1.0 - structure.blocks.excess(_stepped(here, score, basis, left)) / structure.excess
         if not score.vetoed and part > best[1]:
             best = (score.effect, float(part))

@@ -36,7 +36,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         if taken is None:
             break
         closed = taken
-        found = unlisted(closed.last, numerical)
+        found = unlisted(closed.last, numerical, resembles)
     return closed, None if found is None else replace(found, resembles=tuple(resembles))
 
 

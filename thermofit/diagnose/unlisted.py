@@ -135,8 +135,10 @@ def _term(here: Traced, structure: Structure) -> Field | None:
     whole = solved(here, basis(here.case, structure, kind, grid, np.arange(grid.size)))
     if not believed(whole):
         return None
-    if kind != "heat" or coupon:
+    if kind != "heat":
         return whole
+    if coupon:
+        return _closer(whole, solved(here, basis(here.case, structure, kind, grid, _lasting(whole))))
     near = compact(whole.values, whole.sigma)
     in_time = min(IN_TIME, MOST_HATS // int(near.sum()))
     if in_time <= counts[0]:
@@ -144,9 +146,25 @@ def _term(here: Traced, structure: Structure) -> Field | None:
     finer = replace(missing.grid(kind, (in_time, *counts[1:])), x=grid.x, y=grid.y)
     chosen = np.flatnonzero(np.broadcast_to(near[None, :, :, None], finer.shape).ravel())
     close = solved(here, basis(here.case, structure, kind, finer, chosen))
-    worse = np.nanmean(close.after[close.basis.rows] ** 2) - np.nanmean(whole.after[whole.basis.rows] ** 2)
-    doubt = whole.proof.sigma * np.nanmean(whole.before[whole.basis.rows] ** 2)
+    return _closer(whole, close)
+
+
+def _closer(whole: Field, close: Field) -> Field:
+    """The field of fewer hats, unless held-out data ask for all of them."""
+    own = whole.basis.rows
+    worse = np.nanmean(close.after[own] ** 2) - np.nanmean(whole.after[own] ** 2)
+    doubt = whole.proof.sigma * np.nanmean(whole.before[own] ** 2)
     return close if worse <= doubt else whole
+
+
+def _lasting(whole: Field) -> np.ndarray:
+    """Hats of a coupon within the window of the term and one more on each side: power that goes on and on is a loss, which parameters
+    know how to give."""
+    grid, place = whole.basis.grid, place_of(whole, None)
+    part = grid.part[int(np.argmax(np.abs(place.strength)))]
+    inside = np.flatnonzero((grid.part == part) & (grid.time >= place.when[0]) & (grid.time <= place.when[1]))
+    own = np.flatnonzero(grid.part == part)
+    return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
 
 
 def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters]:

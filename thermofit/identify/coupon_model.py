@@ -21,14 +21,10 @@ from thermofit.fit.memory import memories
 from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
-<<<<<<< HEAD
-from thermofit.identify.missing_coupon import CouponMissing
-from thermofit.identify.model import StageModel, field_of
-=======
 from thermofit.identify.joint import THERMOCOUPLE
 from thermofit.identify.measured_work import Work, with_measured_work
+from thermofit.identify.missing_coupon import CouponMissing
 from thermofit.identify.model import Prior, StageModel, field_of
->>>>>>> ab44699a3aaf737613e7f13383b0080ae92f5d5c
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
 from thermofit.measure.observation import FieldObservation
@@ -236,13 +232,9 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         remark,
         False,
         linearise,
-<<<<<<< HEAD
-        segments(comparisons, data),
-        missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen)),
-=======
         (*segments(comparisons, data), *(1 for _ in priors)),
         priors,
->>>>>>> ab44699a3aaf737613e7f13383b0080ae92f5d5c
+        missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen)),
     )
 
 

@@ -21,12 +21,8 @@ from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
-<<<<<<< HEAD
-from thermofit.identify.known_motion import Direction, KnownMotion, known_motion, on_motion
-from thermofit.identify.missing_body import BodyMissing
-=======
 from thermofit.identify.known_motion import Direction, along, keeping_points
->>>>>>> ab44699a3aaf737613e7f13383b0080ae92f5d5c
+from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
 from thermofit.measure.observation import FieldObservation
 
@@ -85,7 +81,7 @@ class Joint:
     def model(self) -> StageModel:
         """StageModel of all channels."""
         whole = self._model(self.prediction, tuple(self.settings.channels))
-        return replace(whole, missing=BodyMissing(self.prediction.instruments, {}))
+        return replace(whole, missing=BodyMissing(self.prediction.instruments, self.run, {}))
 
     @cached_property
     def mechanics(self) -> StageModel | None:

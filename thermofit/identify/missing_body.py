@@ -15,6 +15,7 @@ from thermofit.fem.conduction import GAMMA, HeatStep, heat_step
 from thermofit.fem.films import conditions_of
 from thermofit.fem.heat_effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.fem.history import History
+from thermofit.identify.forward import Run
 from thermofit.identify.instruments import SLOTS, Instruments
 from thermofit.identify.missing import Grid, place_hats, time_hats
 from thermofit.material.law import law_of
@@ -26,9 +27,10 @@ FIELDS = {"theta": "heat", "u": "displacement"}
 
 @dataclass(frozen=True)
 class BodyMissing:
-    """What the run of `instruments` lacks; the run at the given parameters is made once and kept."""
+    """What the run of `instruments` lacks; `whole` is the coupled run behind it, which is made once at given parameters and kept."""
 
     instruments: Instruments
+    whole: Run
     kept: dict[tuple[tuple[str, float], ...], History]
 
     @property
@@ -44,7 +46,7 @@ class BodyMissing:
     @property
     def body(self) -> Body:
         """Body of the run."""
-        return self.instruments.run.body
+        return self.whole.body
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed; a heat source of a folded model is one of |x|."""
@@ -118,7 +120,7 @@ class BodyMissing:
 
     def _steps(self, parameters: Parameters, history: History) -> Iterator[HeatStep]:
         """The steps of the heat equation on the known motion; the capacity is that of constant stress, because the body expands freely."""
-        settings = self.instruments.run.settings
+        settings = self.whole.settings
         law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
         conditions = conditions_of(self.body, parameters, settings.films)
         conditions = replace(conditions, c0=conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)

@@ -15,14 +15,9 @@ from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run, thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
-<<<<<<< HEAD
-from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects
-from thermofit.identify.missing import Missing
-from thermofit.identify.prediction import CoupledPrediction, Errors, HeatPrediction, Linearise
-=======
 from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects, station_names
+from thermofit.identify.missing import Missing
 from thermofit.identify.prediction import Errors, Linearise, PlainPrediction
->>>>>>> ab44699a3aaf737613e7f13383b0080ae92f5d5c
 from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
 from thermofit.measure.observation import FieldObservation
 

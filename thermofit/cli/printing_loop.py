@@ -21,6 +21,8 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
         _before_after(console, result["before"], result["after"])
     for text in result.get("undecided") or ():
         console.print(f"undecided  {text}", soft_wrap=True)
+    if result.get("unlisted"):
+        _unlisted(console, result["unlisted"])
     if result.get("study"):
         console.print(f"study     {result['study']}", soft_wrap=True)
 
@@ -75,3 +77,30 @@ def _before_after(console: Console, before: Mapping[str, Any], after: Mapping[st
         cells = [floor, before["fit"][channel], after["fit"][channel], before["held_out"][channel], after["held_out"][channel]]
         out.add_row(channel, *(f"{value:.4g}" for value in cells))
     console.print(out)
+
+
+def _unlisted(console: Console, said: Mapping[str, Any]) -> None:
+    """What no effect of the catalogue explains: place, window, strength, error with the reconstructed term, hints, files."""
+    listed = said["best_listed"]
+    explained = "no listed effect explains any of it"
+    if listed is not None:
+        explained = f"{listed['effect']} explains {100 * listed['explains']:.0f} % of it"
+    if said["where"] is None:
+        console.print(f"unlisted  in {said['channel']}; {explained}", soft_wrap=True)
+        return
+    out = _table(f"unlisted: a {said['kind']} in {said['channel']}; {explained}", ("", "value"))
+    for key, value in said["where"].items():
+        out.add_row(key, value if isinstance(value, str) else str(value) if isinstance(value, bool) else number(value))
+    out.add_row("from, to in s", ", ".join(number(t) for t in said["when_s"]))
+    out.add_row("phases", ", ".join(said["phases"]))
+    out.add_row(f"mean in that window, {said['unit']}", number(said["mean_in_window"]))
+    for channel, before in said["before"]["held_out"].items():
+        out.add_row(f"held-out {channel} without, with", f"{before:.4g}, {said['after']['held_out'][channel]:.4g}")
+    for hint in said["hints"][:3]:
+        out.add_row("goes with (hint)", f"{hint['variable']}, chosen in {100 * hint['frequency']:.0f} % of the halves")
+    console.print(out)
+    if said["resembles"]:
+        console.print(f"taken back  {', '.join(said['resembles'])}: only resembled it", soft_wrap=True)
+    for word in ("effect_file", "figure"):
+        if said.get(word):
+            console.print(f"{word.replace('_', ' '):<11} {said[word]}", soft_wrap=True)

@@ -15,7 +15,8 @@ from scipy.sparse import csr_array
 class Scene:
     """`time` s (n_t,), current `position` mm (n_t, n_s, 2), axial logarithmic `strain` (n_t, n_s), `load` (n_t,) over its maximum.
 
-    `by_x`, `by_y` (n_s, n_s): derivatives in the reference configuration of a field at the points; `theta_air` K.
+    `name`: the record where a sensor looks at a coupon. `by_x`, `by_y` (n_s, n_s): derivatives in the reference configuration of a
+    field at the points; `theta_air` K.
     """
 
     time: np.ndarray
@@ -25,6 +26,7 @@ class Scene:
     by_x: csr_array
     by_y: csr_array
     theta_air: float
+    name: str = ""
 
     def gradient(self, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of a field (n_t, n_s) by x and y in the reference configuration, 1/mm (strain of a few per cent neglected)."""

@@ -24,6 +24,7 @@ from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shor
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
 from thermofit.identify.joint import THERMOCOUPLE
 from thermofit.identify.measured_work import Work, with_measured_work
+from thermofit.identify.missing_coupon import CouponMissing
 from thermofit.identify.model import Prior, StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
@@ -235,6 +236,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         linearise,
         (*segments(comparisons, data), *(1 for _ in priors)),
         priors,
+        missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen)),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,8 @@ SENSOR = ("sensor",)
 def sensor_scene(test: CouponTest) -> Scene:
     """The one point that a sensor on a coupon looks at."""
     n = len(test.time)
-    return scene_of(test.time, np.zeros((1, 2)), np.zeros((n, 1, 2)), test.stress, test.theta_air)
+    scene = scene_of(test.time, np.zeros((1, 2)), np.zeros((n, 1, 2)), test.stress, test.theta_air)
+    return replace(scene, name=test.name)
 
 
 def shown(theta: np.ndarray, test: CouponTest, parameters: Parameters) -> np.ndarray:

@@ -23,6 +23,7 @@ from thermofit.identify.held import AnyRun, LastRun, held_run
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
 from thermofit.identify.known_motion import Direction, along, keeping_points
+from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.measure.observation import FieldObservation
 
@@ -80,7 +81,8 @@ class Joint:
     @cached_property
     def model(self) -> StageModel:
         """StageModel of all channels."""
-        return self._model(self.prediction, tuple(self.settings.channels))
+        whole = self._model(self.prediction, tuple(self.settings.channels))
+        return replace(whole, missing=BodyMissing(self.prediction.instruments, self.run, {}))
 
     @cached_property
     def mechanics(self) -> StageModel | None:

@@ -17,6 +17,7 @@ from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run, thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects, station_names
+from thermofit.identify.missing import Missing
 from thermofit.identify.prediction import Errors, Linearise, PlainPrediction
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
@@ -48,6 +49,8 @@ class StageModel:
     linearise: Linearise | None = None
     segments: tuple[int, ...] | None = None
     priors: tuple[Prior, ...] = ()
+    missing: Missing | None = None
+    """What it would show of terms that no law names; None where that is not worked out."""
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27); then one entry for each prior."""

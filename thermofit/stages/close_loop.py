@@ -5,10 +5,13 @@ from __future__ import annotations
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
+from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, loop_summary
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import diagnosis_job, prepared
 from thermofit.diagnose.study_with_effects import write_study
+from thermofit.diagnose.unlisted_loop import ended
+from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
 from thermofit.identify.solve import discard_checkpoints
 
 NAME = "close-loop"
@@ -26,9 +29,12 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, study.diagnosis.held_out)
+        closed, missing = ended(closed, found.refit, found.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
-        return Made(diagnosis_datasets(closed.last), loop_summary(found, closed, study.run_dir / STUDY), parameters)
+        told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last)
+        summary = with_unlisted(told, described(study, closed.last, missing))
+        return Made({**diagnosis_datasets(closed.last), **unlisted_datasets(missing)}, summary, parameters)
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
+from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
 from thermofit.diagnose.prepared import diagnosis_job, prepared
 from thermofit.diagnose.trace import traced
+from thermofit.diagnose.unlisted import unlisted
+from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
 from thermofit.identify.solve import discard_checkpoints
 
 NAME = "diagnose"
@@ -24,7 +27,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         here = traced(found.case, found.numerical, study.diagnosis.held_out)
-        return Made(diagnosis_datasets(here), diagnosis_summary(found, here), diagnosis_parameters(study, found.case, found.fit))
+        missing = unlisted(here, found.numerical)
+        summary = with_unlisted(decided(diagnosis_summary(found, here), here), described(study, here, missing))
+        datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}
+        return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)

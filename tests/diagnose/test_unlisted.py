@@ -1,0 +1,131 @@
+"""Unlisted effects of a body: a source that the catalogue does not know, its place, power, window; nothing where nothing is missing."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from strip import MODEL, Source, fitted, refitting, spot, strip_case
+
+from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.structure import Span
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import Unlisted, best_listed, unfitted, unlisted
+from thermofit.diagnose.unlisted_effect import heat_file
+from thermofit.diagnose.unlisted_hints import hints
+from thermofit.diagnose.unlisted_loop import ended
+from thermofit.diagnose.unlisted_place import compact, when_of
+from thermofit.diagnose.unlisted_record import in_words, summary_of, with_unlisted
+from thermofit.diagnose.unlisted_structure import structures
+
+PATCH = (8.0, 7.5)
+"""Distance of hats in mm, more than that with which the term is sought."""
+
+
+def diagnosed(seed: int, source: Source | None = None, **planted: float) -> tuple[Traced, Unlisted | None]:
+    here = traced(fitted(strip_case(seed, source, **planted))[0])
+    return here, unlisted(here, None)
+
+
+def looped(seed: int, source: Source | None = None, **planted: float) -> tuple[Closed, Unlisted | None]:
+    case, fit = fitted(strip_case(seed, source, **planted))
+    refit = refitting(case.model)
+    return ended(close_loop(case, fit, refit, 3, None), refit, None, "auto")
+
+
+@pytest.mark.parametrize(("power", "at", "when"), [(30.0, (-5.0, 8.0), (40.0, 75.0)), (15.0, (4.0, -14.0), (20.0, 50.0))])
+def test_a_spot_is_found_where_when_and_as_strong_as_it_is(power: float, at: tuple[float, float], when: tuple[float, float]) -> None:
+    here, found = diagnosed(2, spot(power, *at, when))
+    assert found is not None and found.place is not None and found.field is not None
+    assert found.listed[1] < 0.5
+    assert found.place.size == pytest.approx(power, rel=0.15)
+    assert found.place.total == pytest.approx(power * (when[1] - when[0]), rel=0.15)
+    assert abs(found.place.centroid[0] - at[0]) < 0.5 * PATCH[0] and abs(found.place.centroid[1] - at[1]) < 0.5 * PATCH[1]
+    assert found.place.when == pytest.approx(when, abs=3.0)
+    said = summary_of(here, found, None)
+    assert said["channel"] == "theta" and said["kind"] == "heat source" and said["unit"] == "mW"
+    assert said["after"]["held_out"]["theta"] < 0.5 * said["before"]["held_out"]["theta"] + 0.5 * 0.02
+    assert said["after"]["fit"]["theta"] == pytest.approx(0.02, rel=0.1)
+    words = with_unlisted({"verdict": "x", "trustworthy": True}, said)
+    assert words["trustworthy"] is False and "heat source" in words["verdict"] and in_words(said) in words["verdict"]
+
+
+def test_nothing_is_unlisted_where_nothing_is_missing() -> None:
+    assert [diagnosed(seed)[1] for seed in range(6)] == [None] * 6
+    assert with_unlisted({"verdict": "x", "trustworthy": True}, None) == {"verdict": "x", "trustworthy": True, "unlisted": None}
+
+
+def test_a_listed_effect_is_not_unlisted() -> None:
+    """Before it is added a family explains it; once it is accepted nothing is left."""
+    here, found = diagnosed(1, **{"ir_drift.rate": 2e-3})
+    structure = structures(here.case, here.rows, unfitted(here), None)[0]
+    assert structure.stands_out and best_listed(here, structure, unfitted(here)) == ("ir_drift", pytest.approx(1.0, abs=0.05))
+    assert found is None
+    closed, left = looped(1, **{"ir_drift.rate": 2e-3})
+    assert closed.accepted == ("ir_drift",) and left is None
+
+
+def test_without_the_term_of_the_catalogue_it_would_be_unlisted() -> None:
+    """The criterion bites: the same data, with a catalogue that does not know the effect."""
+    case = strip_case(1, **{"ir_drift.rate": 2e-3})
+    blind = replace(case, known=tuple(e for e in case.known if e.name != "ir_drift"))
+    assert unlisted(traced(fitted(blind)[0]), None) is not None
+
+
+def test_what_only_resembles_is_taken_back_and_what_is_there_beside_stays() -> None:
+    """A spot with a drift of the camera: the drift stays accepted, the spot is unlisted."""
+    closed, found = looped(8, spot(30.0, 4.0, 5.0, (40.0, 80.0)), **{"ir_drift.rate": 4e-3})
+    assert found is not None and found.place is not None
+    assert "ir_drift" in closed.accepted and "ir_drift" not in found.resembles
+    assert found.place.size == pytest.approx(30.0, rel=0.15)
+
+
+def test_the_effect_file_holds_the_source(tmp_path: Path) -> None:
+    """The file is of the kind that a user writes; its power over the strip, run through the model, is the reconstructed temperature."""
+    here, found = diagnosed(2, spot(30.0, -5.0, 8.0, (40.0, 75.0)))
+    assert found is not None and found.field is not None
+    grid = found.field.basis.grid
+    path = tmp_path / "unlisted_heat.py"
+    path.write_text(heat_file("unlisted_heat", "a test", grid, found.field.values[..., 0], False), encoding="utf-8")
+    module = _loaded(path)
+    middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
+    theta = np.zeros_like(MODEL.x)
+    power = np.stack([module.heat_source(theta, theta, theta, float(t), MODEL.x, MODEL.y, 1.0) for t in middle])
+    assert np.all(module.heat_source(theta, theta, theta, 50.0, MODEL.x, MODEL.y, 0.0) == 0.0)
+    warmed = MODEL.run(found.parameters, power[:, :, None])[:, :, 0]
+    missing = here.case.model.missing
+    assert missing is not None
+    expected = missing.answers("heat", found.parameters, grid, found.field.basis.chosen)[:, :, 0, :] @ found.field.q
+    assert np.abs(warmed - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def _loaded(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_hints_name_the_state_variable_that_the_term_follows() -> None:
+    rng, time = np.random.default_rng(3), np.linspace(0.0, 100.0, 60)
+    rate = np.sin(time / 9.0)[:, None] * np.linspace(0.5, 1.5, 8)
+    states = {"strain rate": rate, "strain": np.cumsum(np.abs(rate), axis=0), "y": np.tile(np.linspace(-1.0, 1.0, 8), (60, 1))}
+    spans = (Span("loading", 0.0, 50.0), Span("cooling", 50.0, 100.0))
+    found = hints(3.0 * rate + 0.3 * rng.normal(size=rate.shape), states, time, spans)
+    assert found[0].variable == "strain rate" and found[0].frequency > 0.95 and found[0].sign == 1
+    assert all(h.frequency < 0.5 for h in found[1:])
+
+
+def test_windows_and_places() -> None:
+    time = np.arange(0.0, 11.0)
+    level = np.array([0.0, 0.1, 0.0, 0.9, 1.0, 1.1, 1.0, 0.2, 0.0, 0.4, 0.0])
+    a, b = when_of(time, np.zeros(11, dtype=int), -level)
+    assert 2.4 < a < 2.7 and 6.5 < b < 6.8
+    values = np.zeros((3, 5, 4, 1))
+    values[:, 1:3, 1, 0], values[:, 4, 3, 0] = 1.0, 0.9
+    assert compact(values, np.ones_like(values)).sum() == 2, "the second spot does not hang together with the first"

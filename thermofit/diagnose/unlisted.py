@@ -1,0 +1,220 @@
+"""Unlisted effects: structure that no family of the catalogue explains, as a reconstructed term (design section 8.5).
+
+After the last fit the excess of every channel (`unlisted_structure`) is put to the catalogue first: the best linear step of each dormant
+effect takes away a part of it. Where none takes away half, the missing term is sought as a field of hats, and it is reported only if it
+also predicts held-out data. An effect that the loop has accepted and that held-out data no longer ask for once the field is there only
+resembled what is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.score import Score
+from thermofit.diagnose.trace import Traced, room_of
+from thermofit.diagnose.unlisted_field import Basis, Field, basis_of, field_of, proved
+from thermofit.diagnose.unlisted_hints import Hint, hints
+from thermofit.diagnose.unlisted_place import Place, compact, place_of
+from thermofit.diagnose.unlisted_structure import Structure, structures
+from thermofit.identify.missing import Grid
+from thermofit.identify.model import field_of as observed_field
+
+HALF = 0.5
+"""Part of the excess that a family has to explain to be the answer."""
+SURE, PRACTICAL = 3.0, 2e-3
+"""Standard errors, and least relative fall of the held-out mean square of the channel, for which a field is believed."""
+UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa"}
+COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)}
+"""Hats in time, y and x with which a term is sought."""
+IN_TIME = 48
+"""Hats in time once its place is known, and of a coupon's heat."""
+SETTLING, SETTLED = 3, 0.02
+"""Steps of the fitted parameters beside a term at most, and the last of them in units of their scale."""
+MOST_HATS = 320
+"""Most hats of a term whose place is known."""
+
+
+@dataclass(frozen=True)
+class Unlisted:
+    """What is missing: channel, excess, the listed effect that explains most of it with its part, the reconstructed field and its place
+    (None where the channel has no kind of term), hints, other channels that hold structure, the parameters beside the field, and
+    accepted effects that only resembled it."""
+
+    channel: str
+    structure: Structure
+    listed: tuple[str, float]
+    field: Field | None
+    place: Place | None
+    hints: tuple[Hint, ...]
+    others: tuple[str, ...]
+    parameters: Parameters
+    resembles: tuple[str, ...] = ()
+
+
+def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = ()) -> Unlisted | None:
+    """The unlisted effect that a traced case holds; None where nothing stands out, or a family of the catalogue explains half of it.
+
+    `aside`: effects that were already found to resemble it only.
+    """
+    left = unfitted(here)
+    standing = [s for s in structures(here.case, here.rows, left, numerical) if s.stands_out]
+    standing.sort(key=lambda s: -s.excess / s.blocks.spread)
+    open_ones = [(s, best) for s in standing if (best := best_listed(here, s, left, aside))[1] < HALF]
+    found = []
+    for structure, listed in open_ones:
+        term = _term(here, structure)
+        if term is not None or not _kind_of(here.case, structure):
+            found.append((structure, listed, term))
+    if not found:
+        return None
+    structure, listed, term = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
+    others = tuple(s.blocks.channel for s, _, _ in found if s is not structure)
+    if term is None:
+        return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
+    term, parameters = _settled(here, structure, term)
+    place = place_of(term, _volumes(here.case, term.basis))
+    return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters)
+
+
+def unfitted(here: Traced) -> np.ndarray:
+    """Residual (n,) after a joint step of the fitted parameters: what is left at an optimum."""
+    basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
+    r = here.columns.residual
+    return np.asarray(r - basis @ (basis.T @ r))
+
+
+def _scaled(columns: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
+
+
+def best_listed(here: Traced, structure: Structure, left: np.ndarray, aside: Sequence[str] = ()) -> tuple[str, float]:
+    """The dormant effect, none of those `aside`, whose linear step takes most of the excess away, and that part."""
+    basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
+    best = ("", 0.0)
+    for score in (s for s in here.ranking.scores if s.effect not in aside):
+        part = 1.0 - structure.blocks.excess(_stepped(here, score, basis, left)) / structure.excess
+        if not score.vetoed and part > best[1]:
+            best = (score.effect, float(part))
+    return best
+
+
+def _stepped(here: Traced, score: Score, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Residual (n,) after a joint step of an effect and all fitted parameters."""
+    block = _scaled(here.problem.dormant[score.effect][1])
+    own = block - basis @ (basis.T @ block)
+    return np.asarray(left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0])
+
+
+def _kind_of(case: Case, structure: Structure) -> str:
+    """Kind of term that a channel can show; empty where there is none."""
+    if case.model.missing is None:
+        return ""
+    return case.model.missing.kinds.get(observed_field(structure.blocks.channel), "")
+
+
+def believed(field: Field) -> bool:
+    """True where held-out data ask for a field."""
+    return field.proof.gain > max(SURE * field.proof.sigma, PRACTICAL)
+
+
+def _term(here: Traced, structure: Structure) -> Field | None:
+    """The reconstructed term of a channel, None where held-out data do not ask for one."""
+    missing, kind = here.case.model.missing, _kind_of(here.case, structure)
+    if missing is None or not kind:
+        return None
+    counts = COUNTS[kind]
+    coupon = here.case.model.segments is not None
+    grid = missing.grid(kind, (IN_TIME, 1, 1) if coupon else counts)
+    whole = solved(here, basis(here.case, structure, kind, grid, np.arange(grid.size)))
+    if not believed(whole):
+        return None
+    if kind != "heat":
+        return whole
+    if coupon:
+        return _closer(whole, solved(here, basis(here.case, structure, kind, grid, _lasting(whole))))
+    near = compact(whole.values, whole.sigma)
+    in_time = min(IN_TIME, MOST_HATS // int(near.sum()))
+    if in_time <= counts[0]:
+        return whole
+    finer = replace(missing.grid(kind, (in_time, *counts[1:])), x=grid.x, y=grid.y)
+    chosen = np.flatnonzero(np.broadcast_to(near[None, :, :, None], finer.shape).ravel())
+    close = solved(here, basis(here.case, structure, kind, finer, chosen))
+    return _closer(whole, close)
+
+
+def _closer(whole: Field, close: Field) -> Field:
+    """The field of fewer hats, unless held-out data ask for all of them."""
+    own = whole.basis.rows
+    worse = np.nanmean(close.after[own] ** 2) - np.nanmean(whole.after[own] ** 2)
+    doubt = whole.proof.sigma * np.nanmean(whole.before[own] ** 2)
+    return close if worse <= doubt else whole
+
+
+def _lasting(whole: Field) -> np.ndarray:
+    """Hats of a coupon within the window of the term and one more on each side: power that goes on and on is a loss, which parameters
+    know how to give."""
+    grid, place = whole.basis.grid, place_of(whole, None)
+    part = grid.part[int(np.argmax(np.abs(place.strength)))]
+    inside = np.flatnonzero((grid.part == part) & (grid.time >= place.when[0]) & (grid.time <= place.when[1]))
+    own = np.flatnonzero(grid.part == part)
+    return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
+
+
+def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters]:
+    """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
+    hats with them. Held-out data without the term stay those of the optimum."""
+    case, first = here.case, term
+    room = room_of(case.parameters, case.parameters.free)
+    parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
+    for _ in range(SETTLING):
+        x = np.clip(moved + term.step, *room)
+        change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
+        moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
+        there = replace(case, parameters=parameters)
+        try:
+            known = there.model.linearised(parameters, parameters.free)
+        except NumericsError:
+            return first, case.parameters
+        hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
+        term = field_of(known, hat, here.rows, here.split)
+        if change.max(initial=0.0) < SETTLED:
+            break
+    folds = len(here.split.held_out)
+    term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
+    return (term, parameters) if believed(term) else (first, case.parameters)
+
+
+def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:
+    """Whitened hats of a channel."""
+    comparison = case.model.comparisons[case.channels.index(structure.blocks.channel)]
+    assert case.model.missing is not None
+    answers = case.model.missing.answers(kind, case.parameters, grid, chosen)
+    return basis_of((kind, UNITS[kind]), grid, chosen, structure.blocks.rows, (answers, comparison.residual))
+
+
+def solved(here: Traced, hat: Basis) -> Field:
+    """Field of a basis at the optimum."""
+    return field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split)
+
+
+def _volumes(case: Case, hat: Basis) -> np.ndarray | None:
+    """Volumes (n_places,) mm^3 where the term is a heat source of a body."""
+    return None if hat.kind != "heat" or case.model.missing is None else case.model.missing.volumes(hat.grid)
+
+
+def _hints(here: Traced, term: Field) -> tuple[Hint, ...]:
+    """What the term goes with where it is: over the hats that were chosen."""
+    grid, missing = term.basis.grid, here.case.model.missing
+    assert missing is not None
+    near = np.zeros(grid.places, dtype=bool)
+    near[np.unravel_index(term.basis.chosen, (len(grid.time), grid.places, grid.components))[1]] = True
+    states = {name: value[:, near] for name, value in missing.states(here.case.parameters, grid).items()}
+    flat = term.values.reshape(len(grid.time), grid.places, grid.components)[:, near]
+    return hints(flat[:, :, 0] if grid.components == 1 else np.linalg.norm(flat, axis=2), states, grid.time, here.case.spans)

@@ -1,0 +1,166 @@
+"""Effect files of reconstructed terms: of the kind that a user writes (docs/effects.md), to run, to fit and to edit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import indent
+
+import numpy as np
+
+from thermofit.identify.missing import Grid
+
+_HEAD = '''"""{what}: slot {slot}. Off at scale = 0.
+
+Reconstructed by thermofit from what the fitted model left over; scale = 1 is the term as it was found. It describes, it explains
+nothing: edit it into a law.
+"""
+
+from __future__ import annotations
+
+{imports}
+
+SLOT = "{slot}"
+PARAMS = (Param("{name}.scale", "1", 0.0, -10.0, 10.0, 0.1, "share of the reconstructed term", probe=1.0),)
+FORMULA = "{formula}"
+SOURCE = "reconstructed from the residual of {source}"
+
+'''
+_NUMPY = "import numpy as np\n\nfrom thermofit.core.parameters import Param"
+_SCENE = _NUMPY + "\nfrom thermofit.effects.scene import Scene"
+_HATS = '''
+
+def _hats(knots: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values (..., n) of hat functions at the knots; nothing beyond the last ones."""
+    return np.stack([np.interp(at, knots, row, left=0.0, right=0.0) for row in np.eye(len(knots))], axis=-1)
+
+'''
+
+
+def _array(name: str, values: np.ndarray, comment: str) -> str:
+    """An array as source text, six digits."""
+    text = np.array2string(np.asarray(values), separator=", ", precision=6, threshold=10**9, max_line_width=130)
+    text = text.replace("\n", "\n    ")
+    return f'{name} = np.array(\n    {text}\n)\n"""{comment}"""\n'
+
+
+def heat_file(name: str, source: str, grid: Grid, values: np.ndarray, folded: bool) -> str:
+    """Effect of slot heat_source from coefficients (n_k, n_y, n_x) in mW/mm^3."""
+    head = _HEAD.format(
+        what="A heat source over place and time",
+        slot="heat_source",
+        name=name,
+        formula="r += scale q(x, y, t)",
+        source=source,
+        imports=_NUMPY,
+    )
+    side = "np.abs(x)" if folded else "x"
+    tables = (
+        _array("TIME", grid.time, "s; knots in time.")
+        + _array("X", grid.x, "mm; knots across" + (", the same on both sides." if folded else "."))
+        + _array("Y", grid.y, "mm from the middle; knots along the load.")
+        + _array("POWER", values, "mW/mm^3 of reference volume at the knots (time, y, x).")
+    )
+    body = f'''
+def heat_source(
+    theta: np.ndarray, accumulated: np.ndarray, rate: np.ndarray, time: float, x: np.ndarray, y: np.ndarray, scale: float
+) -> np.ndarray:
+    """Power of the source, mW/mm^3."""
+    now = np.tensordot(_hats(TIME, np.array(time)), POWER, axes=1)
+    across, along = _hats(X, np.clip({side}, X[0], X[-1])), _hats(Y, y)
+    return np.asarray(scale * np.einsum("...j,...i,ji->...", along, across, now) + 0.0 * theta)
+'''
+    return head + tables + _HATS + body
+
+
+def camera_file(name: str, source: str, grid: Grid, values: np.ndarray) -> str:
+    """Effect of slot camera from coefficients (n_k, n_y, n_x, 2) in mm."""
+    head = _HEAD.format(
+        what="A displacement that the model does not have",
+        slot="camera",
+        name=name,
+        formula="u_camera = u + scale d(x, y, t)",
+        source=source,
+        imports=_SCENE,
+    )
+    tables = (
+        _array("TIME", grid.time, "s; knots in time.")
+        + _array("X", grid.x, "mm; knots across.")
+        + _array("Y", grid.y, "mm; knots along the load.")
+        + _array("MOTION", values, "mm at the knots (time, y, x), components x and y.")
+    )
+    body = '''
+def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
+    """u and the missing displacement, mm (n_t, n_s, 2)."""
+    place = (scene.position - np.real(u))[0]
+    along, across = _hats(Y, place[:, 1]), _hats(X, place[:, 0])
+    return np.asarray(u + scale * np.einsum("tk,sj,si,kjic->tsc", _hats(TIME, scene.time), along, across, MOTION))
+'''
+    return head + tables + _HATS + body
+
+
+def sensor_file(name: str, source: str, records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
+    """Effect of slot sensor: per record its name, times s and the temperature K that the missing heat makes."""
+    head = _HEAD.format(
+        what="Temperature that a heat source makes which the model does not have",
+        slot="sensor",
+        name=name,
+        formula="theta_sensor = theta + scale T(t), T the answer of the lumped heat balance to the missing power",
+        source=source,
+        imports=_SCENE,
+    )
+    rows = []
+    for record, time, rise in records:
+        text = "np.array(" + np.array2string(np.stack([time, rise]), separator=", ", precision=6, threshold=10**9, max_line_width=120) + ")"
+        rows.append(f"{record!r}: {text},")
+    tables = (
+        "RISE = {\n"
+        + indent("\n".join(rows), "    ")
+        + '\n}\n"""By record: times in s, and the temperature that is missing there in K."""\n'
+    )
+    body = '''
+
+def sensor(theta: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
+    """Temperature of the model and what is missing, K (n_t, n_s)."""
+    if scene.name not in RISE:
+        return np.asarray(theta + 0.0 * scale)
+    time, rise = RISE[scene.name]
+    return np.asarray(theta + scale * np.interp(scene.time, time, rise)[:, None])
+'''
+    return head + tables + body
+
+
+VARIABLES = {
+    "accumulated plastic strain": "accumulated",
+    "temperature": "theta",
+    "logarithm of the plastic strain rate": "np.log(1e-12 + rate)",
+}
+"""State variables that a yield stress may be a table of, as an effect file writes them."""
+
+
+def yield_file(name: str, source: str, variable: str, steps: tuple[np.ndarray, float, np.ndarray]) -> str:
+    """Effect of slot yield_stress: smooth steps of given heights in MPa at edges of a state variable, all of one width; `steps` = (edges,
+    width, heights)."""
+    edges, width, heights = steps
+    head = _HEAD.format(
+        what=f"Yield stress over {variable}",
+        slot="yield_stress",
+        name=name,
+        formula="sigma_y += scale sum_k height_k (1 + z / sqrt(1 + z^2)) / 2, z = (v - edge_k) / width",
+        source=source,
+        imports="from typing import Any\n\n" + _NUMPY,
+    )
+    terms = [
+        f"    z = (v - {e:.8g}) / {width:.8g}\n    value = value + {h:.6g} * (0.5 + 0.5 * z / np.sqrt(1.0 + z * z))"
+        for e, h in zip(edges, heights, strict=True)
+    ]
+    body = (
+        f'''
+def yield_stress(accumulated: float, rate: float, theta: float, law: Any, scale: float) -> float:
+    """Steps of the yield stress over {variable}, MPa."""
+    v = {VARIABLES[variable]}
+    value = 0.0 * v
+'''
+        + "\n".join(terms)
+        + "\n    return scale * value\n"
+    )
+    return head + body

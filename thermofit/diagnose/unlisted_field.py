@@ -1,0 +1,208 @@
+"""A missing term as a regularised field: hats over place and time, together with a joint step of all fitted parameters.
+
+    minimise |r + J x + B q|^2 + lambda q^T R q,
+
+r the whitened residual, J the columns of the fitted parameters (so that q is what they cannot do), B those of the hats, R the sum of
+squared differences between neighbouring hats and a little of q itself. lambda is the one that predicts held-out data best; below the one at
+which the misfit falls to the noise (discrepancy principle) no data ask for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from thermofit.diagnose.held_out import Proof, Rows, Split, compared
+from thermofit.identify.missing import Grid
+
+WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
+"""lambda tried, in units of tr(B^T B) / tr(R)."""
+SIZE = 0.002
+"""Weight of q itself among the differences."""
+VALLEY = 1e-8
+"""Added to the diagonal of the scaled normal matrix."""
+_RANK = 1e-10
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Hats of one kind: `chosen` (m,) of those of `grid`, the rows of the residual that feel them, their whitened columns (n_rows, m) and
+    roughness R (m, m)."""
+
+    kind: str
+    unit: str
+    grid: Grid
+    chosen: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    rough: np.ndarray
+
+    def full(self, q: np.ndarray) -> np.ndarray:
+        """Coefficients (n_k, n_y, n_x, n_c) of all hats, zero where not chosen."""
+        out = np.zeros(self.grid.size)
+        out[self.chosen] = q
+        return out.reshape(self.grid.shape)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step (p,) of the fitted parameters,
+    residual with it (n,), held-out residuals (n,) without and with it, and the proof on the rows that feel it."""
+
+    basis: Basis
+    q: np.ndarray
+    covariance: np.ndarray
+    weight: float
+    step: np.ndarray
+    residual: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    proof: Proof
+
+    @property
+    def values(self) -> np.ndarray:
+        """Coefficients (n_k, n_y, n_x, n_c)."""
+        return self.basis.full(self.q)
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """Their standard errors, (n_k, n_y, n_x, n_c)."""
+        return self.basis.full(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE) -> np.ndarray:
+    """R (m, m): squared differences between hats that are neighbours in time (of one record), y or x, and `size` times q^2."""
+    index = np.arange(grid.size).reshape(grid.shape)
+    pairs = []
+    for axis in range(3):
+        a, b = np.moveaxis(index, axis, 0)[:-1], np.moveaxis(index, axis, 0)[1:]
+        if axis == 0:
+            same = grid.part[:-1] == grid.part[1:]
+            a, b = a[same], b[same]
+        pairs.append(np.stack([a.ravel(), b.ravel()], axis=1))
+    at = np.full(grid.size, -1)
+    at[chosen] = np.arange(len(chosen))
+    place = at[np.concatenate(pairs)]
+    place = place[(place >= 0).all(axis=1)]
+    out = size * np.eye(len(chosen))
+    for i, j in ((0, 0), (1, 1)):
+        np.add.at(out, (place[:, i], place[:, j]), 1.0)
+    np.add.at(out, (place[:, 0], place[:, 1]), -1.0)
+    np.add.at(out, (place[:, 1], place[:, 0]), -1.0)
+    return out
+
+
+Known = tuple[np.ndarray, np.ndarray]
+"""Residual (n,) and columns (n, p) of the fitted parameters."""
+
+
+def field_of(known: Known, basis: Basis, rows: Rows, split: Split) -> Field:
+    """The field that predicts held-out data best."""
+    system = _System(known, basis)
+    folds = [(held, *system.without(held | near)) for held, near in zip(split.held_out, split.buffer, strict=True)]
+    before = _predicted(system, folds, None)
+    unit = float(np.trace(system.gram[system.p :, system.p :]) / np.trace(system.rough))
+    best: tuple[float, float, np.ndarray] | None = None
+    for weight in WEIGHTS:
+        after = _predicted(system, folds, weight * unit)
+        error = float(np.nanmean(after[basis.rows] ** 2))
+        if best is None or error < best[0]:
+            best = (error, weight * unit, after)
+    assert best is not None
+    _, weight, after = best
+    step = _step((system.gram, system.right), system.rough, weight, system.p)
+    whole, scale = _scaled(system.gram, system.rough, weight, system.p)
+    inverse = np.linalg.pinv(whole, rcond=_RANK, hermitian=True) * scale[:, None] * scale[None, :]
+    residual = known[0] + system.fitted @ step[: system.p]
+    residual[basis.rows] += basis.columns @ step[system.p :]
+    spread = (inverse @ system.gram @ inverse)[system.p :, system.p :]
+    moved = step[: system.p] / system.size
+    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proved(basis, rows, (before, after), len(folds)))
+
+
+def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:
+    """Proof on the rows that feel a basis, from held-out residuals (n,) without and with the term."""
+    own = basis.rows
+    part = Rows(rows.channel[own], rows.time[own], rows.xy[own], rows.phase[own])
+    return compared(held_out[0][own], held_out[1][own], part, folds)
+
+
+class _System:
+    """Normal equations of fitted parameters (scaled to columns of length one) and hats."""
+
+    def __init__(self, known: Known, basis: Basis) -> None:
+        self.residual, fitted = known
+        size = np.linalg.norm(fitted, axis=0)
+        self.size = np.where(size > 0.0, size, 1.0)
+        self.fitted = fitted / self.size
+        self.basis, self.p, self.rough = basis, fitted.shape[1], basis.rough
+        self.gram, self.right = self._normal(slice(None), slice(None))
+
+    def _normal(self, mask: np.ndarray | slice, inside: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+        j, r = self.fitted[mask], self.residual[mask]
+        b, own = self.basis.columns[inside], self.basis.rows[inside]
+        cross = self.fitted[own].T @ b
+        gram = np.block([[j.T @ j, cross], [cross.T, b.T @ b]])
+        return gram, np.concatenate([j.T @ r, b.T @ self.residual[own]])
+
+    def without(self, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations of the rows that are seen."""
+        gram, right = self._normal(hidden, hidden[self.basis.rows])
+        return self.gram - gram, self.right - right
+
+
+Normal = tuple[np.ndarray, np.ndarray]
+"""Normal matrix and right-hand side."""
+Fold = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _predicted(system: _System, folds: list[Fold], weight: float | None) -> np.ndarray:
+    """Held-out residual (n,) with the field at that lambda, None: without it; nan in rows that no fold holds out."""
+    out, p = np.full(len(system.residual), np.nan), system.p
+    inside = np.full(len(system.residual), -1)
+    inside[system.basis.rows] = np.arange(len(system.basis.rows))
+    for held, gram, right in folds:
+        if weight is None:
+            step = np.append(-np.linalg.pinv(gram[:p, :p], rcond=_RANK, hermitian=True) @ right[:p], np.zeros(len(right) - p))
+        else:
+            step = _step((gram, right), system.rough, weight, p)
+        value = system.residual + system.fitted @ step[:p]
+        out[held] = value[held]
+        if weight is not None:
+            own = held & (inside >= 0)
+            out[own] += system.basis.columns[inside[own]] @ step[p:]
+    return out
+
+
+def _step(system: Normal, rough: np.ndarray, weight: float, p: int) -> np.ndarray:
+    """Step (p + m,); directions that nothing feels stay where they are."""
+    whole, scale = _scaled(system[0], rough, weight, p)
+    right = -scale * system[1]
+    try:
+        return np.asarray(scale * cho_solve(cho_factor(whole), right))
+    except LinAlgError:
+        return np.asarray(scale * (np.linalg.pinv(whole, rcond=_RANK, hermitian=True) @ right))
+
+
+def _scaled(gram: np.ndarray, rough: np.ndarray, weight: float, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Regularised normal matrix with ones on its diagonal, and the scale of every unknown."""
+    whole = gram.copy()
+    whole[p:, p:] += weight * rough
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    # What the data do not determine stays where it is: it must not run off along a valley.
+    return whole * scale[:, None] * scale[None, :] + VALLEY * np.eye(len(whole)), scale
+
+
+Whiten = Callable[[np.ndarray], np.ndarray]
+
+
+def basis_of(kind: tuple[str, str], grid: Grid, chosen: np.ndarray, rows: np.ndarray, answers: tuple[np.ndarray, Whiten]) -> Basis:
+    """Basis of chosen hats from their answers (n_t, n_s, n_c, m) and the comparison that whitens one; kind = (name, unit)."""
+    field, whiten = answers
+    columns = np.empty((len(rows), len(chosen)), order="F")
+    for k in range(len(chosen)):
+        columns[:, k] = whiten(field[..., k])
+    return Basis(*kind, grid, chosen, rows, columns, roughness(grid, chosen))

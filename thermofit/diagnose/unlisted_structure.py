@@ -1,0 +1,124 @@
+"""Structure in a residual: how much of its square sum hangs together in blocks of time and place, above both floors.
+
+With S_b the sum of the n_b whitened rows of a block, noise alone gives E[S_b^2 / n_b] = v, one where sigma is right. v is taken from
+differences of block means in time, so that neither a wrong sigma nor noise that neighbours share looks like structure; what all times
+of a point have in common (the reference of dtheta) comes on top, and so does the error of the discretisation. The excess
+
+    X = sum_b [S_b^2 / n_b - v_b - N_b^2 / n_b]
+
+is what is left to be explained; its standard deviation under noise is sqrt(2 sum_b v_b^2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.held_out import Rows
+
+BLOCKS = (16, 6, 2)
+"""Blocks in time, y and x."""
+SURE = 4.0
+"""Standard deviations of the noise by which the excess has to stand out."""
+_MEDIAN = 0.4549
+"""Median of chi-square with one degree of freedom."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Blocks of one channel: its `rows` of the residual, block of each (n_rows,), number of rows, noise v and numerical part (n_b,)."""
+
+    channel: str
+    rows: np.ndarray
+    block: np.ndarray
+    count: np.ndarray
+    noise: np.ndarray
+    numerical: np.ndarray
+
+    def excess(self, residual: np.ndarray) -> float:
+        """X of a whitened residual (n,)."""
+        sums = np.bincount(self.block, residual[self.rows], len(self.count))
+        return float(np.sum(sums**2 / self.count - self.noise - self.numerical))
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of X under noise."""
+        return float(np.sqrt(2.0 * np.sum(self.noise**2)))
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Excess of one channel in the residual, its standard deviation under noise, and its part of the square sum."""
+
+    blocks: Blocks
+    excess: float
+    share: float
+
+    @property
+    def stands_out(self) -> bool:
+        """True where the excess is more than noise and discretisation make."""
+        return self.excess > SURE * self.blocks.spread
+
+
+def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarray | None) -> tuple[Structure, ...]:
+    """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual."""
+    out, at = [], 0
+    for k, comparison in enumerate(case.model.comparisons):
+        own = np.arange(at, at + comparison.n)
+        at += comparison.n
+        block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
+        count = np.bincount(block).astype(float)
+        noise = np.full(len(count), _noise(residual[own], *series)) + _shared(case, own, block, count, len(residual))
+        error = np.zeros(len(count)) if numerical is None else np.bincount(block, numerical[own], len(count)) ** 2 / count
+        blocks = Blocks(case.channels[k], own, block, count, noise, error)
+        excess = blocks.excess(residual)
+        out.append(Structure(blocks, excess, excess / max(float(residual[own] @ residual[own]), 1e-300)))
+    return tuple(out)
+
+
+def _places(rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Block (n_own,) of every row, and (place, time index) of each for the differences in time."""
+    time = where[:, 0]
+    stamp = np.unique(time, return_inverse=True)[1] if by_sample else rows.time[own]
+    edges = np.unique(np.quantile(stamp, np.linspace(0.0, 1.0, BLOCKS[0] + 1)))
+    i = np.clip(np.searchsorted(edges, stamp, side="right") - 1, 0, max(len(edges) - 2, 0))
+    place = where[:, 2].astype(np.int64)
+    for axis, n in ((1, BLOCKS[1]), (0, BLOCKS[2])):
+        v = rows.xy[own, axis]
+        extent = float(np.ptp(v))
+        part = np.zeros(len(v), dtype=np.int64) if extent <= 0.0 else np.minimum((n * (v - v.min()) / extent).astype(np.int64), n - 1)
+        place = place * n + part
+    place = np.unique(place, return_inverse=True)[1]
+    block = np.unique(i * (place.max(initial=0) + 1) + place, return_inverse=True)[1]
+    return block, (place, np.unique(time, return_inverse=True)[1])
+
+
+def _noise(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> float:
+    """v from second differences in time of sums over places, each in units of what white noise of unit variance gives."""
+    shape = (int(place.max(initial=0)) + 1, int(time.max(initial=0)) + 1)
+    if shape[1] < 5:
+        return 1.0
+    flat = place * shape[1] + time
+    sums = np.bincount(flat, r, shape[0] * shape[1]).reshape(shape)
+    count = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
+    known = count > 0
+    level = np.where(known, sums / np.sqrt(np.maximum(count, 1.0)), 0.0)
+    three = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
+    second = (level[:, :-2] - 2.0 * level[:, 1:-1] + level[:, 2:])[three]
+    return float(np.median(second**2) / 6.0 / _MEDIAN) if len(second) > 4 else 1.0
+
+
+def _shared(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, n: int) -> np.ndarray:
+    """What correlation of the noise over time adds to v (n_b,): 1^T C 1 / n_b - 1."""
+    at = 0
+    for comparison in case.model.comparisons:
+        if at == own[0] and comparison.noise is not None and comparison.channel == "dtheta":
+            found = np.empty(len(count))
+            for b in range(len(count)):
+                one = (block == b).astype(float)
+                found[b] = float(one @ comparison.noise(one[:, None])[:, 0]) / count[b] - 1.0
+            return np.maximum(found, 0.0)
+        at += comparison.n
+    return np.zeros(len(count))

@@ -1,0 +1,86 @@
+"""Terms that no law names: hat functions over place and time, and what the fitted model would show of each of them.
+
+A missing heat source q(x, y, t), displacement or stress is sought as a sum of hats. Its answer is linear: by back-substitution with the
+conduction of the fitted model where it is a heat source, the hat itself where it is what an instrument shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Knots of hats: `time` s (n_k,) with the number `part` (n_k,) of the record that each belongs to, `x` and `y` mm over the face.
+
+    A coupon has one place. `components` is 2 for displacements. Coefficients are ordered (n_k, n_y, n_x, components).
+    """
+
+    time: np.ndarray
+    part: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    components: int = 1
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Numbers of hats in time, y, x, and of components."""
+        return len(self.time), len(self.y), len(self.x), self.components
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return int(np.prod(self.shape))
+
+    @property
+    def places(self) -> int:
+        """Number of hats over the face."""
+        return len(self.y) * len(self.x)
+
+
+def hats(knots: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values (..., n) of the hats at increasing knots (n,); one knot stands for everywhere, beyond the last ones there is nothing."""
+    if len(knots) == 1:
+        return np.ones((*at.shape, 1))
+    rows = np.eye(len(knots))
+    return np.stack([np.interp(at, knots, row, left=0.0, right=0.0) for row in rows], axis=-1)
+
+
+def time_hats(grid: Grid, time: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Values (n_t, n_k) of the hats in time; `part` (n_t,) is the record of every time."""
+    out = np.zeros((len(time), len(grid.time)))
+    for record in np.unique(grid.part):
+        own, here = grid.part == record, part == record
+        out[np.ix_(here, own)] = hats(grid.time[own], time[here])
+    return out
+
+
+def place_hats(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Values (..., n_y n_x) of the hats over the face; x beyond the last knot counts as that."""
+    across = hats(grid.x, np.clip(x, grid.x[0], grid.x[-1]))
+    along = hats(grid.y, y)
+    return np.asarray((along[..., :, None] * across[..., None, :]).reshape(*along.shape[:-1], grid.places))
+
+
+class Missing(Protocol):
+    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa)."""
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        """Kind by the observed field that shows it."""
+
+    def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
+        """Hats over all that is observed, about `counts` of them in time, y and x."""
+
+    def answers(self, kind: str, parameters: object, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the m chosen hats."""
+
+    def volumes(self, grid: Grid) -> np.ndarray | None:
+        """Volume (n_places,) mm^3 of the specimen under each hat over the face; None where it is not known (coupons)."""
+
+    def states(self, parameters: object, grid: Grid) -> Mapping[str, np.ndarray]:
+        """State variables (n_k, n_places) at the knots, by name."""

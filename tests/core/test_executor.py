@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import local_dask
 import pytest
 import worker_tasks
 
@@ -106,17 +107,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     pytest.importorskip("distributed", reason="needs the extra dask")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])}
     environment["DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"] = "1"
-    processes: list[subprocess.Popen[bytes]] = []
-    try:
-        scheduler = worker_tasks.start_scheduler(tmp_path_factory.mktemp("dask"), environment)
-        processes.append(scheduler[0])
-        processes += [worker_tasks.start_worker(scheduler[1], environment) for _ in range(4)]
-        yield scheduler[1]
-    finally:
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.wait(timeout=20)
+    with local_dask.cluster_of(tmp_path_factory.mktemp("dask"), environment, 4) as found:
+        yield found.address
 
 
 @pytest.mark.slow

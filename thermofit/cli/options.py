@@ -45,10 +45,10 @@ class Common:
 
 
 def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:
-    """Where the independent problems of a stage are solved; processes share the threads that the study allows."""
+    """Where the independent problems of a stage are solved; processes share the threads that the study allows, a Dask worker has one."""
     from thermofit.core.executor import Executor
 
-    return Executor(jobs, scheduler, max(1, study.numerics.threads // max(1, jobs)))
+    return Executor(jobs, scheduler, 1 if scheduler is not None else max(1, study.numerics.threads // max(1, jobs)))
 
 
 def _shared(

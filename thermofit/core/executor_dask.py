@@ -42,7 +42,7 @@ def run_on_scheduler(tasks: Sequence[Task], address: str, threads: int, done: Ca
         alone_since: float | None = None
         try:
             while pending:
-                finished = _finished(list(pending))
+                finished = _finished(list(pending), address)
                 alone_since = _alone_since(client, address, alone_since if not finished else None)
                 for future in finished:
                     index = pending.pop(future)
@@ -95,14 +95,26 @@ def _connected(address: str) -> Iterator[Client]:
             yield client
 
 
-def _finished(pending: list[Future]) -> list[Future]:
-    """The tasks that have ended, after waiting a moment for the first one."""
+def _finished(pending: list[Future], address: str) -> list[Future]:
+    """The tasks that have ended, after waiting a moment for the first one. NumericsError where the scheduler is gone."""
+    from concurrent.futures import CancelledError
+
     from distributed import wait
 
     try:
         return list(wait(pending, timeout=_LOOK_S, return_when="FIRST_COMPLETED").done)
     except TimeoutError:
         return []
+    except CancelledError as error:  # so Dask calls it when the connection is lost
+        raise NumericsError(
+            f"--scheduler {address}: the connection was lost ({_line(error)}); what is finished is kept: start scheduler and workers, and "
+            "the same command resumes"
+        ) from error
+
+
+def _line(error: BaseException) -> str:
+    """The text of an error of Dask in one short line."""
+    return " ".join(str(error).split())[:160] or type(error).__name__
 
 
 def _alone_since(client: Client, address: str, since: float | None) -> float | None:
@@ -128,7 +140,7 @@ def _result(future: Future, task: Task, address: str) -> tuple[bool, Any]:
     error = future.exception() if future.status == "error" else None
     if isinstance(error, KilledWorker):
         return False, NumericsError(lost_text(task.label, f"by the scheduler's count, which gives up after {LOSSES}"))
-    found = f"its state is '{future.status}'" if error is None else f"{type(error).__name__}: {' '.join(str(error).split())}"
+    found = f"its state is '{future.status}'" if error is None else f"{type(error).__name__}: {_line(error)}"
     return False, NumericsError(
         f"--scheduler {address}: {task.label} was given up by Dask ({found}); what is finished is kept: see to scheduler and workers, and "
         "the same command resumes"

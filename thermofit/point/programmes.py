@@ -126,8 +126,8 @@ class Usual:
 def programme(name: str, usual: Usual, parameters: Parameters, settings: PointSettings = DEFAULTS, samples: int = SAMPLES) -> Programme:
     """The programme of that name in about `samples` samples, dealt out to its legs half by duration and half evenly.
 
-    Where a leg goes to a stress from a strain, or the other way round, the value at its beginning is that of a coupon with these parameters.
-    StudyError for an unknown name; NumericsError where the coupon cannot be driven so.
+    A leg to a stress after one to a strain, or the other way round, begins where a coupon with these parameters stands. StudyError for an
+    unknown name; NumericsError where the coupon cannot be driven so.
     """
     which = named(name)
     usual.check()

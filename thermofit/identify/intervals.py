@@ -144,10 +144,10 @@ def refit_task(subject: Subject, kept: Kept, seed: int, numbers: tuple[int, ...]
             problem, change, _ = fit_problem(subject, linear, linear.residual - drawn)
             mine = kept.store(f"repeat-{number}")
             fit = minimise(problem, "least-squares", _settings(subject), Hooks(store=mine))
-            found = {"x": change.parameters(fit.x)}
+            found = {"optimum": change.parameters(fit.x)}
             done.put(key, **found)
             mine.discard()
-        out.append(found["x"])
+        out.append(found["optimum"])
     return np.array(out)
 
 

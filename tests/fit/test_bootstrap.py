@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import UntrustworthyError
-from thermofit.fit.bootstrap import Blocks, block_weights, drawn_residual, linearised_repeats, outside_residual, percentile_interval
+from thermofit.fit.bootstrap import (
+    Blocks,
+    block_weights,
+    drawn_residual,
+    effective_blocks,
+    linearised_repeats,
+    outside_residual,
+    percentile_interval,
+)
 
 N, REPEATS = 400, 2000
 X = np.linspace(-1.0, 1.0, N)
@@ -80,3 +88,10 @@ def test_weights_and_too_few_blocks() -> None:
 
 def test_percentiles() -> None:
     assert percentile_interval(np.linspace(0.0, 1.0, 1001)) == pytest.approx((0.025, 0.975))
+
+
+def test_number_of_blocks_that_a_parameter_rests_on() -> None:
+    """A mean rests on all blocks alike, a column that lives in one block on that alone."""
+    jacobian = np.stack([np.ones(N), (np.arange(N) < 20) * 1e-6], axis=1)
+    found = effective_blocks(jacobian, blocks(20))
+    assert found[0] == pytest.approx(19.0, rel=0.01) and found[1] < 1.2

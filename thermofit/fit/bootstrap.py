@@ -109,6 +109,16 @@ def linearised_repeats(
     return np.asarray(moves)
 
 
+def effective_blocks(jacobian: np.ndarray, blocks: Blocks) -> np.ndarray:
+    """Number of blocks (n_p,) that each parameter rests on: (sum v)^2 / sum v^2 of the shares v of the blocks in its variance (Carter,
+    Schnepel and Steigerwald, Review of Economics and Statistics 99, 2017). A parameter that a few blocks alone feel has few."""
+    unit = _normalised(jacobian)
+    weights = np.linalg.pinv(unit, rcond=1e-10)
+    shares = np.stack([np.bincount(blocks.label, row**2, blocks.count) for row in weights])
+    squares = (shares**2).sum(axis=1)
+    return np.divide(shares.sum(axis=1) ** 2, squares, out=np.ones(len(squares)), where=squares > 0.0)
+
+
 def percentile_interval(values: np.ndarray, level: float = 0.95) -> tuple[float, float]:
     """The central `level` of values (n,)."""
     low, high = np.quantile(values, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])

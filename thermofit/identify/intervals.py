@@ -16,7 +16,15 @@ from scipy.stats import norm, t
 from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.executor import Executor, Task, run_all
 from thermofit.core.progress import progress
-from thermofit.fit.bootstrap import Blocks, drawn_residual, linearised_repeats, outside_residual, percentile_interval, require_blocks
+from thermofit.fit.bootstrap import (
+    Blocks,
+    drawn_residual,
+    effective_blocks,
+    linearised_repeats,
+    outside_residual,
+    percentile_interval,
+    require_blocks,
+)
 from thermofit.fit.memory import memories
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
@@ -94,11 +102,14 @@ def bootstrap(linear: Linear, repeats: int, seed: int) -> tuple[dict[str, Interv
 
 
 def _percentiles(linear: Linear, x: np.ndarray, blocks: Blocks) -> dict[str, Interval]:
-    """Percentiles of the optima, widened as Student's t is for as many blocks."""
-    wide = float(t.ppf(0.5 * (1.0 + LEVEL), blocks.count - 1) / norm.ppf(0.5 * (1.0 + LEVEL)))
+    """Percentiles of the optima, widened as Student's t is for as few blocks as a parameter rests on."""
+    kept = np.flatnonzero(~linear.at_bound)
+    count = np.full(len(linear.names), float(blocks.count))
+    count[kept] = effective_blocks(linear.jacobian[:, kept], blocks)
+    wide = t.ppf(0.5 * (1.0 + LEVEL), np.maximum(count - 1.0, 1.0)) / norm.ppf(0.5 * (1.0 + LEVEL))
     out = {}
     for i, name in enumerate(linear.names):
-        low, high = percentile_interval(linear.x[i] + wide * (x[:, i] - linear.x[i]), LEVEL)
+        low, high = percentile_interval(linear.x[i] + float(wide[i]) * (x[:, i] - linear.x[i]), LEVEL)
         low, high = max(low, float(linear.lower[i])), min(high, float(linear.upper[i]))
         out[name] = Interval(low, high, low <= linear.lower[i], high >= linear.upper[i])
     return out
@@ -133,10 +144,10 @@ def refit_task(subject: Subject, kept: Kept, seed: int, numbers: tuple[int, ...]
             problem, change, _ = fit_problem(subject, linear, linear.residual - drawn)
             mine = kept.store(f"repeat-{number}")
             fit = minimise(problem, "least-squares", _settings(subject), Hooks(store=mine))
-            found = {"x": change.parameters(fit.x)}
+            found = {"optimum": change.parameters(fit.x)}
             done.put(key, **found)
             mine.discard()
-        out.append(found["x"])
+        out.append(found["optimum"])
     return np.array(out)
 
 

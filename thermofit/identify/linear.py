@@ -72,8 +72,8 @@ class Linear:
 
     @property
     def error(self) -> np.ndarray:
-        """What shows the memory of records (n,): the residual of each block against the fit to all others. In the residual of the fit
-        itself the slow errors are missing that the parameters could follow."""
+        """What shows the memory of records (n,): the residual of each block against the fit to all others. In that of the fit itself the
+        slow errors are missing that the parameters could follow."""
         if self.before or self.model.segments is None:
             return self.residual
         blocks = residual_blocks(self.model, self.residual)

@@ -14,13 +14,14 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.study import Study, load_study
 from thermofit.core.study_section import MeshSize
-from thermofit.diagnose.case import Case, linearised
+from thermofit.diagnose.case import Case, linearised, scans
 from thermofit.diagnose.score import Columns, ranked
-from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effects
+from thermofit.diagnose.structure import Span
+from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effect, effects
 from thermofit.fem.march import History, Loading
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.identify.joint import THERMOCOUPLE, joint_free, joint_model, joint_settings, station_names
+from thermofit.identify.joint import THERMOCOUPLE, Joint, joint_free, joint_model, joint_settings, station_names
 from thermofit.identify.model import StageModel, stage_model
 from thermofit.measure.observation import FieldObservation
 
@@ -207,3 +208,58 @@ def test_an_effect_of_the_base_law_that_is_held_at_neutral_is_found() -> None:
     assert ranking.scores[0].effect == "thermal_expansion"
     assert ranking.scores[0].estimate["alpha_exp"] == pytest.approx(2e-5, rel=0.1)
     assert set(ranking.unfelt) == {"machine_compliance", "jaw_slip"}
+
+
+DIRECTIONS = (
+    ("lamp.absorbed", {"lamp.start": 12.0}), ("lamp.absorbed", {"lamp.start": 28.0}), ("air_drift.rate", {"air_drift.time": 20.0}),
+    ("stored_energy.slope", {}), ("capacity_by_temperature.slope", {}), ("initial_gradient.amplitude", {"initial_gradient.tilt": 3.0}),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("extra", [{}, {"ir_lag.time": 1.5, "ir_gain.gain": 0.1}], ids=["bare", "behind instruments"])
+def test_effects_of_heat_are_felt_on_the_known_motion_as_in_whole_runs(extra: dict[str, float]) -> None:
+    """Several values of an exponent at once, from one run; what they do to the motion is left out, and is small."""
+    joint = Joint(study(), data(), joint_settings(study(), ("c0",), data()), SIZE)
+    base = Parameters.of({**TRUTH, **extra}, ("c0",))
+    residual, jacobian, along = joint.scored(base, ("c0",), DIRECTIONS)
+    assert np.allclose(residual, joint.model.residual(base), atol=1e-8)
+    assert np.allclose(jacobian, joint.model.linearised(base, ("c0",))[1])
+    warm = part(joint.model, "dtheta")
+    for k, (name, others) in enumerate(DIRECTIONS):
+        h = 0.02 * param(name).scale
+        there = [joint.model.residual(base.replace(**others, **{name: sign * h})) for sign in (1.0, -1.0)]
+        numeric = (there[0] - there[1]) / (2.0 * h)
+        size = np.linalg.norm(numeric[warm])
+        # The warming on the known motion is that of the heat capacity at constant stress, 4 % larger: a factor of it feels that.
+        near = 0.1 if name.startswith("capacity") else 0.02
+        assert np.linalg.norm(along[warm, k] - numeric[warm]) < near * size, name
+        assert np.linalg.norm(numeric) < 1.02 * size and not along[part(joint.model, "du"), k].any(), name
+
+
+def test_temperatures_alone_answer_to_thermal_parameters_as_in_the_joint_model() -> None:
+    joint = Joint(study(), data(), joint_settings(study(), ("c0", "theta_air"), data()), SIZE)
+    base = Parameters.of(TRUTH).replace(theta_air=297.6)
+    alone = joint.heat(base)
+    assert alone is not None and joint.mechanics is not None
+    both, warm = joint.model.residual(base), part(joint.model, "dtheta")
+    assert np.allclose(alone.residual(base), np.append(both[warm], both[-1]), atol=0.02)
+    assert np.allclose(joint.mechanics.residual(base)[:-1], both[part(joint.model, "du")], atol=1e-6)
+    names = ("kappa", "c0", "beta", "theta_air", "ir_lag.time")
+    _, jacobian = joint.model.linearised(base, names)
+    _, here = alone.linearised(base, names)
+    for k, name in enumerate(names):
+        assert np.linalg.norm(here[:-1, k] - jacobian[warm, k]) < 0.06 * np.linalg.norm(jacobian[warm, k]), name
+
+
+def test_effects_are_scanned_where_a_run_tells_the_fields_apart() -> None:
+    joint = Joint(study(), data(), joint_settings(study(), ("E", "c0"), data()), SIZE)
+    base = Parameters.of(TRUTH, ("E", "c0"))
+    spans = (Span("all", 0.0, 40.0),)
+    case = Case(joint.model, base, effects(("surface_flux", "yield_factor", "sensor")), spans, station_names(), scored=joint.scored)
+    found, plain = linearised(case), linearised(replace(case, scored=None))
+    starts = [values["lamp.start"] for values in scans(effect("lamp"), spans)]
+    assert starts[1:] == [40.0 * share for share in param("lamp.start").scan] and len(found.scanned["lamp"]) == len(starts)
+    assert np.allclose(found.residual, plain.residual, atol=1e-6)
+    for name, (names, block) in plain.dormant.items():
+        assert found.dormant[name][0] == names
+        assert np.linalg.norm(found.dormant[name][1] - block) < 0.05 * np.linalg.norm(block), name

@@ -28,6 +28,9 @@ class Param:
     """A value at which the effect of this Param is plainly visible; None for those of the base law."""
     scan: tuple[float, ...] = ()
     """Values tried for a Param that cannot be felt while its effect is off (an exponent, a time); empty for an amplitude."""
+    scan_of: str = ""
+    """What the values of `scan` are shares of: "time" of the time between begin and end of the test (a moment), "duration" of its length;
+    empty: they are values."""
     logarithmic: bool = False
     """True where the order of magnitude is what is known: it is fitted by its logarithm."""
 

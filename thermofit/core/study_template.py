@@ -91,6 +91,8 @@ stages:
 # gridsearch:                                  # the same stage from other starts
 #   stage: thermal
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
+#   draw: {method: latin-hypercube, number: 10, seed: 1}     # further starts, over the bounds; or sobol; within: {kappa: [50, 300]}
+## quantity: a parameter that the stage does not identify, thickness (mm), clock (s added to the infrared frames), weight.u (factor).
 # sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
 # effects: []                                  # effect files of your own, relative to this file: [my_effect.py]
 # diagnosis:                                   # diagnose and close-loop

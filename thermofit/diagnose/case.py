@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Param, Parameters
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel, field_of
 from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
 
@@ -20,6 +21,9 @@ ON_POINT = ("linear_hardening", "thermal_expansion")
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
 surface does not flow, with the least overstress it does."""
+
+
+Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class Case:
     instruments: frozenset[str]
     cheap: bool = False
     """True where a run costs next to nothing: exponents are scanned when effects are ranked, not only when one is tried."""
+    scored: Scored | None = None
+    """Residual, Jacobian by names and columns along directions of the heat equation, where the driver tells the two fields apart."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -73,17 +79,26 @@ def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
     return Rows(np.concatenate(channel), np.concatenate(time), np.concatenate(xy), np.concatenate(phase))
 
 
-def scans(effect: Effect) -> tuple[dict[str, float], ...]:
+def scans(effect: Effect, spans: Sequence[Span]) -> tuple[dict[str, float], ...]:
     """Sets of values to try for the Params of an effect that cannot be felt while it is off: every combination, the neutral one first."""
     tried = [p for p in effect.params if p.scan]
-    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(p.scan for p in tried))]
+    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(_tried_of(p, spans) for p in tried))]
     neutral = {p.name: p.neutral for p in tried}
     return (neutral, *(s for s in sets if s != neutral))
 
 
+def _tried_of(p: Param, spans: Sequence[Span]) -> tuple[float, ...]:
+    """Values to try for one Param: those of its scan, or the shares of the test that they are."""
+    if not p.scan_of:
+        return p.scan
+    first, last = min(s.t0 for s in spans), max(s.t1 for s in spans)
+    begin = first if p.scan_of == "time" else 0.0
+    return tuple(float(np.clip(begin + share * (last - first), p.lower, p.upper)) for share in p.scan)
+
+
 def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:
     """Columns (n, k) of a dormant effect whose other Params have the given values, from one differentiated run."""
-    names = tuple(p.name for p in effect.params if not p.scan)
+    names = _felt(effect)
     tiny = {} if effect.amplitude.name in case.instruments else {effect.amplitude.name: _tiny(effect)}
     _, columns = case.model.linearised(case.parameters.replace(**values, **tiny), names)
     return columns
@@ -95,23 +110,45 @@ def _tiny(effect: Effect) -> float:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by."""
+    """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by.
+
+    `scanned`: of effects whose columns come from a heat run, those at every set of values of `scans`.
+    """
 
     residual: np.ndarray
     fitted: np.ndarray
     dormant: dict[str, tuple[tuple[str, ...], np.ndarray]]
+    scanned: dict[str, tuple[np.ndarray, ...]]
 
 
 def linearised(case: Case) -> Linearised:
-    """All columns from one differentiated run. NumericsError where it fails."""
+    """All columns from one differentiated run; effects of the heat problem from a heat run on its motion. NumericsError where it fails."""
     dormant = case.dormant()
-    tiny = {e.amplitude.name: _tiny(e) for e in dormant if e.amplitude.name not in case.instruments}
-    felt = {e.name: tuple(p.name for p in e.params if not p.scan) for e in dormant}
+    heated = [e for e in dormant if case.scored is not None and acts_in_heat(e)]
+    coupled = [e for e in dormant if e not in heated]
+    tiny = {e.amplitude.name: _tiny(e) for e in coupled if e.amplitude.name not in case.instruments}
+    felt = {e.name: _felt(e) for e in coupled}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))
-    residual, columns = case.model.linearised(case.parameters.replace(**tiny), names)
+    directions = [(name, values) for e in heated for values in scans(e, case.spans) for name in _felt(e)]
+    there = case.parameters.replace(**tiny)
+    if case.scored is None:
+        residual, columns = case.model.linearised(there, names)
+    else:
+        residual, columns, along = case.scored(there, names, directions)
     at = {name: k for k, name in enumerate(names)}
     for name, value in tiny.items():
         residual = residual - columns[:, at[name]] * (value - case.parameters[name])
     blocks = {effect: (group, columns[:, [at[name] for name in group]]) for effect, group in felt.items()}
-    return Linearised(residual, columns[:, : len(fitted)], blocks)
+    scanned, k = {}, 0
+    for e in heated:
+        width, count = len(_felt(e)), len(scans(e, case.spans))
+        scanned[e.name] = tuple(along[:, k + n * width : k + (n + 1) * width] for n in range(count))
+        blocks[e.name] = (_felt(e), scanned[e.name][0])
+        k += width * count
+    return Linearised(residual, columns[:, : len(fitted)], blocks, scanned)
+
+
+def _felt(effect: Effect) -> tuple[str, ...]:
+    """Names of the Params of an effect that can be felt while it is off."""
+    return tuple(p.name for p in effect.amplitudes)

@@ -6,7 +6,7 @@ J_seen x = -r_seen, and the rows that are not seen change to r + J x. So a proof
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +82,7 @@ def split_by_blocks(
 class Proof:
     """Held-out mean squares of whitened residuals without and with an effect: overall, per channel, and the gain with its spread.
 
-    `gain` is the mean over folds of (without - with) / without; `sigma` the standard error of the gain from groups of rows.
+    `gain` is (without - with) / without; `sigma` its standard error, see `compared`.
     """
 
     without: float
@@ -93,6 +93,7 @@ class Proof:
     folds: int
 
 
+Noise = Callable[[np.ndarray], np.ndarray]
 Room = tuple[np.ndarray, np.ndarray]
 """How far every column's parameter may go down (<= 0) and up (>= 0), each (p,): to its bounds."""
 
@@ -133,29 +134,45 @@ def _bounded_step(gram: np.ndarray, right: np.ndarray, ends: Room) -> np.ndarray
     return step
 
 
-def proof(residual: np.ndarray, columns: tuple[np.ndarray, np.ndarray], rows: Rows, split: Split, rooms: tuple[Room, Room]) -> Proof:
+def proof(
+    residual: np.ndarray,
+    columns: tuple[np.ndarray, np.ndarray],
+    rows: Rows,
+    split: Split,
+    rooms: tuple[Room, Room],
+    noise: Noise | None = None,
+) -> Proof:
     """Held-out error with and without an effect by linear algebra; columns = (fitted (n, p), those of the effect (n, k)), with their
-    rooms."""
+    rooms; `noise`: see `compared`."""
     (fitted, effect), (room, own) = columns, rooms
     both = (np.append(room[0], own[0]), np.append(room[1], own[1]))
     before = held_out_residual(residual, fitted, split, room)
     after = held_out_residual(residual, np.concatenate([fitted, effect], axis=1), split, both)
-    return compared(before, after, rows, len(split.held_out))
+    return compared(before, after, rows, len(split.held_out), noise)
 
 
-def compared(before: np.ndarray, after: np.ndarray, rows: Rows, folds: int) -> Proof:
-    """Proof from held-out residuals (n,) without and with an effect, nan in rows that were never held out."""
+def compared(before: np.ndarray, after: np.ndarray, rows: Rows, folds: int, noise: Noise | None = None) -> Proof:
+    """Proof from held-out residuals (n,) without and with an effect, nan in rows that were never held out.
+
+    With d the change that the effect makes of them, |r|^2 falls by -2 (r + d).d + d.d. Its standard error has two bounds from above, and
+    the smaller is taken. In the one r + d, what is left, is noise: that of 2 (r + d).d, from the correlation of the noise (`noise` applies
+    it to columns (n, k); None: independent) or from what groups of rows show, whichever is larger; it holds too much where the effect is
+    predicted imperfectly. The other is the scatter of the gain between groups, which holds how unevenly the effect shows in the test.
+    """
     used = np.isfinite(before) & np.isfinite(after)
     without, with_effect = before[used] ** 2, after[used] ** 2
+    change = np.where(used, after - before, 0.0)
+    spread = change if noise is None else noise(change[:, None])[:, 0]
     groups = groups_of(rows, used)
     count = int(groups.max()) + 1
-    a = np.bincount(groups, without, count)
-    b = np.bincount(groups, with_effect, count)
-    gain = float(1.0 - b.sum() / a.sum())
-    spread = (a - b) - gain * a
-    sigma = float(np.sqrt(count / max(count - 1, 1) * (spread**2).sum()) / a.sum())
+    sums = np.bincount(groups, (after[used] * change[used]), count)
+    variance = max(float(change @ spread), count / max(count - 1, 1) * float(sums @ sums))
+    total = float(without.sum())
     channel = rows.channel[used]
     by_channel = {int(c): (float(without[channel == c].mean()), float(with_effect[channel == c].mean())) for c in np.unique(channel)}
+    gain = 1.0 - float(with_effect.sum()) / total
+    uneven = np.bincount(groups, without - with_effect - gain * without, count)
+    sigma = min(2.0 * variance**0.5, (count / max(count - 1, 1) * float(uneven @ uneven)) ** 0.5) / total
     return Proof(float(without.mean()), float(with_effect.mean()), by_channel, gain, sigma, folds)
 
 

@@ -107,7 +107,7 @@ def _tried(
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
     chosen = here.settings.get(score.effect)
-    if chosen is None and len(scans(effect(score.effect))) > 1:
+    if chosen is None and len(scans(effect(score.effect), here.case.spans)) > 1:
         chosen, block = best_scan(here.case, here.problem, effect(score.effect))
         alone = replace(here.problem, dormant={score.effect: (here.problem.dormant[score.effect][0], block)})
         score = replace(ranked(alone).scores[0], family=score.family)
@@ -119,7 +119,7 @@ def _tried(
     parameters, after, exponents = _refined(parameters, after, score.effect, refit)
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
-    proof = compared(_held_out(here), _held_out(there), here.rows, len(here.split.held_out))
+    proof = compared(held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.noise)
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
     refused = _refusal(score.effect, estimate, sigma, proof, after)
@@ -130,21 +130,20 @@ def _tried(
 def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[Parameters, FitResult, str]:
     """A second refit with the scanned Params of an effect free as well; kept where it converges and the objective falls, and said."""
     scanned = [p.name for p in effect(name).params if len(p.scan) > 1]
-    if not scanned or not fit.converged:
+    if not scanned:
         return parameters, fit, ""
     held = "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in scanned)
     try:
         free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name}{EXPONENTS}")
     except NumericsError as error:
         return parameters, fit, f"{held}: the refit with them free failed ({error})"
-    if not after.converged:
-        return parameters, fit, f"{held}: the refit with them free did not converge"
     if fit.f - after.f <= WORTH_AN_EXPONENT:
         return parameters, fit, f"{held}: freeing them gains nothing"
-    return free, after, "fitted"
+    return free, after, "fitted" if after.converged else "fitted, but not settled"
 
 
-def _held_out(here: Traced) -> np.ndarray:
+def held_out_of(here: Traced) -> np.ndarray:
+    """Whitened residual (n,) of every row as predicted from the folds that do not hold it; nan in rows that are never held out."""
     return held_out_residual(here.columns.residual, here.columns.fitted, here.split, _room(here))
 
 
@@ -154,8 +153,6 @@ def _room(here: Traced) -> Room:
 
 def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float], proof: Proof, fit: FitResult) -> str:
     """Why a refitted effect is not accepted, empty where it is."""
-    if not fit.converged:
-        return f"the refit did not converge: {fit.message}"
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
     if proof.gain <= max(SURE * proof.sigma, PRACTICAL):
@@ -185,7 +182,9 @@ def _still_needed(here: Traced, name: str) -> bool:
     own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
     low, high = _room(here)
     room = (np.delete(low, own), np.delete(high, own))
-    found = compared(held_out_residual(residual, fitted, here.split, room), _held_out(here), here.rows, len(here.split.held_out))
+    found = compared(
+        held_out_residual(residual, fitted, here.split, room), held_out_of(here), here.rows, len(here.split.held_out), here.problem.noise
+    )
     return found.gain > max(SURE * found.sigma, PRACTICAL)
 
 
@@ -211,7 +210,7 @@ def before_after(first: Traced, last: Traced) -> dict[str, dict[str, dict[str, f
     floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in first.case.model.comparisons}
     table: dict[str, dict[str, dict[str, float]]] = {}
     for word, here in (("before", first), ("after", last)):
-        fit, held = channel_rms(here, here.columns.residual), channel_rms(here, _held_out(here))
+        fit, held = channel_rms(here, here.columns.residual), channel_rms(here, held_out_of(here))
         table[word] = {
             "fit": {c: v * floors[c] for c, v in fit.items()},
             "held_out": {c: v * floors[c] for c, v in held.items()},

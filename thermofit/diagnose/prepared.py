@@ -25,7 +25,7 @@ from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model, offsets
 from thermofit.identify.coupon_sensor import SENSOR
 from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
-from thermofit.identify.joint import NUISANCES, joint_free, joint_model, joint_settings, station_names
+from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings, station_names
 from thermofit.identify.model import StageModel
 from thermofit.measure.stations import INFRARED
 
@@ -82,6 +82,7 @@ class _Joint:
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
     size: MeshSize
+    parts: Joint | None = None
 
 
 def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
@@ -91,11 +92,12 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     scores are those after a joint step of all fitted parameters in any case.
     """
     joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
-    refit = JointFit(study, joint.settings, joint.model, task)
+    refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
     parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
     if not fit.converged:
         parameters = joint.base
-    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None)
+    scored = None if joint.parts is None else joint.parts.scored
+    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None, scored)
     finer, share = joint.finer()
     error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
     return Prepared(case, fit, refit, error, joint.size)
@@ -108,14 +110,16 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
     finer = MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
+    joint = Joint(study, data, settings, size)
     return _Joint(
         settings,
         base.with_free(free),
-        joint_model(study, data, settings, size),
+        joint.model,
         lambda: (joint_model(study, data, settings, finer), 1.0 - FINER**-2),
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
         size,
+        joint,
     )
 
 

@@ -3,25 +3,85 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from thermofit.core.checkpoint import Checkpoint
-from thermofit.core.parameters import Parameters
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, param
 from thermofit.core.progress import progress
 from thermofit.core.staging import Job
 from thermofit.core.study import Study
+from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
+from thermofit.effects.catalogue import effect
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
+from thermofit.identify.joint import Joint
+from thermofit.identify.known_motion import thermal_names
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
 
 EXPONENTS = " exponents"
-"""Ending of the label of a refit with exponents free: it is given up early, because they often lie in a valley."""
-EXPONENT_EVALUATIONS = 8
+"""Ending of the label of a refit with exponents free."""
+EXPONENT_EVALUATIONS = 12
+REFIT_EVALUATIONS = 16
+"""Evaluations after which a fit that still moves is judged where it stands: in a valley the last per mille take the longest."""
+PART_EVALUATIONS = 12
+"""Evaluations for displacements alone: what they leave, the joint fit does."""
+HEAT_EVALUATIONS = 60
 NEGLIGIBLE = 3e-5
 """Fall of the mean square that ends a joint fit: a thirtieth of the least that is worth an effect."""
+
+
+def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name: str) -> Parameters:
+    """The parameters at the best value of one exponent: down the hill over its scan, then the vertex of the parabola through three.
+
+    `at` gives the objective and the other parameters for a value; the search begins at the given one.
+    """
+    p = param(name)
+    to, back = (np.log, np.exp) if p.logarithmic else (float, float)
+    here = float(to(value))
+    near = 1e-3 * float(np.ptp([to(v) for v in p.scan]))
+    grid = sorted({here, *(x for x in (float(to(v)) for v in p.scan) if abs(x - here) > near)})
+    found: dict[float, tuple[float, Parameters]] = {}
+
+    def known(x: float) -> float:
+        if x not in found:
+            found[x] = at(float(back(x)))
+        return found[x][0]
+
+    k = grid.index(here)
+    known(grid[k])
+    for side in (-1, 1):
+        while 0 <= k + side < len(grid) and known(grid[k + side]) < known(grid[k]):
+            k += side
+    if 0 < k < len(grid) - 1:
+        x, f = np.array(grid[k - 1 : k + 2]), np.array([known(v) for v in grid[k - 1 : k + 2]])
+        if np.all(np.isfinite(f)):
+            a, b, _ = np.polyfit(x - x[1], f, 2)
+            known(float(np.clip(x[1] - 0.5 * b / a, x[0], x[2])) if a > 0.0 else x[1])
+    return min(found.values(), key=lambda end: end[0])[1]
+
+
+def _as_strong(model: StageModel, start: Parameters, name: str, value: float) -> Parameters:
+    """Parameters with an exponent of an effect at another value and the amplitude at which it does about as much as before.
+
+    To first order in the amplitude: what it does per unit is compared at a tiny one.
+    """
+    added = effect(name.partition(".")[0])
+    amplitude = added.amplitude
+    if value == start[name] or amplitude.probe is None:
+        return start.replace(**{name: value})
+    tiny = start.replace(**{amplitude.name: amplitude.neutral + 1e-3 * (amplitude.probe - amplitude.neutral)})
+    old, new = (model.linearised(tiny.replace(**{name: v}), (amplitude.name,))[1][:, 0] for v in (start[name], value))
+    size = float(new @ new)
+    share = float(new @ old) / size if size > 0.0 else 1.0
+    moved = amplitude.neutral + share * (start[amplitude.name] - amplitude.neutral)
+    return start.replace(**{name: value, amplitude.name: float(np.clip(moved, amplitude.lower, amplitude.upper))})
 
 
 @dataclass(frozen=True)
@@ -32,17 +92,76 @@ class JointFit:
     settings: StageSettings
     model: StageModel
     job: Job
-    at_most: int | None = None
-    """Most evaluations; None: those of the settings."""
+    at_most: int = REFIT_EVALUATIONS
+    """Most evaluations of all together."""
+    parts: Joint | None = None
+    """Where displacements and temperatures can be fitted on their own: both are, before all together."""
 
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
+        most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
+        start = self._approached(start, label)
+        parameters, fit = self._minimised(start, self.model, label, most)
+        spread, _ = covariance_of(self.model, fit)
+        return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
+
+    def _approached(self, start: Parameters, label: str) -> Parameters:
+        """Parameters after a fit of the mechanical ones to the displacements and one of the thermal ones to the temperatures.
+
+        The way from far off is long and bent in the thermal ones (conductivity against contact), where a heat run costs a tenth of a
+        coupled one. They start once from where they are and once from the study's first values; the better end is taken.
+        """
+        if self.parts is None:
+            return start
+        thermal = thermal_names(start.free)
+        mechanical = tuple(name for name in start.free if name not in thermal)
+        model = self.parts.mechanics
+        if model is not None and mechanical:
+            start = self._moved(start, model, mechanical, label).with_free(start.free)
+        model = self.parts.heat(start)
+        if model is None or not thermal:
+            return start
+        first = {name: start_of(self.study.parameters[name]) for name in thermal if name in self.study.parameters}
+        ends = []
+        for turn, begin in enumerate((start, start.replace(**first))):
+            try:
+                there, fit = self._minimised(begin.with_free(thermal), model, f"{label} temperatures {turn}", HEAT_EVALUATIONS)
+            except NumericsError:
+                continue
+            ends.append((fit.f, turn, there))
+        return min(ends)[2].with_free(start.free) if ends else start
+
+    def _moved(self, start: Parameters, model: StageModel, mechanical: tuple[str, ...], label: str) -> Parameters:
+        """Parameters after the fit of the mechanical ones to the displacements.
+
+        A free exponent is looked for first, with the others fitted at each of its values: an amplitude that multiplies it makes a bent
+        valley, in which no straight step goes far.
+        """
+        exponents = tuple(name for name in mechanical if param(name).scan)
+        others = tuple(name for name in mechanical if name not in exponents)
+        for name in exponents:
+            tried = 0
+
+            def at(value: float, name: str = name, start: Parameters = start) -> tuple[float, Parameters]:
+                nonlocal tried
+                tried += 1
+                begin = _as_strong(model, start, name, value).with_free(others)
+                try:
+                    there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS)
+                except NumericsError:
+                    return float("inf"), begin
+                return fit.f, there
+
+            start = profiled(at, start[name], name)
+        return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS)[0]
+
+    def _minimised(self, start: Parameters, model: StageModel, label: str, most: int) -> tuple[Parameters, FitResult]:
+        """The optimum of one model."""
         settings = self.settings.model_copy(update={"free": start.free})
-        problem, change = stage_problem(self.study, settings, start, remembering(self.model))
+        problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most or settings.max_evaluations
-        least = max(F_TOLERANCE, NEGLIGIBLE * sum(c.n for c in self.model.comparisons))
+        least = max(F_TOLERANCE, NEGLIGIBLE * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:
 
@@ -50,5 +169,4 @@ class JointFit:
                 advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
 
             fit = change.converted(minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow)))
-        spread, _ = covariance_of(self.model, fit)
-        return start.with_vector(fit.x), fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
+        return start.with_vector(fit.x), fit

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -43,6 +44,27 @@ class Columns:
     noise: Callable[[np.ndarray], np.ndarray] | None = None
     groups: np.ndarray | None = None
     numerical: np.ndarray | None = None
+    also_tried: tuple[np.ndarray, ...] = ()
+    """Columns (n, k) that were tried besides, for other exponents: chance had as many more directions to pick from."""
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """Orthonormal basis Q (n, q) of the fitted columns."""
+        return _orthonormal(self.fitted)
+
+    @cached_property
+    def left(self) -> np.ndarray:
+        """The residual (n,) without what the fitted parameters could still take up."""
+        return self.beyond(self.residual)
+
+    def beyond(self, block: np.ndarray) -> np.ndarray:
+        """(1 - Q Q^T) of a vector or of columns."""
+        return np.asarray(block - self.basis @ (self.basis.T @ block))
+
+    def felt(self, block: np.ndarray) -> np.ndarray:
+        """Columns of a block beyond the fitted ones, without those that the fitted parameters take up entirely."""
+        s = self.beyond(block)
+        return s[:, np.linalg.norm(s, axis=0) > _UNFELT * np.maximum(np.linalg.norm(block, axis=0), 1e-300)]
 
 
 @dataclass(frozen=True)
@@ -82,22 +104,24 @@ def ranked(columns: Columns) -> Ranking:
         raise UntrustworthyError(
             f"diagnosis: {n} residuals and {p} fitted parameters leave nothing to judge; fix parameters or use more data"
         )
-    basis = _orthonormal(columns.fitted)
-    left = columns.residual - basis @ (basis.T @ columns.residual)
-    own: dict[str, np.ndarray] = {}
-    unfelt = []
-    for effect, (_, block) in columns.dormant.items():
-        s = block - basis @ (basis.T @ block)
-        felt = np.linalg.norm(s, axis=0) > _UNFELT * np.maximum(np.linalg.norm(block, axis=0), 1e-300)
-        if felt.any():
-            own[effect] = s[:, felt]
-        else:
-            unfelt.append(effect)
-    threshold = _threshold(list(own.values()))
+    felt = {effect: columns.felt(block) for effect, (_, block) in columns.dormant.items()}
+    own = {effect: s for effect, s in felt.items() if s.shape[1] > 0}
+    unfelt = [effect for effect in felt if effect not in own]
+    besides = [columns.felt(block) for block in columns.also_tried]
+    threshold = _threshold([*own.values(), *(s for s in besides if s.shape[1] > 0)])
     alike = likeness(own)
-    scores = [_score(columns, effect, own[effect], left, threshold, _family(effect, alike)) for effect in own]
+    scores = [_score(columns, (effect, *columns.dormant[effect]), own[effect], threshold, _family(effect, alike)) for effect in own]
     scores.sort(key=lambda s: (bool(s.vetoed), -s.z))
     return Ranking(tuple(scores), threshold, tuple(unfelt))
+
+
+def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> float:
+    """Predicted drop of r.r by one effect's columns (n, k); minus one where its estimate is outside the physical bounds or unfelt."""
+    s = columns.felt(block)
+    if s.shape[1] == 0:
+        return -1.0
+    score = _score(columns, ("", names, block), s, 0.0, ())
+    return -1.0 if score.vetoed else score.predicted_drop
 
 
 def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
@@ -135,13 +159,16 @@ def _threshold(blocks: Sequence[np.ndarray]) -> float:
     return float(norm.isf(0.5 * (1.0 - (1.0 - LEVEL) ** (1.0 / max(count, 1.0)))))
 
 
-def _score(columns: Columns, effect: str, s: np.ndarray, left: np.ndarray, threshold: float, family: tuple[str, ...]) -> Score:
-    names, block = columns.dormant[effect]
+def _score(
+    columns: Columns, of: tuple[str, tuple[str, ...], np.ndarray], s: np.ndarray, threshold: float, family: tuple[str, ...]
+) -> Score:
+    """Score of an effect = (its name, its Params, their columns), s of which are beyond the fitted ones."""
+    effect, names, block = of
     gram = s.T @ s
-    right = s.T @ left
+    right = s.T @ columns.left
     step = -np.linalg.solve(gram, right)
     inverse = np.linalg.inv(gram)
-    covariance = inverse @ _meat(columns, s, left + s @ step) @ inverse
+    covariance = inverse @ _meat(columns, s, columns.left + s @ step) @ inverse
     size = float(step @ np.linalg.solve(covariance, step))
     felt = _felt_names(names, block, s)
     sd = np.sqrt(np.diag(covariance))

@@ -10,7 +10,7 @@ import numpy as np
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, rows_of, scans
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
-from thermofit.diagnose.score import Columns, Ranking, Score, ranked
+from thermofit.diagnose.score import Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 
 PROVED_AT_MOST = 8
@@ -21,7 +21,7 @@ OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
 PRACTICAL = 1e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
-_BLOCKS = (10, 5)
+_BLOCKS = (25, 5)
 _BUFFER_SHARE = 0.01
 
 
@@ -104,15 +104,14 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     groups = groups_of(_by_sample(rows) if case.cheap else rows, np.ones(len(rows.time), dtype=bool))
     columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)
     settings: dict[str, dict[str, float]] = {}
-    if case.cheap:
-        columns = _scanned(case, columns, settings)
+    columns = _scanned(case, columns, settings, found.scanned)
     ranking = ranked(columns)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
     own = room_of(case.parameters, case.parameters.free)
     proofs = {}
     for effect in strongest:
         names, block = columns.dormant[effect]
-        proofs[effect] = proof(found.residual, (found.fitted, block), rows, split, (own, room_of(case.parameters, names)))
+        proofs[effect] = proof(found.residual, (found.fitted, block), rows, split, (own, room_of(case.parameters, names)), columns.noise)
     return Traced(case, found, rows, split, ranking, proofs, columns, settings)
 
 
@@ -122,23 +121,31 @@ def room_of(parameters: Parameters, names: Sequence[str]) -> Room:
     return np.array([param(name).lower for name in names]) - x, np.array([param(name).upper for name in names]) - x
 
 
-def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]) -> Columns:
-    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them."""
+Scanned = Mapping[str, Sequence[np.ndarray]]
+"""Columns (n, k) of effects at every set of values of their `scans`."""
+
+
+def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]], known: Scanned) -> Columns:
+    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them.
+
+    Only what is `known` or costs next to nothing is scanned.
+    """
     dormant = dict(columns.dormant)
     for effect in case.dormant():
-        if len(scans(effect)) > 1:
-            settings[effect.name], block = best_scan(case, columns, effect)
+        if len(scans(effect, case.spans)) > 1 and (case.cheap or effect.name in known):
+            settings[effect.name], block = best_scan(case, columns, effect, known.get(effect.name, ()))
             dormant[effect.name] = (dormant[effect.name][0], block)
-    return replace(columns, dormant=dormant)
+    others = (block for name, blocks in known.items() for block in blocks if block is not dormant[name][1])
+    return replace(columns, dormant=dormant, also_tried=tuple(others))
 
 
-def best_scan(case: Case, columns: Columns, effect: Effect) -> tuple[dict[str, float], np.ndarray]:
-    """The values of an effect's exponents at which the predicted drop is largest, and its columns there."""
-    best, kept = -1.0, (scans(effect)[0], columns.dormant[effect.name][1])
-    for k, values in enumerate(scans(effect)):
-        block = columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
-        here = ranked(replace(columns, dormant={effect.name: (columns.dormant[effect.name][0], block)}))
-        score = here.scores[0] if here.scores else None
-        if score is not None and not score.vetoed and score.predicted_drop > best:
-            best, kept = score.predicted_drop, (values, block)
+def best_scan(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[dict[str, float], np.ndarray]:
+    """The values of an effect's exponents at which the predicted drop is largest, and its columns there; `known` at all of them."""
+    tried = scans(effect, case.spans)
+    best, kept = -1.0, (tried[0], columns.dormant[effect.name][1])
+    for k, values in enumerate(tried):
+        block = known[k] if known else columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
+        drop = drop_of(columns, columns.dormant[effect.name][0], block)
+        if drop > best:
+            best, kept = drop, (values, block)
     return kept

@@ -8,9 +8,20 @@ from thermofit.core.parameters import Param
 
 SLOT = "boundary_temperature"
 ON = ("air",)
+_TIMES = (0.1, 0.5, 100.0)
 PARAMS = (
     Param("air_drift.rate", "K/s", 0.0, -0.5, 0.5, 1e-3, "drift of the air at the first time", probe=5e-3),
-    Param("air_drift.time", "s", 1e5, 1.0, 1e7, 100.0, "time constant with which the drift dies away", scan=(30.0, 200.0, 1e5)),
+    Param(
+        "air_drift.time",
+        "s",
+        1e5,
+        1.0,
+        1e7,
+        100.0,
+        "time constant with which the drift dies away",
+        scan=(0.1, 0.5, 100.0),
+        scan_of="duration",
+    ),
 )
 FORMULA = "theta_M += rate time (1 - exp(-(t - t_0) / time))"
 SOURCE = "air conditioning and waste heat of the machine; first-order warming"

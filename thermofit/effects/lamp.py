@@ -8,9 +8,10 @@ from thermofit.core.parameters import Param
 
 SLOT = "surface_flux"
 ON = ("air",)
+_STARTS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 PARAMS = (
     Param("lamp.absorbed", "mW/mm^2", 0.0, -10.0, 10.0, 0.05, "absorbed power per area once the lamp is on", probe=0.1),
-    Param("lamp.start", "s", 30.0, -1e5, 1e5, 5.0, "time of the test at which it is switched on", scan=(5.0, 20.0, 60.0, 120.0, 200.0)),
+    Param("lamp.start", "s", 30.0, -1e5, 1e5, 5.0, "time of the test at which it is switched on", scan=_STARTS, scan_of="time"),
 )
 FORMULA = "q -= absorbed (1 + tanh((t - start) / RAMP)) / 2"
 SOURCE = "heat flux on a boundary, Carslaw and Jaeger 1959, section 1.9; incandescent lamps take about a second to warm up"

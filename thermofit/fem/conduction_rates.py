@@ -83,12 +83,16 @@ class ConditionRates:
         return replace(self, films={name: (none, none) if name in given else self.films[name.partition("_")[0]] for name in names})
 
 
-def condition_rates(parameters: Parameters, names: Sequence[str], law: Law | None = None) -> ConditionRates:
+def condition_rates(
+    parameters: Parameters, names: Sequence[str], law: Law | None = None, others: Sequence[Mapping[str, float]] = ()
+) -> ConditionRates:
     """ConditionRates along the named parameters, filled up with zero directions, by complex step of `heat_conditions`.
 
-    With the law of a one-way coupled run they are those of the conditions at constant stress.
+    With the law of a one-way coupled run they are those of the conditions at constant stress. `others`: for each direction values of
+    other Params of the effect that it moves, which while it is off change nothing but that direction.
     """
-    moved = [_moved(parameters, name, law) for name in names]
+    there = [parameters.replace(**changed) for changed in others] if others else [parameters] * len(names)
+    moved = [_moved(at, name, law) for at, name in zip(there, names, strict=True)]
 
     def rates(values: Sequence[complex]) -> np.ndarray:
         out = np.zeros(padded(len(names)))

@@ -130,16 +130,18 @@ def heat_run(problem: HeatProblem, parameters: Parameters) -> np.ndarray:
 Collect = Callable[[int, np.ndarray, np.ndarray], None]
 
 
-def heat_run_rates(problem: HeatProblem, parameters: Parameters, names: Sequence[str], collect: Collect) -> None:
+def heat_run_rates(
+    problem: HeatProblem, parameters: Parameters, names: Sequence[str], collect: Collect, others: Sequence[Mapping[str, float]] = ()
+) -> None:
     """`heat_run` with its exact derivatives by the named parameters, the mechanics staying as it was.
 
     `collect(n, theta, rates)` takes temperature (n_np,) K and its rates (n_np, m) at time n, m the number of names filled up to a
-    multiple of LANES; it must copy what it keeps.
+    multiple of LANES; it must copy what it keeps. `others`: see `condition_rates`.
     """
     body, settings = problem.body, problem.settings
     law, conditions = _law_and_conditions(problem, parameters)
     along = source_law(law, directions(parameters, names, law))
-    rates = condition_rates(parameters, names, law if settings.coupling == "one-way" else None)
+    rates = condition_rates(parameters, names, law if settings.coupling == "one-way" else None, others)
     rates = rates.on_sets(tuple(conditions.films), tuple(settings.films))
     theta = steady_temperature(body, problem.rest, conditions)
     theta_rates = steady_rates(body, problem.rest, conditions, theta, rates)

@@ -8,15 +8,22 @@ thermocouples are data with an error (errata 13): their parameters are free, hel
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
+
+from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.fem.history import History
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
+from thermofit.identify.known_motion import Direction, KnownMotion, known_motion, on_motion
 from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
+from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -51,17 +58,75 @@ def priors_of(data: Measured, free: Sequence[str]) -> tuple[Prior, ...]:
     return tuple(Prior(name, values[name], THERMOCOUPLE) for name in NUISANCES if name in free)
 
 
+@dataclass(frozen=True)
+class Joint:
+    """The joint stage of a study on a mesh, whole and by the two fields that hardly act on each other."""
+
+    study: Study
+    data: Measured
+    settings: StageSettings
+    size: MeshSize
+
+    @cached_property
+    def prediction(self) -> JointPrediction:
+        """All that is observed, by one coupled run."""
+        return JointPrediction(self._instruments(heat=self.data.temperature is not None))
+
+    @cached_property
+    def model(self) -> StageModel:
+        """StageModel of all channels."""
+        return self._model(self.prediction, tuple(self.settings.channels))
+
+    @cached_property
+    def mechanics(self) -> StageModel | None:
+        """StageModel of displacements and force alone, at their own times; None where neither is compared."""
+        channels = tuple(c for c in self.settings.channels if field_of(c) != "theta")
+        return self._model(JointPrediction(self._instruments(heat=False)), channels) if channels else None
+
+    def heat(self, parameters: Parameters) -> StageModel | None:
+        """StageModel of the temperatures alone, on the motion of a run with given parameters; None where they are not compared."""
+        channels = tuple(c for c in self.settings.channels if field_of(c) == "theta")
+        if not channels:
+            return None
+        return self._model(known_motion(self.prediction.instruments, parameters), channels)
+
+    def scored(
+        self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residual (n,), its Jacobian (n, n_p) by named parameters, and its derivatives (n, n_d) along directions of the heat equation on
+        the motion of the same run."""
+        found: list[History] = []
+
+        def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+            errors, slopes, history = self.prediction.linearised_history(parameters, names, keep_points=bool(directions))
+            found.append(history)
+            return errors, slopes
+
+        residual, jacobian = replace(self.model, linearise=linearise).linearised(parameters, names)
+        shapes = {name: o.value.shape for name, o in self.model.observations.items()}
+        heated = {name: np.zeros((*shape, len(directions))) for name, shape in shapes.items()}
+        if directions:
+            heated["theta"] = on_motion(self.prediction.instruments, found[0]).along(parameters, directions)
+        return residual, jacobian, self.model.with_priors(self.model.assemble_jacobian(heated))
+
+    def _instruments(self, *, heat: bool) -> Instruments:
+        observations: dict[str, FieldObservation] = {"u": self.data.displacement}
+        if heat and self.data.temperature is not None:
+            observations["theta"] = self.data.temperature
+        if "force" in self.settings.channels:
+            observations["force"] = self.data.force
+        steps: LoadSteps = steps_for(self.data, set(observations))
+        run = run_of(self.study, self.data, self.size, steps, march_settings(self.study, "full"))
+        return Instruments(run, {name: sampler(run.body, o, steps) for name, o in observations.items()}, observations, self.data.theta_air)
+
+    def _model(self, prediction: JointPrediction | KnownMotion, channels: tuple[str, ...]) -> StageModel:
+        """StageModel of some channels, with the priors of what takes part."""
+        observations = prediction.instruments.observations
+        comparisons = tuple(comparison(c, observations[field_of(c)], self.settings, self.study, self.data.load_start) for c in channels)
+        priors = priors_of(self.data, self.settings.free)
+        return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
+
+
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:
     """StageModel of the joint stage on a mesh: all observations, one coupled run."""
-    observations: dict[str, FieldObservation] = {"u": data.displacement}
-    if data.temperature is not None:
-        observations["theta"] = data.temperature
-    if "force" in settings.channels:
-        observations["force"] = data.force
-    steps: LoadSteps = steps_for(data, set(observations))
-    run = run_of(study, data, size, steps, march_settings(study, "full"))
-    samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
-    comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
-    prediction = JointPrediction(Instruments(run, samplers, observations, data.theta_air))
-    model = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise)
-    return replace(model, priors=priors_of(data, settings.free))
+    return Joint(study, data, settings, size).model

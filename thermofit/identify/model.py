@@ -65,11 +65,14 @@ class StageModel:
         if self.linearise is None:
             raise ValueError("this model has no exact derivatives")
         errors, slopes = self.linearise(parameters, names)
-        of_priors = np.array([[float(name == prior.name) / prior.sigma for name in names] for prior in self.priors])
-        jacobian = self.assemble_jacobian(slopes)
-        if self.priors:
-            jacobian = np.concatenate([jacobian, of_priors])
-        return np.append(self.assemble(errors), self.departures(parameters)), jacobian
+        of_priors = [[float(name == prior.name) / prior.sigma for name in names] for prior in self.priors]
+        return np.append(self.assemble(errors), self.departures(parameters)), self.with_priors(self.assemble_jacobian(slopes), of_priors)
+
+    def with_priors(self, columns: np.ndarray, of_priors: list[list[float]] | None = None) -> np.ndarray:
+        """Columns (n, n_p) with the rows of the priors below them, zeros where none are given."""
+        if not self.priors:
+            return columns
+        return np.concatenate([columns, np.array(of_priors) if of_priors else np.zeros((len(self.priors), columns.shape[1]))])
 
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""

@@ -177,8 +177,10 @@ def capacity_sentence() -> str:
     """Drift of c0/beta along the thesis's own valley, and what is constant instead: c0 + 9 K alpha_exp^2 theta."""
     plain, whole = [row["c0"] / row["beta"] for row in TABLE_5_10], [_effective(row) / row["beta"] for row in TABLE_5_10]
     return (
-        "The thesis's search is fully coupled, where heating at zero stress needs c0 + 9 K alpha_exp^2 theta: that sum over beta is what the "
-        f"temperatures fix. Its own Table 5.10 shows it: c0/beta differs by {percent((max(plain) - min(plain)) / min(plain))} and falls with "
+        "The thesis's search is fully coupled, where heating at zero stress needs c0 + 9 K alpha_exp^2 theta: that sum over beta is what "
+        "the "
+        f"temperatures fix. Its own Table 5.10 shows it: c0/beta differs by {percent((max(plain) - min(plain)) / min(plain))} and falls "
+        f"with "
         f"beta, (c0 + 9 K alpha_exp^2 theta)/beta differs by {percent((max(whole) - min(whole)) / min(whole))}."
     )
 

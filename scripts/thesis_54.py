@@ -243,17 +243,12 @@ def scaling(place: Place) -> list[str]:
         lines.append([label, *(f"{part / row['beta']:.4g}" for part in parts), f"{row['beta']:.3g}"])
     heads = ["", "alpha_exp/beta in 1e-6/K", "kappa/beta in mW/(mm K)", "(c0 + 9 K alpha_exp^2 theta)/beta in mJ/(mm^3 K)", "beta"]
     text = (
-        "Differs from what the thesis concludes. With jaws as an ideal heat sink and no exchange with the air, (4.20) scales for model 1 "
-        "with "
-        "cooling as it does without: a common factor of alpha_exp, kappa, capacity and beta changes no temperature (section 5.4.3 of the "
-        "thesis "
-        "says so of any dissipation proportional to beta), so that cooling alone cannot single out one point. The thesis's optimum has "
-        "the same "
-        "ratios as the one found here; it lies where c0 has reached zero and 9 K alpha_exp^2 theta is the whole heat capacity, which is "
-        "the end of "
-        "the valley. Its f is many times the noise there, so that small terms which break the scaling decide where the search ends. What "
-        "does "
-        "single out one point is a known film coefficient, as section 5.4.3 says; the last table of this section shows it."
+        "With jaws as an ideal heat sink and no exchange with the air, (4.20) scales for model 1 with cooling as it does without: a common "
+        "factor of alpha_exp, kappa, capacity and beta changes no temperature (section 5.4.3 of the thesis says so of any dissipation "
+        "proportional to beta), so that cooling alone cannot single out one point, although the thesis concludes that it does. The thesis's "
+        "optimum lies where c0 has reached zero and 9 K alpha_exp^2 theta is the whole heat capacity, which is the end of the valley; "
+        "compare the ratios above. Its f is many times the noise there, so that small terms which break the scaling decide where the search "
+        "ends. A known film coefficient should single out one point, by section 5.4.3; the last table of this page tries it."
     )
     return [table(heads, lines), text]
 

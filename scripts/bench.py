@@ -25,6 +25,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import bench_chain
+import bench_diagnosis
 import bench_growth
 import bench_kernel
 import bench_machine
@@ -44,6 +45,7 @@ SECTIONS: dict[str, Callable[[Options, Limits], Part]] = {
     "runs": bench_runs.measure,
     "growth": bench_growth.measure,
     "point": bench_point.measure,
+    "diagnosis": bench_diagnosis.measure,
     "peers": bench_peers.measure,
     "start": bench_start.measure,
     "chain": bench_chain.measure,

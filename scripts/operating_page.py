@@ -63,11 +63,11 @@ def write(runs: list[Run], folder: Path) -> None:
     lines = [
         "# Operating figures of the diagnosis",
         "",
-        "Written by `scripts/operating_figures.py`: virtual tests with a planted effect, the loop run without being told. Programmes, noise",
-        "and seeds stand in `scripts/operating_point.py` (coupon records) and `scripts/operating_body.py` (full fields on a small body); data",
-        "come from another discretisation than the fit uses. An effect counts as named where it, or an effect of its family (|cos| > 0.9: the",
-        "test cannot tell them apart), was accepted on held-out data after a refit. The amplitude is in units of the smallest that the",
-        "linearised test can detect at the true parameters.",
+        "Written by `scripts/operating_figures.py`: virtual tests with a planted effect, the loop run without being told. Programmes,",
+        "noise and seeds stand in `scripts/operating_point.py` (coupon records) and `scripts/operating_body.py` (full fields on a small",
+        "body); data come from another discretisation than the fit uses. An effect counts as named where it, or an effect of its family",
+        "(|cos| > 0.9: the test cannot tell them apart), was accepted on held-out data after a refit. The amplitude is in units of the",
+        "smallest that the linearised test can detect at the true parameters.",
         "",
         *_summary(sound),
         "",
@@ -118,7 +118,7 @@ def _table(runs: list[Run]) -> list[str]:
     lines = [
         f"Nothing planted: {share(sum(bool(r['accepted']) for r in nulls), len(nulls))} runs with an effect accepted.",
         "",
-        "| planted | amplitude | named first | accepted | something else too | bias of the amplitude | held-out error after / with nothing planted |",
+        "| planted | amplitude | named first | accepted | something else too | bias of amplitude | held-out error / with nothing planted |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind in dict.fromkeys(r["kind"] for r in runs if r["kind"] != "none"):

@@ -245,9 +245,11 @@ def scaling(place: Place) -> list[str]:
     text = (
         "With jaws as an ideal heat sink and no exchange with the air, (4.20) scales for model 1 with cooling as it does without: a common "
         "factor of alpha_exp, kappa, capacity and beta changes no temperature (section 5.4.3 of the thesis says so of any dissipation "
-        "proportional to beta), so that cooling alone cannot single out one point, although the thesis concludes that it does. The thesis's "
+        "proportional to beta), so that cooling alone cannot single out one point, although the thesis concludes that it does. The "
+        "thesis's "
         "optimum lies where c0 has reached zero and 9 K alpha_exp^2 theta is the whole heat capacity, which is the end of the valley; "
-        "compare the ratios above. Its f is many times the noise there, so that small terms which break the scaling decide where the search "
+        "compare the ratios above. Its f is many times the noise there, so that small terms which break the scaling decide where the "
+        "search "
         "ends. A known film coefficient should single out one point, by section 5.4.3; the last table of this page tries it."
     )
     return [table(heads, lines), text]

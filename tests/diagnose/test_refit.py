@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.refit import profiled
+from thermofit.diagnose.refit import as_strong, profiled
 
 NAME = "rate_logarithmic.reference"
 
@@ -38,3 +38,22 @@ def test_a_value_at_which_the_model_fails_is_passed_over() -> None:
         return (float("inf") if value > 1e-3 else abs(np.log(value / 1e-4))), Parameters.of({NAME: value})
 
     assert profiled(at, 1e-3, NAME)[NAME] == pytest.approx(1e-4)
+
+
+def test_another_exponent_starts_as_strong_as_before() -> None:
+    """The power law of exponent one is linear in the rate: at ten times the reference rate ten times the amplitude does the same."""
+    rate = np.geomspace(1e-4, 1e-2, 30)
+    flow = (np.full(30, 0.01), rate, np.full(30, 1e-3))
+    start = Parameters.of({"rate_power.K": 5.0, "rate_power.m": 1.0, "rate_power.reference": 1e-3})
+    moved = as_strong(start, "rate_power.reference", 1e-2, flow, 2)
+    assert moved["rate_power.K"] == pytest.approx(50.0, rel=1e-9) and moved["rate_power.reference"] == 1e-2
+    weak = Parameters.of({"rate_logarithmic.C": 0.02, NAME: 1e-4})
+    there = as_strong(weak, NAME, 1e-3, flow, 2)
+    ratio = 0.02 * np.log1p(rate / 1e-4) / (there["rate_logarithmic.C"] * np.log1p(rate / 1e-3))
+    assert ratio.min() < 1.0 < ratio.max()
+
+
+def test_exponents_of_other_slots_leave_the_amplitude() -> None:
+    start = Parameters.of({"lamp.absorbed": 0.1, "lamp.start": 5.0})
+    flow = (np.array([0.01]), np.array([1e-3]), np.array([1e-3]))
+    assert as_strong(start, "lamp.start", 50.0, flow, 2)["lamp.absorbed"] == 0.1

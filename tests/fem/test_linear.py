@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from thermofit.core.errors import NumericsError, StudyError
+from thermofit.fem import band
 from thermofit.fem.linear import SOLVER_VARIABLE, BandPattern, Factor, band_pattern, multiply_symmetric, scatter, slots
 
 SCIPY_SOLVERS = ("band", "sparse")
@@ -118,6 +119,30 @@ def test_every_size_band_width_number_of_columns_and_memory_order(n: int, width:
     x = factor.solve(b)
     assert x.shape == (n, m) and x.flags.c_contiguous and np.array_equal(b, before)
     assert x == pytest.approx(np.linalg.solve(dense, b), rel=1e-10, abs=1e-11)
+
+
+@pytest.mark.parametrize(("n", "width"), [(1, 0), (7, 2), (8, 7), (9, 8), (33, 9), (64, 23), (101, 100), (203, 71)])
+def test_panels_and_lapack_give_the_same_factor(n: int, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Panels that end inside, at and beyond the matrix and its band; beyond the band, where solves read on, all stays zero."""
+    dense = band_matrix(n, width, 1)
+    pattern, data = stored(dense)
+    factors = []
+    for narrow in (band._NARROW, -1):
+        monkeypatch.setattr(band, "_NARROW", narrow)
+        made = band.BandCholesky(n, width, pattern.row, pattern.column, data).band
+        factors.append(sum(np.diag(made[: n - k, k], -k) for k in range(min(n, width + 1))))
+        assert not made[:, width + 1 :].any() and not any(made[n - k :, k].any() for k in range(1, min(n, width + 1)))
+    assert factors[0] @ factors[0].T == pytest.approx(dense, rel=1e-13, abs=1e-13)
+    assert factors[0] == pytest.approx(factors[1], rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("bad", [-1.0, 0.0, np.nan])
+@pytest.mark.parametrize("equation", [0, 5, 7, 8, 20])
+def test_panels_notice_a_pivot_that_is_not_positive(equation: int, bad: float) -> None:
+    diagonal = np.ones(21)
+    diagonal[equation] = bad
+    with pytest.raises(band.NotPositiveError):
+        band.BandCholesky(21, 0, np.arange(21), np.arange(21), diagonal)
 
 
 def test_a_tie_counts_twice_on_the_diagonal() -> None:
@@ -352,13 +377,15 @@ import numpy as np
 from thermofit.fem import band
 a = 4.0 * np.eye(50) + np.eye(50, k=3) + np.eye(50, k=-3)
 row, column = np.nonzero(np.tril(a))
+band._NARROW = 0
 x = band.BandCholesky(50, 3, row, column, a[row, column]).solve(np.ones((50, 2)))
 print(json.dumps([float(abs(a @ x - 1.0).max()), len(band._solve_many.stats.cache_misses), len(band._factor.stats.cache_misses)]))
 """
 
 
-def test_a_cached_kernel_finds_blas_in_another_process() -> None:
+def test_a_cached_kernel_finds_blas_in_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """BLAS lies at another address there: the cache of this process must not hold the address of this one."""
+    monkeypatch.setattr(band, "_NARROW", 0)
     factor = Factor(*stored(band_matrix(50, 3, 0)))
     factor.solve(np.ones((50, 2)))
     run = subprocess.run([sys.executable, "-c", _OTHER_PROCESS], capture_output=True, text=True, check=True)

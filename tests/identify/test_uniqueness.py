@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from thermofit.fit.minimise import minimise
+from thermofit.fit.problem import Problem
 from thermofit.identify.uniqueness import constant_ratios, relation_along, relative_spread, uniqueness
 
 FOUR = ("alpha_exp", "kappa", "c0", "beta")
@@ -97,3 +99,33 @@ def test_starts_that_did_not_converge_say_nothing() -> None:
 def test_spread_of_a_parameter_on_a_bound_at_zero() -> None:
     assert relative_spread(np.array([[0.0], [0.0]]), np.array([0.0])) == pytest.approx([0.0])
     assert relative_spread(np.array([[0.0], [0.1]]), np.array([0.0])) == pytest.approx([1.0])
+
+
+def test_searches_on_ratios_end_in_a_valley_and_one_more_datum_makes_it_unique() -> None:
+    """Found, not assumed: least squares from four starts, r a function of alpha_exp/beta, kappa/beta, c0/beta and noise (Table 5.10)."""
+    rng = np.random.default_rng(3)
+    matrix, noise = rng.normal(size=(60, 3)), 0.01 * rng.normal(size=60)
+    truth, scale = np.array([19.83e-6, 189.89, 2.21, 0.81]), np.array([2e-5, 150.0, 2.0, 1.0])
+
+    def ratios(x: np.ndarray) -> np.ndarray:
+        return (x[:3] / scale[:3]) / x[3]
+
+    def search(start: np.ndarray, datum: float) -> tuple[np.ndarray, float, np.ndarray]:
+        def residual(x: np.ndarray) -> np.ndarray:
+            return np.append(matrix @ (ratios(x) - ratios(truth)) + noise, datum * (x[3] - truth[3]))
+
+        fit = minimise(Problem(residual, start, 0.05 * truth, 20.0 * truth, scale, FOUR), "trust-region")
+        assert fit.converged and fit.jacobian is not None
+        return fit.x, fit.f, fit.jacobian.T @ fit.jacobian
+
+    starts = [truth * factor for factor in ([1.2, 1.0, 1.1, 1.2], [1.2, 1.0, 1.1, 0.3], [0.6, 2.0, 0.5, 0.6], [2.0, 1.0, 2.0, 2.2])]
+    for datum, kind in ((0.0, "valley"), (100.0, "unique")):
+        x, f, curvature = (np.array(part) for part in zip(*(search(start, datum) for start in starts), strict=True))
+        found = uniqueness(FOUR, x, f, ALL, curvature)
+        assert found.kind == kind, found.text
+        if kind == "valley":
+            assert list(found.ratios) == ["alpha_exp/beta", "kappa/beta", "c0/beta"]
+            assert max(ratio.spread for ratio in found.ratios.values()) < 0.01
+            assert found.relation == pytest.approx(dict.fromkeys(FOUR, 1.0), abs=0.01)
+        else:
+            assert found.largest < 1e-3

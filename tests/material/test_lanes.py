@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from thermofit.core.jit import kernel
-from thermofit.material.lanes import Lanes, all_lanes, any_lane, larger, spread, where
-from thermofit.material.lanes_memory import column, lane_sum, lane_workspace, number, row, set_column, set_row, set_vectors
+from thermofit.material.lanes import Lanes, all_lanes, any_lane, larger, multiply_add, spread, where
+from thermofit.material.lanes_memory import at, column, lane_sum, lane_workspace, number, row, set_at, set_column, set_row, set_vectors
 from thermofit.material.lanes_tensor import exponential_of_traceless, exponential_slopes, set_symmetric_rows, symmetric_rows
 from thermofit.material.tensor import exponential, exponential_derivative
 
@@ -84,6 +84,20 @@ def test_rows_columns_and_vectors() -> None:
         assert np.array_equal(out, np.stack([np.zeros(8), table[:, 2]], axis=1))
         assert np.array_equal(vectors[1], table)
         assert np.array_equal(vectors[0].ravel(), np.repeat([5.0, 6.0, 0.0], 8))
+
+
+@kernel
+def shifted(a: np.ndarray, out: np.ndarray) -> None:
+    set_at(out, 5, multiply_add(at(a, 3), a[0], at(a, 11)))
+
+
+def test_numbers_from_any_place_on_and_one_rounding() -> None:
+    """a b + c with a b = 1 - 2^-60 and c = -1: rounded once it is -2^-60, rounded twice nothing is left."""
+    a, out = np.arange(20.0), np.full(16, 7.0)
+    a[0], a[4], a[12] = 1.0 + 2.0**-30, 1.0 - 2.0**-30, -1.0
+    shifted(a, out)
+    assert np.array_equal(np.delete(out, 6), [7.0] * 5 + [a[3 + k] * a[0] + a[11 + k] for k in range(8) if k != 1] + [7.0] * 3)
+    assert out[6] == -(2.0**-60)
 
 
 @kernel

@@ -149,31 +149,6 @@ def test_other_starts_and_other_values(twin: Path) -> None:
     assert 0.001 < moved["largest_change"]["M_y0"] < 0.2
 
 
-def test_a_valley_is_called_so_with_its_relation(twin: Path) -> None:
-    """Temperatures alone know expansion, capacity and dissipation in proportion only (Table 5.10); with the capacity all is unique."""
-    tree = yaml.safe_load(twin.read_text(encoding="utf-8"))
-    tree["parameters"] |= {"tau": TRUTH["tau"], "lag": TRUTH["lag"], "c0": {"start": 3.0, "bounds": [0.5, 20.0]}}
-    tree["stages"] = {"thermal": {"free": ["alpha_exp", "c0", "beta"], "channels": {"dtheta": {}}}}
-    starts = [{"beta": 0.4}, {"beta": 1.5, "c0": 6.0}, {"alpha_exp": 2e-5, "c0": 2.0}, {"beta": 2.5, "c0": 9.0, "alpha_exp": 3e-5}]
-    tree["gridsearch"] = {"stage": "thermal", "starts": starts}
-    twin.write_text(yaml.safe_dump(tree), encoding="utf-8")
-    for command in ("interpolate", "identify-elastic", "identify-plastic"):
-        assert call(command, twin).exit_code == 0
-    result = call("gridsearch", twin, "--json")
-    found = json.loads(result.stdout)
-    assert result.exit_code == 5 and found["uniqueness"] == "valley", found["verdict"]
-    ratios = {"alpha_exp/beta": TRUTH["alpha_exp"] / TRUTH["beta"], "c0/beta": FIXED["c0"] / TRUTH["beta"]}
-    assert set(found["constant_ratios"]) == set(ratios)
-    for name, true in ratios.items():
-        assert found["constant_ratios"][name]["spread"] < 0.01 and found["constant_ratios"][name]["value"] == pytest.approx(true, rel=0.01)
-        assert name in found["verdict"]
-    assert found["relation"] == pytest.approx(dict.fromkeys(("alpha_exp", "c0", "beta"), 1.0), abs=0.02)
-    fixed = ("--set", "stages.thermal.free=[alpha_exp, beta]", "--set", f"parameters.c0={FIXED['c0']}")
-    two = json.dumps([{"beta": 0.4}, {"beta": 1.5, "alpha_exp": 2e-5}])
-    unique = json.loads(call("gridsearch", twin, "--json", *fixed, "--set", f"gridsearch.starts={two}").stdout)
-    assert unique["uniqueness"] == "unique" and max(unique["spread"].values()) < 1e-3, unique["verdict"]
-
-
 def test_a_missing_effect_is_said(twin: Path) -> None:
     """Heat that the model does not know (too small a fixed expansion): not verified, exit 5, and the misfit counts as few values."""
     arguments = ("--set", "parameters.alpha_exp=0", "--set", "stages.thermal.free=[beta, tau, lag]")

@@ -14,7 +14,21 @@ import typer
 
 from thermofit import __version__
 from thermofit.cli import measured
-from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, NECKING_ORDER, ORDER, RUN_EXAMPLES, RUN_HELP, SPREAD, STAGES, START, Entry
+from thermofit.cli.catalogue import (
+    ABOUT,
+    ASIDE,
+    LOOK,
+    MANUAL,
+    NECKING_ORDER,
+    ON_CHAIN,
+    ORDER,
+    RUN_EXAMPLES,
+    RUN_HELP,
+    SPREAD,
+    STAGES,
+    START,
+    Entry,
+)
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, Jobs, Scheduler, executor_of, on_study
 from thermofit.core.errors import StudyError
@@ -103,6 +117,7 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
     _announce(entry.name, study, common.json)
     begin = time.perf_counter()
     with _quiet(common.json):
+        _chain_before(entry.name, study, None if common.json else printing.step)
         outcome = stage_function(entry.name)(study, force=common.force, **options)
     result = result_of(outcome.record)
     if common.json:
@@ -110,6 +125,15 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
     else:
         printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
     _leave(is_trustworthy(outcome.record))
+
+
+def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
+    """The chain up to the last identification, where a command rests on it; what is fresh is not run again."""
+    if name in ON_CHAIN:
+        from thermofit.core.executor import SERIAL
+        from thermofit.stages.run import Link, Selection, chain
+
+        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in ORDER], Selection(last="identify-thermal"), report=report)
 
 
 def _announce(command: str, study: Study, as_json: bool) -> None:

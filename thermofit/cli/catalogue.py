@@ -160,6 +160,8 @@ SPREAD: frozenset[str] = frozenset(entry.name for entry in (*STAGES, *ASIDE) if 
 
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
+ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")
+"""Commands that first run the chain up to the last identification, as far as that is not done."""
 NECKING_ORDER: tuple[str, ...] = ("necking",)
 """The chain of a necking test."""
 

@@ -111,6 +111,7 @@ stages:
 ## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
 # coupon:
 #   control: strain                            # what is prescribed: strain or stress
+#   heat: law                                  # what heats it: law, or measured-work (of measured stress on plastic strain)
 #   records:
 #     - file: records/machine.xlsx           # relative to this file; ${VARIABLES} as above
 #       # test: Values A                       # tag or sheet, where a file holds several

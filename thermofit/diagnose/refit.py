@@ -17,19 +17,26 @@ from thermofit.core.study import Study
 from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import effect
+from thermofit.fem.history import History
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.joint import Joint
-from thermofit.identify.known_motion import thermal_names
+from thermofit.identify.known_motion import felt_by_temperatures, keeping_points
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
+from thermofit.material.composition import FACTORS, SUMS
+from thermofit.material.law import law_of
 
 EXPONENTS = " exponents"
 """Ending of the label of a refit with exponents free."""
 EXPONENT_EVALUATIONS = 12
 REFIT_EVALUATIONS = 16
 """Evaluations after which a fit that still moves is judged where it stands: in a valley the last per mille take the longest."""
+STRONGER = (1.0, 2.0, 4.0)
+"""Multiples of an amplitude that are tried in turn where the force cannot be carried with it at the start."""
+COARSELY = 1e-3
+"""The same for one of several values of an exponent that are compared."""
 PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
@@ -67,21 +74,37 @@ def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name
     return min(found.values(), key=lambda end: end[0])[1]
 
 
-def _as_strong(model: StageModel, start: Parameters, name: str, value: float) -> Parameters:
-    """Parameters with an exponent of an effect at another value and the amplitude at which it does about as much as before.
+Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Lambda, its rate in 1/s and the increment of Lambda at points that flow, each (n,)."""
 
-    To first order in the amplitude: what it does per unit is compared at a tiny one.
-    """
-    added = effect(name.partition(".")[0])
-    amplitude = added.amplitude
-    if value == start[name] or amplitude.probe is None:
-        return start.replace(**{name: value})
-    tiny = start.replace(**{amplitude.name: amplitude.neutral + 1e-3 * (amplitude.probe - amplitude.neutral)})
-    old, new = (model.linearised(tiny.replace(**{name: v}), (amplitude.name,))[1][:, 0] for v in (start[name], value))
-    size = float(new @ new)
-    share = float(new @ old) / size if size > 0.0 else 1.0
-    moved = amplitude.neutral + share * (start[amplitude.name] - amplitude.neutral)
-    return start.replace(**{name: value, amplitude.name: float(np.clip(moved, amplitude.lower, amplitude.upper))})
+
+def flow_of(history: History) -> Flow:
+    """Where and how fast a history that kept its points flows."""
+    accumulated = np.array([p.accumulated for p in history.points])
+    grown = np.diff(accumulated, axis=0)
+    rate = grown / np.diff(history.time)[:, None, None]
+    flows = grown > 0.0
+    return accumulated[1:][flows], rate[flows], grown[flows]
+
+
+def _scaled(start: Parameters, name: str, factor: float) -> Parameters:
+    """The same with the amplitude of the effect of an exponent that many times as far off neutral."""
+    p = effect(name.partition(".")[0]).amplitude
+    return start.replace(**{p.name: float(np.clip(p.neutral + factor * (start[p.name] - p.neutral), p.lower, p.upper))})
+
+
+def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int) -> Parameters:
+    """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
+    before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
+    added, moved = effect(name.partition(".")[0]), start.replace(**{name: value})
+    if added.slot not in (*SUMS, *FACTORS) or not len(flow[0]):
+        return moved
+    law, p = law_of(start, model), added.amplitude
+    strength = [added.act(*flow[:2], start["theta_ref"], law, *(at[n] for n in added.names)) for at in (start, moved)]
+    off = added.act(*flow[:2], start["theta_ref"], law, *(p.neutral if n == p.name else start[n] for n in added.names))
+    old, new = ((s - off) * np.sqrt(flow[2]) for s in strength)
+    share = float(new @ old) / max(float(new @ new), 1e-300)
+    return moved.replace(**{p.name: float(np.clip(p.neutral + share * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
 @dataclass(frozen=True)
@@ -102,6 +125,11 @@ class JointFit:
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
         start = self._approached(start, label)
         parameters, fit = self._minimised(start, self.model, label, most)
+        exponents = [name for name in start.free if param(name).scan]
+        if self.parts is not None and label.endswith(EXPONENTS) and not fit.converged and exponents:
+            # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
+            held = parameters.with_free(name for name in parameters.free if name not in exponents)
+            parameters, fit = self._minimised(held, self.model, f"{label} held", most)
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
 
@@ -113,7 +141,7 @@ class JointFit:
         """
         if self.parts is None:
             return start
-        thermal = thermal_names(start.free)
+        thermal = felt_by_temperatures(start.free)
         mechanical = tuple(name for name in start.free if name not in thermal)
         model = self.parts.mechanics
         if model is not None and mechanical:
@@ -137,31 +165,40 @@ class JointFit:
         A free exponent is looked for first, with the others fitted at each of its values: an amplitude that multiplies it makes a bent
         valley, in which no straight step goes far.
         """
+        assert self.parts is not None
         exponents = tuple(name for name in mechanical if param(name).scan)
         others = tuple(name for name in mechanical if name not in exponents)
+        flow = flow_of(keeping_points(self.parts.run)(start)) if exponents else None
         for name in exponents:
             tried = 0
 
             def at(value: float, name: str = name, start: Parameters = start) -> tuple[float, Parameters]:
                 nonlocal tried
                 tried += 1
-                begin = _as_strong(model, start, name, value).with_free(others)
-                try:
-                    there, fit = self._minimised(begin, model, f"{label} {name} {tried}", PART_EVALUATIONS)
-                except NumericsError:
-                    return float("inf"), begin
-                return fit.f, there
+                assert flow is not None
+                begin = as_strong(start, name, value, flow, self.study.model).with_free(others)
+                for turn, stronger in enumerate(STRONGER):
+                    try:
+                        there, fit = self._minimised(
+                            _scaled(begin, name, stronger), model, f"{label} {name} {tried}.{turn}", PART_EVALUATIONS, COARSELY
+                        )
+                    except NumericsError:
+                        continue
+                    return fit.f, there
+                return float("inf"), begin
 
             start = profiled(at, start[name], name)
         return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS)[0]
 
-    def _minimised(self, start: Parameters, model: StageModel, label: str, most: int) -> tuple[Parameters, FitResult]:
-        """The optimum of one model."""
+    def _minimised(
+        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float = NEGLIGIBLE
+    ) -> tuple[Parameters, FitResult]:
+        """The optimum of one model, up to a negligible fall of the mean square."""
         settings = self.settings.model_copy(update={"free": start.free})
         problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        least = max(F_TOLERANCE, NEGLIGIBLE * sum(c.n for c in model.comparisons))
+        least = max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:
 

@@ -23,6 +23,8 @@ from thermofit.effects.base import BASE as BASE_EFFECTS
 
 MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
+HEATING = (*HEAT, "dissipation")
+"""Slots of effects that act in the heat equation and nowhere else: the mechanics feels them through the temperature alone."""
 KINEMATICS = ("kinematics",)
 """Motion of the specimen that its model does not have; it acts on the displacements before any instrument."""
 LOAD = ("load",)

@@ -175,7 +175,7 @@ class Factor:
     def __init__(self, pattern: BandPattern, data: np.ndarray) -> None:
         self._pattern, self._data = pattern, data
         asked = _asked()
-        self.method = _ASKED[asked][0] if asked in _ASKED else pattern.plan.cheapest(_available())
+        self.method = _ASKED[asked][0] if asked in _ASKED else _cheapest(pattern.plan)
         try:
             self._solver = self._made()
         except NotPositiveError:
@@ -272,5 +272,7 @@ def _asked() -> str:
     return asked
 
 
-def _available() -> tuple[str, ...]:
-    return (BAND_CHOLESKY, SPARSE_LU, PARDISO) if pardiso_installed() else (BAND_CHOLESKY, SPARSE_LU)
+def _cheapest(plan: Plan) -> str:
+    """Cheapest method that is there; whether PARDISO is takes a search on disk, so that it is asked only where it would be taken."""
+    method = plan.cheapest((BAND_CHOLESKY, SPARSE_LU, PARDISO))
+    return method if method != PARDISO or pardiso_installed() else plan.cheapest((BAND_CHOLESKY, SPARSE_LU))

@@ -24,8 +24,8 @@ from thermofit.fem.element import ElementData
 from thermofit.fem.element_lanes import SHAPE_BY_POINTS, element_kinematics
 from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT, MEAN, Vector
 from thermofit.fem.responses import States
-from thermofit.material.lanes import WIDTH, Lanes, spread
-from thermofit.material.lanes_fused import dot, multiply_add, product, product_added
+from thermofit.material.lanes import WIDTH, Lanes, multiply_add, spread
+from thermofit.material.lanes_fused import dot, product, product_added
 from thermofit.material.lanes_memory import lane_sum, lane_workspace, number, row, set_row
 from thermofit.material.lanes_tensor import Tensor, full, set_tensor_rows, tensor_scaled, transposed
 from thermofit.material.law import Law

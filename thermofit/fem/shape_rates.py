@@ -18,8 +18,8 @@ from thermofit.fem.element_lanes import element_kinematics
 from thermofit.fem.element_stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT
 from thermofit.fem.heat import FacetData
 from thermofit.fem.lanes import add_lanes, copy_lanes
-from thermofit.material.lanes import WIDTH, Lanes, spread
-from thermofit.material.lanes_fused import dot, multiply_add
+from thermofit.material.lanes import WIDTH, Lanes, multiply_add, spread
+from thermofit.material.lanes_fused import dot
 from thermofit.material.lanes_memory import lane_workspace, number, row, set_row
 from thermofit.material.law_rates import LANES
 

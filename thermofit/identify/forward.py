@@ -77,6 +77,11 @@ class Run:
     loading: Loading
     settings: MarchSettings
 
+    @property
+    def time(self) -> np.ndarray:
+        """Step times s (n_t,)."""
+        return self.loading.time
+
     def __call__(self, parameters: Parameters, watch: Watch = NOBODY) -> History:
         """History at the load steps. NumericsError where a step fails."""
         return march(self.body, parameters, self.loading, self.loading.time, self.settings, watch)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from thermofit.effects.scene import Scene
 from thermofit.fem.history import History, Watch
 from thermofit.fem.loading import felt_force, felt_force_rate
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
-from thermofit.identify.forward import Run, Sampler
+from thermofit.identify.forward import Sampler
+from thermofit.identify.held import AnyRun
 from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.stations import CAMERA, INFRARED, chain, scene_of, seen, seen_along
@@ -50,7 +51,7 @@ class View:
 class Instruments:
     """Cameras on the faces of a body and the load cell: samplers and observations by field "u", "theta", "force", and the run."""
 
-    run: Run
+    run: AnyRun
     samplers: dict[str, Sampler]
     observations: dict[str, FieldObservation]
     theta_air: float
@@ -79,42 +80,10 @@ class Instruments:
         view = self.view(name, history)
         return view.taken(seen(view.field, view.scene, links, parameters))
 
-    def fill(
-        self,
-        name: str,
-        history: History,
-        parameters: Parameters,
-        asked: tuple[tuple[str, ...], tuple[str, ...], np.ndarray],
-        out: np.ndarray,
-    ) -> None:
-        """Derivatives of one observed field into out (n_t, n_s, n_c, n_p): those of the specimen as shown, those of the instruments.
-
-        `asked`: all names, those of them that the specimen feels, and its slopes along these.
-        """
-        names, of_body, slopes = asked
-        links = chain(SLOTS.get(name, ()), parameters)
-        here = {n: tuple(e for e in effects(SLOTS.get(name, ())) if n in e.names or e in links) for n in names if n not in of_body}
-        wanted = {n: chosen for n, chosen in here.items() if any(n in e.names for e in chosen)}
-        view = self.view(name, history) if links or wanted else None
-        index = self.samplers[name].index
-        for k, n in enumerate(names):
-            if n in of_body:
-                slope = slopes[..., of_body.index(n)]
-                if name == "force":
-                    recorded = self.observations[name].value.ravel()
-                    out[..., k] = slope - felt_force_rate(recorded, parameters, n)[:, None, None]
-                elif view is not None and links:
-                    flat = slope if name == "u" else slope[:, :, 0]
-                    out[..., k] = view.taken(seen_along(view.field, flat, view.scene, links, parameters))
-                else:
-                    out[..., k] = slope[index] if name == "theta" else slope
-            elif view is not None and n in wanted:
-                out[..., k] = view.taken(seen_along(view.field, np.zeros_like(view.field), view.scene, wanted[n], parameters, n))
-
 
 @dataclass(frozen=True)
 class JointPrediction:
-    """Error fields of all channels by one coupled run, and their derivatives by parameters of body and instruments."""
+    """Error fields of all channels by one run, and their derivatives by parameters of body and instruments."""
 
     instruments: Instruments
 
@@ -131,25 +100,46 @@ class JointPrediction:
 
         The scene that the instruments look at (positions, strain) is taken as it is: its change is of second order.
         """
-        errors, slopes, _ = self.linearised_history(parameters, names)
-        return errors, slopes
-
-    def linearised_history(
-        self, parameters: Parameters, names: tuple[str, ...], *, keep_points: bool = False
-    ) -> tuple[Errors, dict[str, np.ndarray], History]:
-        """What `linearise` gives, and the history of the run."""
         stations = station_names()
         of_body = tuple(name for name in names if name not in stations)
         slopes = _Slopes(self.instruments, len(of_body))
         watch = Watch(sensitivities=Sensitivities(of_body, slopes.collect)) if of_body else Watch()
-        run = self.instruments.run
-        history = replace(run, settings=replace(run.settings, keep_points=keep_points))(parameters, watch)
+        history = self.instruments.run(parameters, watch)
         found = {}
         for name, observation in self.instruments.observations.items():
             out = np.zeros((*observation.value.shape, len(names)))
-            self.instruments.fill(name, history, parameters, (names, of_body, slopes.of(name)), out)
+            self._fill(name, history, parameters, (names, of_body, slopes.of(name)), out)
             found[name] = out
-        return self._errors(history, parameters), found, history
+        return self._errors(history, parameters), found
+
+    def _fill(
+        self,
+        name: str,
+        history: History,
+        parameters: Parameters,
+        asked: tuple[tuple[str, ...], tuple[str, ...], np.ndarray],
+        out: np.ndarray,
+    ) -> None:
+        """Derivatives of one observed field into out (n_t, n_s, n_c, n_p): those of the specimen as shown, those of the instruments."""
+        names, of_body, slopes = asked
+        links = chain(SLOTS.get(name, ()), parameters)
+        here = {n: tuple(e for e in effects(SLOTS.get(name, ())) if n in e.names or e in links) for n in names if n not in of_body}
+        wanted = {n: chosen for n, chosen in here.items() if any(n in e.names for e in chosen)}
+        view = self.instruments.view(name, history) if links or wanted else None
+        index = self.instruments.samplers[name].index
+        for k, n in enumerate(names):
+            if n in of_body:
+                slope = slopes[..., of_body.index(n)]
+                if name == "force":
+                    recorded = self.instruments.observations[name].value.ravel()
+                    out[..., k] = slope - felt_force_rate(recorded, parameters, n)[:, None, None]
+                elif view is not None and links:
+                    flat = slope if name == "u" else slope[:, :, 0]
+                    out[..., k] = view.taken(seen_along(view.field, flat, view.scene, links, parameters))
+                else:
+                    out[..., k] = slope[index] if name == "theta" else slope
+            elif view is not None and n in wanted:
+                out[..., k] = view.taken(seen_along(view.field, np.zeros_like(view.field), view.scene, wanted[n], parameters, n))
 
 
 class _Slopes:
@@ -157,7 +147,7 @@ class _Slopes:
 
     def __init__(self, instruments: Instruments, n_p: int) -> None:
         self._samplers = instruments.samplers
-        n_steps = len(instruments.run.loading.time)
+        n_steps = len(instruments.run.time)
         self._values: dict[str, np.ndarray] = {}
         self._resting: np.ndarray | float = 0.0
         for name, observation in instruments.observations.items():

@@ -7,7 +7,7 @@ thermocouples are data with an error (errata 13): their parameters are free, hel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,13 +17,12 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
-from thermofit.fem.history import History
-from thermofit.identify.forward import march_settings, run_of, sampler
-from thermofit.identify.inputs import LoadSteps, Measured
+from thermofit.identify.forward import Run, march_settings, run_of, sampler
+from thermofit.identify.held import AnyRun, LastRun, held_run
+from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
-from thermofit.identify.known_motion import Direction, KnownMotion, known_motion, on_motion
+from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
-from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -68,9 +67,14 @@ class Joint:
     size: MeshSize
 
     @cached_property
+    def run(self) -> Run:
+        """The coupled run through all times that are observed."""
+        return self._run(self._observations(heat=True))
+
+    @cached_property
     def prediction(self) -> JointPrediction:
         """All that is observed, by one coupled run."""
-        return JointPrediction(self._instruments(heat=self.data.temperature is not None))
+        return self._looking_at(LastRun(self.run, station_names()), self.run, self._observations(heat=True))
 
     @cached_property
     def model(self) -> StageModel:
@@ -81,45 +85,57 @@ class Joint:
     def mechanics(self) -> StageModel | None:
         """StageModel of displacements and force alone, at their own times; None where neither is compared."""
         channels = tuple(c for c in self.settings.channels if field_of(c) != "theta")
-        return self._model(JointPrediction(self._instruments(heat=False)), channels) if channels else None
+        if not channels:
+            return None
+        observations = self._observations(heat=False)
+        run = self._run(observations)
+        return self._model(self._looking_at(run, run, observations), channels)
 
     def heat(self, parameters: Parameters) -> StageModel | None:
         """StageModel of the temperatures alone, on the motion of a run with given parameters; None where they are not compared."""
         channels = tuple(c for c in self.settings.channels if field_of(c) == "theta")
         if not channels:
             return None
-        return self._model(known_motion(self.prediction.instruments, parameters), channels)
+        kept = keeping_points(self.run)
+        held = held_run(kept.body, kept(parameters), kept.settings)
+        return self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
 
     def scored(
         self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residual (n,), its Jacobian (n, n_p) by named parameters, and its derivatives (n, n_d) along directions of the heat equation on
         the motion of the same run."""
-        found: list[History] = []
-
-        def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
-            errors, slopes, history = self.prediction.linearised_history(parameters, names, keep_points=bool(directions))
-            found.append(history)
-            return errors, slopes
-
-        residual, jacobian = replace(self.model, linearise=linearise).linearised(parameters, names)
+        whole = keeping_points(self.run) if directions else self.run
+        last = LastRun(whole, station_names())
+        prediction = self._looking_at(last, self.run, self._observations(heat=True))
+        residual, jacobian = replace(self.model, linearise=prediction.linearise).linearised(parameters, names)
         shapes = {name: o.value.shape for name, o in self.model.observations.items()}
         heated = {name: np.zeros((*shape, len(directions))) for name, shape in shapes.items()}
         if directions:
-            heated["theta"] = on_motion(self.prediction.instruments, found[0]).along(parameters, directions)
+            heated["theta"] = along(prediction.instruments, whole, last(parameters), parameters, directions)
         return residual, jacobian, self.model.with_priors(self.model.assemble_jacobian(heated))
 
-    def _instruments(self, *, heat: bool) -> Instruments:
+    def _observations(self, *, heat: bool) -> dict[str, FieldObservation]:
         observations: dict[str, FieldObservation] = {"u": self.data.displacement}
         if heat and self.data.temperature is not None:
             observations["theta"] = self.data.temperature
         if "force" in self.settings.channels:
             observations["force"] = self.data.force
-        steps: LoadSteps = steps_for(self.data, set(observations))
-        run = run_of(self.study, self.data, self.size, steps, march_settings(self.study, "full"))
-        return Instruments(run, {name: sampler(run.body, o, steps) for name, o in observations.items()}, observations, self.data.theta_air)
+        return observations
 
-    def _model(self, prediction: JointPrediction | KnownMotion, channels: tuple[str, ...]) -> StageModel:
+    def _steps(self, names: Iterable[str]) -> LoadSteps:
+        return steps_for(self.data, set(names))
+
+    def _run(self, observations: Mapping[str, FieldObservation]) -> Run:
+        return run_of(self.study, self.data, self.size, self._steps(observations), march_settings(self.study, "full"))
+
+    def _looking_at(self, run: AnyRun, whole: Run, observations: dict[str, FieldObservation]) -> JointPrediction:
+        """Instruments that look at a run, which goes through the steps of a whole one."""
+        times = LoadSteps(whole.loading.time, whole.loading.value, np.zeros_like(whole.loading.time))
+        samplers = {name: sampler(whole.body, o, times) for name, o in observations.items()}
+        return JointPrediction(Instruments(run, samplers, observations, self.data.theta_air))
+
+    def _model(self, prediction: JointPrediction, channels: tuple[str, ...]) -> StageModel:
         """StageModel of some channels, with the priors of what takes part."""
         observations = prediction.instruments.observations
         comparisons = tuple(comparison(c, observations[field_of(c)], self.settings, self.study, self.data.load_start) for c in channels)

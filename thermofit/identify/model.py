@@ -12,17 +12,15 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ChannelSettings, StageSettings
-from thermofit.fem.one_way import heat_problem
 from thermofit.identify.forward import march_settings, run_of, sampler
+from thermofit.identify.held import AnyRun, LastRun, held_run, thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
-from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects
-from thermofit.identify.prediction import CoupledPrediction, Errors, HeatPrediction, Linearise
+from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects, station_names
+from thermofit.identify.prediction import Errors, Linearise, PlainPrediction
 from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
 from thermofit.measure.observation import FieldObservation
 
 MECHANICAL_CHANNELS = ("u", "du")
-THERMAL = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
-"""Parameters that a one-way heat run depends on while the mechanics stays as it is."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +145,9 @@ def stage_model(
 ) -> StageModel:
     """StageModel of a stage on a mesh; `times` = (t0, t1, remark) is its window in s, `base` its parameters to start from.
 
-    Where only temperatures are compared, only thermal parameters are free and the coupling is one-way, the mechanics is solved once
-    (coupled, at `base`) and an evaluation is a heat run on it. DataError where the window holds no observation.
+    Where only temperatures are compared, only parameters of the heat equation and of the instruments are free and the coupling is
+    one-way, the mechanics is solved once (coupled, at `base`) and an evaluation is a heat run on it. DataError where the window holds
+    no observation.
     """
     t0, t1, remark = times
     observations: dict[str, FieldObservation] = {}
@@ -166,15 +165,15 @@ def stage_model(
     end = max(float(o.time[-1]) for o in observations.values())
     steps = steps_for(data, set(observations)).until(end)
     elastic_only = set(settings.free) <= {"E", "nu"}
-    run = run_of(study, data, size, steps, march_settings(study, settings.coupling, plastic=not elastic_only))
-    samplers = {name: sampler(run.body, o, steps) for name, o in observations.items()}
+    whole = run_of(study, data, size, steps, march_settings(study, settings.coupling, plastic=not elastic_only))
+    samplers = {name: sampler(whole.body, o, steps) for name, o in observations.items()}
     comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
-    one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= set(THERMAL)
-    prediction: CoupledPrediction | HeatPrediction | JointPrediction = CoupledPrediction(run, samplers, observations)
-    if looks_through_effects(base):
-        prediction, one_way = JointPrediction(Instruments(run, samplers, observations, data.theta_air)), False
+    run: AnyRun = whole
+    one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= thermal_names() | station_names()
     if one_way:
-        kept = replace(run, settings=march_settings(study, "full", keep_points=True))
-        problem = heat_problem(run.body, kept(base), kept.settings)
-        prediction = HeatPrediction(problem, samplers["theta"], observations["theta"])
+        kept = replace(whole, settings=march_settings(study, "full", keep_points=True))
+        run = held_run(kept.body, kept(base), kept.settings)
+    prediction: PlainPrediction | JointPrediction = PlainPrediction(run, samplers, observations)
+    if looks_through_effects(base):
+        prediction = JointPrediction(Instruments(LastRun(run, station_names()), samplers, observations, data.theta_air))
     return StageModel(prediction.errors, comparisons, observations, remark, one_way, prediction.linearise)

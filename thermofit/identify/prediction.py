@@ -9,9 +9,9 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.fem.history import Watch
-from thermofit.fem.one_way import HeatProblem, heat_run, heat_run_rates
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
-from thermofit.identify.forward import Run, Sampler
+from thermofit.identify.forward import Sampler
+from thermofit.identify.held import AnyRun
 from thermofit.measure.observation import FieldObservation
 
 Errors = dict[str, np.ndarray]
@@ -21,10 +21,10 @@ Linearise = Callable[[Parameters, tuple[str, ...]], tuple[Errors, dict[str, np.n
 
 
 @dataclass(frozen=True)
-class CoupledPrediction:
-    """All observed fields by a run of both fields. NumericsError where it fails."""
+class PlainPrediction:
+    """All observed fields as they are in a run. NumericsError where it fails."""
 
-    run: Run
+    run: AnyRun
     samplers: dict[str, Sampler]
     observations: dict[str, FieldObservation]
 
@@ -50,30 +50,3 @@ class CoupledPrediction:
         history = self.run(parameters, Watch(sensitivities=Sensitivities(names, collect)))
         errors = {name: sampler.observed(name, history) - self.observations[name].value for name, sampler in self.samplers.items()}
         return errors, slopes
-
-
-@dataclass(frozen=True)
-class HeatPrediction:
-    """Temperatures by a one-way heat run on mechanics that is known."""
-
-    problem: HeatProblem
-    sampler: Sampler
-    observation: FieldObservation
-
-    def errors(self, parameters: Parameters) -> Errors:
-        """Error field of the parameters."""
-        return {"theta": self.sampler.temperature(heat_run(self.problem, parameters)) - self.observation.value}
-
-    def linearise(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
-        """Error field and its derivatives with respect to the named parameters."""
-        theta = np.empty((len(self.problem.time), self.problem.body.mesh.n_nodes))
-        slopes = np.zeros((*self.observation.value.shape, len(names)))
-
-        def collect(n: int, temperature: np.ndarray, rates: np.ndarray) -> None:
-            theta[n] = temperature
-            here = np.flatnonzero(self.sampler.index == n)
-            if here.size:
-                slopes[here] = self.sampler.temperature_rates(rates[:, : len(names)])
-
-        heat_run_rates(self.problem, parameters, names, collect)
-        return {"theta": self.sampler.temperature(theta) - self.observation.value}, {"theta": slopes}

@@ -18,8 +18,9 @@ from thermofit.core.study import Study
 from thermofit.core.study_search import CLOCK, THICKNESS, weight_of
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ComponentWeights, StageSettings
+from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
-from thermofit.identify.model import THERMAL, StageModel
+from thermofit.identify.model import StageModel
 from thermofit.identify.solve import ModelOn, Solved
 from thermofit.identify.stage import Ready, model_maker
 from thermofit.measure.comparison import Comparison
@@ -131,7 +132,7 @@ def response(study: Study, stage: Ready, solved: Solved, models: ModelOn, change
     jacobian, names = solved.fit.jacobian, solved.fit.names
     if jacobian is None:
         return {}
-    exact = is_known(quantity) and solved.model.linearise is not None and not (_frozen(stage) and quantity not in THERMAL)
+    exact = is_known(quantity) and solved.model.linearise is not None and not (_frozen(stage) and quantity not in thermal_names())
     if exact:
         _, slopes = solved.model.linearised(solved.parameters, tuple(direction))
         slope = jacobian.T @ (slopes @ np.array(list(direction.values())))
@@ -151,7 +152,7 @@ def response(study: Study, stage: Ready, solved: Solved, models: ModelOn, change
 
 def _frozen(stage: Ready) -> bool:
     """True where the mechanics of the stage is solved beforehand, so that its model feels thermal parameters only."""
-    return stage.settings.coupling == "one-way" and set(stage.settings.free) <= set(THERMAL)
+    return stage.settings.coupling == "one-way" and set(stage.settings.free) <= thermal_names()
 
 
 def _shifted(stage: Ready, quantity: str, direction: Mapping[str, float], value: float) -> dict[str, float]:

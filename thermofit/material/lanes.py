@@ -132,6 +132,7 @@ def _call(builder: Any, name: str, value: Any) -> Any:
     return builder.call(function, [value])
 
 
+_FUSED = f"llvm.fma.v{WIDTH}f64"
 _NUMBERS = (types.Float, types.Integer)
 _define_binary(operator.add, LANES, lambda builder, a, b: builder.fadd(a, b))
 _define_binary(operator.sub, LANES, lambda builder, a, b: builder.fsub(a, b))
@@ -162,6 +163,19 @@ def spread(typing: Any, number: Any) -> Any:
         return as_lanes(context, builder, values[0], types.float64)
 
     return LANES(types.float64), emit
+
+
+@intrinsic
+def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded once; one or two of the three may be numbers."""
+
+    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        operands = [as_lanes(context, builder, value, kind) for value, kind in zip(values, signature.args, strict=True)]
+        kind = ir.FunctionType(DOUBLES, [DOUBLES] * 3)
+        return builder.call(builder.module.globals.get(_FUSED) or ir.Function(builder.module, kind, _FUSED), operands)
+
+    kinds = (a, b, c)
+    return (LANES(a, b, c), emit) if LANES in kinds and all(is_operand(kind) for kind in kinds) else None
 
 
 @intrinsic

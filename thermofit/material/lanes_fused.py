@@ -6,29 +6,10 @@ what a processor can do.
 
 from __future__ import annotations
 
-from typing import Any
-
-from llvmlite import ir  # type: ignore[import-untyped]
-
 from thermofit.core.jit import kernel
-from thermofit.material.lanes import DOUBLES, LANES, WIDTH, Lanes, as_lanes, intrinsic, is_operand
+from thermofit.material.lanes import Lanes, multiply_add
 from thermofit.material.lanes_tensor import Tensor
 from thermofit.material.tensor import Symmetric
-
-_FMA = f"llvm.fma.v{WIDTH}f64"
-
-
-@intrinsic
-def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once; one or two of the three may be numbers."""
-
-    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        operands = [as_lanes(context, builder, value, kind) for value, kind in zip(values, signature.args, strict=True)]
-        kind = ir.FunctionType(DOUBLES, [DOUBLES] * 3)
-        return builder.call(builder.module.globals.get(_FMA) or ir.Function(builder.module, kind, _FMA), operands)
-
-    kinds = (a, b, c)
-    return (LANES(a, b, c), emit) if LANES in kinds and all(is_operand(kind) for kind in kinds) else None
 
 
 @kernel(forceinline=True)

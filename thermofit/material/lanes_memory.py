@@ -59,6 +59,29 @@ def set_row(typing: Any, w: Any, n: Any, value: Any) -> Any:
 
 
 @intrinsic
+def at(typing: Any, w: Any, n: Any) -> Any:
+    """The eight numbers from position n of a flat array on."""
+
+    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return _load(builder, builder.gep(data, [values[1]]))
+
+    return (LANES(w, types.intp), emit) if _is_memory(w) and w.ndim == 1 else None
+
+
+@intrinsic
+def set_at(typing: Any, w: Any, n: Any, value: Any) -> Any:
+    """Write lanes to the eight places from position n of a flat array on."""
+
+    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        _store(builder, values[2], builder.gep(data, [values[1]]))
+        return context.get_dummy_value()
+
+    return (types.none(w, types.intp, value), emit) if _is_memory(w) and w.ndim == 1 and value is LANES else None
+
+
+@intrinsic
 def number(typing: Any, w: Any, n: Any, lane: Any) -> Any:
     """One lane of row n."""
 

@@ -25,13 +25,12 @@ import math
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.material.lanes import Lanes, any_lane, spread, where
+from thermofit.material.lanes import Lanes, any_lane, multiply_add, spread, where
 from thermofit.material.lanes_fused import (
     added,
     congruence,
     dot,
     double_contraction,
-    multiply_add,
     product,
     product_added,
     pulled_back,

@@ -17,8 +17,8 @@ from thermofit.core.study import Study
 from thermofit.core.study_search import CLOCK, THICKNESS, Sensitivity, weight_of
 from thermofit.diagnose.figures import drawn
 from thermofit.diagnose.figures_starts import change_figure
+from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import with_identified
-from thermofit.identify.model import THERMAL
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, ready
 from thermofit.identify.trials import Setup, Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
@@ -81,8 +81,8 @@ def _setup(study: Study, stage: Ready, task: Job, values: Sequence[float]) -> Se
 
 def _thermal_only(stage: Ready, quantity: str) -> bool:
     """True where neither the quantity nor a free parameter reaches the mechanics of a one-way stage."""
-    reaches = (is_known(quantity) and quantity not in THERMAL) or quantity in (THICKNESS, CLOCK)
-    return stage.settings.coupling == "one-way" and not reaches and set(stage.settings.free) <= set(THERMAL)
+    reaches = (is_known(quantity) and quantity not in thermal_names()) or quantity in (THICKNESS, CLOCK)
+    return stage.settings.coupling == "one-way" and not reaches and set(stage.settings.free) <= thermal_names()
 
 
 def _given(study: Study, quantity: str, value: float) -> dict[str, float]:

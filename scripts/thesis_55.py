@@ -112,7 +112,7 @@ def rows(record: Record, printed: Values) -> str:
     here = [cell(name, value(record, name)) + (" (bound)" if record.parameters[name].at_bound else "") for name in names]
     lines = [
         ["here", *here, f"{squared_error(record):.2f}"],
-        ["thesis", *(cell(name, printed[name]) for name in names), f"{printed['f']:.2f}"],
+        ["thesis", *(cell(name, printed.get(name)) for name in names), f"{printed['f']:.2f}"],
     ]
     return table(["", *headings(names), "f_theta in K^2"], lines)
 

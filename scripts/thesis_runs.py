@@ -50,7 +50,7 @@ AIR = (296.70, 296.80, 297.00, 297.20, 297.30, 297.50, 297.60, 297.80)
 _MODEL_1 = ("model=1", "parameters.beta={start: 1.0, bounds: [0.0, 50.0]}")
 """The bounds (4.25) of beta are those of model 2."""
 _MODEL_2 = ("model=2", "parameters.beta={start: 1.0, bounds: [0.0, 6.92]}")
-_COUPLED = ("stages.thermal.coupling=full",)
+_COUPLED = ("stages.thermal.coupling=full", "stages.thermal.max_evaluations=60")
 _FOUR = (
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 1.0}",
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.1}",
@@ -83,8 +83,7 @@ RUNS = (
         (*_fixed(alpha_exp=23.0e-6, kappa=200.0, c0=2.43), "stages.thermal.free=[beta, alpha_air, alpha_clamp]"), "exp3", _THERMAL_ONLY,
     ),
     Run("exp3-model-1", "5.4", "exp3.yaml", _KNOWN_FILMS, "exp3", _SEARCH),
-    Run("exp1-model-1-coupled", "5.4", "exp1-models.yaml", _COUPLED, "exp1-models", _SEARCH),
-    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", _SEARCH),
+    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("identify-thermal",),)),
 )  # fmt: skip
 """In the order in which they begin: the longest first, and every run behind the one that it takes over."""
 MESHES = {

@@ -39,8 +39,8 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
 
     A failed evaluation becomes a residual of norm sqrt(penalty): finite and worse than everything before, so that the step is
     rejected and the trust region shrinks to a quarter. The search ends where the full Gauss-Newton step within the bounds, not the
-    last step made, is below the tolerances. Along directions in which the data say nothing it stays where it is.
-    NumericsError if the start itself fails or a derivative cannot be had.
+    last step made, is below the tolerances. Along directions in which the data say nothing it stays where it is. NumericsError if the
+    start itself fails or a derivative cannot be had.
     """
     problem = evaluations.problem
     search = _Search(evaluations, settings)

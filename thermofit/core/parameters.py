@@ -124,6 +124,7 @@ class Parameters:
     @staticmethod
     def of(values: Mapping[str, float], free: Iterable[str] = ()) -> Parameters:
         """Parameters from given values; what is not given is neutral. StudyError for an unknown name."""
+        free = tuple(free)
         for name in (*values, *free):
             param(name)
         full = {p.name: float(values.get(p.name, p.neutral)) for p in LAW}

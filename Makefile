@@ -25,7 +25,7 @@ help:
 	@echo "make lint              style, types, import contract"
 	@echo "make format            format the sources   make schema      rewrite docs/study.schema.json"
 	@echo "make bench             timings              make exp1 | exp2 | exp3 [MESH=coarse]   experiments of the thesis"
-	@echo "make real              coupon records measured by others, from THERMOFIT_DATA: parameters with intervals"
+	@echo "make real              records measured by others, from THERMOFIT_DATA: parameters with intervals, effects that are missing"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
 
 install: $(STAMP)
@@ -73,7 +73,8 @@ real: install
 	@if [ ! -d "$${THERMOFIT_DATA:-}/real" ]; then \
 	  echo "make real: left out, because THERMOFIT_DATA does not name a folder that holds real/: export THERMOFIT_DATA=FOLDER"; \
 	else for study in configs/real-*.yaml; do \
-	  $(BIN)/thermofit run $$study; status=$$?; case $$status in 0|5) ;; *) exit $$status;; esac; done; fi
+	  for command in run $$(grep -q '^diagnosis:' $$study && echo close-loop); do \
+	  $(BIN)/thermofit $$command $$study; status=$$?; case $$status in 0|5) ;; *) exit $$status;; esac; done; done; fi
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache .benchmarks

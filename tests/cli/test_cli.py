@@ -18,6 +18,7 @@ from thermofit.cli import app
 from thermofit.cli.catalogue import ORDER
 from thermofit.core.artefact import Dataset, ParameterResult, RecordContent, write_record
 from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
+from thermofit.core.executor import Executor
 from thermofit.core.staging import Outcome, artefact_path
 from thermofit.core.study import Study
 
@@ -83,7 +84,7 @@ def working(summaries: dict[str, dict[str, Any]] | None = None, calls: list[tupl
     """Stages that write a small record and note that they were called."""
 
     def function(name: str) -> StageStub:
-        def run(study: Study, *, force: bool = False) -> Outcome:
+        def run(study: Study, *, force: bool = False, **_: object) -> Outcome:
             print("a library talks on stdout")
             if calls is not None:
                 calls.append((name, force))
@@ -97,7 +98,7 @@ def working(summaries: dict[str, dict[str, Any]] | None = None, calls: list[tupl
 
 
 def failing(error: BaseException) -> Callable[[str], StageStub]:
-    def run(study: Study, *, force: bool = False) -> Outcome:
+    def run(study: Study, *, force: bool = False, **_: object) -> Outcome:
         raise error
 
     return lambda name: run
@@ -306,6 +307,28 @@ def test_run_as_json(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert skipped == ["gridsearch", "sensitivity"], "the study lists none"
     assert answer["table"][0]["true"] == 70000.0
     assert answer["parameters"]["E"]["value"] == pytest.approx(69111.3)
+
+
+@pytest.mark.parametrize("command", ["gridsearch", "sensitivity"])
+def test_independent_problems_go_where_the_options_say(study: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    seen: list[Executor] = []
+
+    def function(name: str) -> StageStub:
+        def run(study: Study, *, force: bool = False, where: Executor) -> Outcome:
+            seen.append(where)
+            return outcome(artefact_path(study.run_dir, name), name, {})
+
+        return run
+
+    replace_stages(monkeypatch, function)
+    assert call(command, study, "--jobs", "2", "--set", "numerics.threads=4").exit_code == 0
+    assert call(command, study, "--scheduler", "tcp://a:8786", "--set", "numerics.threads=4").exit_code == 0
+    assert call(command, study).exit_code == 0
+    assert seen == [Executor(2, None, 2), Executor(1, "tcp://a:8786", 1), Executor(1, None, 2)]
+    for wrong in (("--jobs", "0"), ("--jobs", "2", "--scheduler", "tcp://a:8786")):
+        result = call(command, study, *wrong)
+        assert result.exit_code == 2 and "expected" in result.stderr and len(result.stderr.splitlines()) == 1
+    assert call("verify", study, "--jobs", "2").exit_code == 2, "one run has nothing to share out"
 
 
 def test_run_refuses_an_unknown_stage(study: Path) -> None:

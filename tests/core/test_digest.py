@@ -20,6 +20,7 @@ def house(folder: Path) -> Path:
         "material/point.py": "",
         "measure/force.py": "",
         "measure/search.py": "from thermofit.core.jit import kernel",
+        "measure/threads.py": "from thermofit.core.jit import set_threads\n",
         "fit/problem.py": "",
     }
     for name, text in texts.items():
@@ -39,7 +40,18 @@ def test_edit_of_a_possible_kernel_source_changes_the_kernel_digest(tmp_path: Pa
     assert kernel_digest(package) != before
 
 
-@pytest.mark.parametrize("name", ["core/artefact.py", "core/study_models.py", "measure/force.py", "fit/problem.py", "effects/notes.txt"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "core/artefact.py",
+        "core/executor_dask.py",
+        "core/study_models.py",
+        "measure/threads.py",
+        "measure/force.py",
+        "fit/problem.py",
+        "effects/notes.txt",
+    ],
+)
 def test_edit_elsewhere_leaves_the_kernel_digest(tmp_path: Path, name: str) -> None:
     package = house(tmp_path)
     before = kernel_digest(package)

@@ -168,6 +168,15 @@ SENTENCES = [
     ("simulate={truth: {}, programme: [{hodl: 3}]}", "key 'simulate.programme.0.hodl' is not known; did you mean 'hold'?"),
     ("simulate={truth: {}, programme: [{crosshead_to: 3, rate: 0}]}", "key 'simulate.programme.0.rate' is 0"),
     ("gridsearch={stage: elastic, starts: [{E: 7e4}, {E: 1e4}]}", "key 'gridsearch.starts.1.E' is 10000; expected 30000 to 150000"),
+    ("gridsearch={stage: thermal}", "key 'gridsearch' holds no starts; list them under 'starts', or let them be drawn"),
+    ("gridsearch={stage: thermal, draw: {number: 4}}", "key 'gridsearch.draw.seed' is missing"),
+    (
+        "gridsearch={stage: thermal, draw: {number: 4, seed: 1, within: {kappa: [9, 8]}}}",
+        "key 'gridsearch.draw.within.kappa' is [9, 8]; expected the lower end first",
+    ),
+    ("sensitivity={stage: thermal, quantity: thicknes, values: [1.0]}", "key 'sensitivity.quantity' names nothing that can be prescribed"),
+    ("sensitivity={stage: thermal, quantity: weight.v, values: [1.0]}", "there is no channel v"),
+    ("sensitivity={stage: elastic, quantity: thickness, values: [0.0]}", "key 'sensitivity.values' is 0; expected a positive number for"),
     ("gridsearch={stage: elastic, starts: [{M_y0: 300}]}", "key 'gridsearch.starts.0.M_yinf'"),
     (
         "sensitivity={stage: thermal, quantity: kappa, values: [3]}",

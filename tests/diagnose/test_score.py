@@ -7,7 +7,7 @@ import pytest
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Param, declare, param
-from thermofit.diagnose.score import Columns, likeness, ranked
+from thermofit.diagnose.score import Columns, indistinguishable, likeness, ranked
 
 N, P = 4000, 6
 for _name in ("made", "other", "third", "fourth"):
@@ -111,3 +111,25 @@ def test_two_params_of_one_effect_are_judged_together() -> None:
 def test_more_parameters_than_data_is_refused() -> None:
     with pytest.raises(UntrustworthyError, match="nothing to judge"):
         ranked(Columns(np.ones(3), np.eye(3), {}))
+
+
+def test_an_effect_that_cannot_be_is_no_alternative() -> None:
+    """One whose own estimate lies outside its bounds explains nothing, however alike it looks."""
+    random, fitted, _ = problem()
+    s = random.normal(size=(N, 1))
+    dormant = {"made_made": (("made_made.a",), s), "made_positive": (("made_positive.a",), s + 0.05 * random.normal(size=(N, 1)))}
+    found = {x.effect: x for x in ranked(Columns(s[:, 0] + 0.1 * random.normal(size=N), fitted, dormant)).scores}
+    assert found["made_positive"].vetoed and not found["made_made"].vetoed
+    assert found["made_made"].family == ("made_made",)
+
+
+def test_two_fitted_effects_that_look_alike_are_named() -> None:
+    """After what the other parameters take: alike there, not alike, alone."""
+    random, fitted, _ = problem()
+    s = random.normal(size=(N, 1))
+    twin = s + 0.1 * random.normal(size=(N, 1)) + 3.0 * fitted[:, :1]
+    found = indistinguishable(np.concatenate([fitted, s, twin], axis=1), {"one": [P], "two": [P + 1]})
+    assert found is not None and found[:2] == ("one", "two") and found[2] > 0.95
+    apart = np.concatenate([fitted, s, random.normal(size=(N, 1))], axis=1)
+    assert indistinguishable(apart, {"one": [P], "two": [P + 1]}) is None
+    assert indistinguishable(apart, {"one": [P]}) is None

@@ -83,7 +83,7 @@ def test_creep_under_constant_stress() -> None:
 def test_plateau_has_its_length() -> None:
     """No hardening up to the length, then the hardening of the law, late by the length; before it the excess of the upper yield point."""
     length, upper, drop = 0.012, 15.0, 4e-4
-    changes = {"yield_plateau.length": length, "yield_plateau.upper": upper, "yield_plateau.drop": drop}
+    changes = {"yield_plateau.share": 1.0, "yield_plateau.length": length, "yield_plateau.upper": upper, "yield_plateau.drop": drop}
     time, strain = ramp(1e-3, 0.06, 600)
     found = simulate(PLAIN.replace(**changes), Programme.by_strain(time, strain))
     stress, past = flow_stress_of(found, PLAIN), found.accumulated
@@ -148,7 +148,8 @@ def test_relaxing_overstress_at_turns_needs_no_smaller_steps() -> None:
 
 def test_stress_on_a_flat_plateau_cannot_be_carried() -> None:
     """A plateau that softens has no answer to a stress that rises: an error in words, whatever the iteration meets on its way."""
-    soft = SHEET.replace(**{"yield_plateau.length": 0.02, "yield_plateau.upper": 100.0, "backstress_first.C": 100.0})
+    plateau = {"yield_plateau.share": 1.0, "yield_plateau.length": 0.02, "yield_plateau.upper": 100.0}
+    soft = SHEET.replace(**plateau, **{"backstress_first.C": 100.0})
     time = np.linspace(0.0, 10.0, 11)
     with pytest.raises(NumericsError, match="is not reached"):
         simulate(soft, Programme.under_stress(time, np.linspace(0.0, 600.0, 11)))

@@ -144,7 +144,7 @@ def test_other_starts_and_other_values(twin: Path) -> None:
     for command in ("interpolate", "identify-elastic", "identify-plastic"):
         assert call(command, twin).exit_code == 0
     found = call("gridsearch", twin, "--json")
-    assert found.exit_code == 0 and json.loads(found.stdout)["verdict"].startswith("one optimum: 2 of 2 starts")
+    assert found.exit_code == 0 and json.loads(found.stdout)["verdict"].startswith("unique: one optimum, 2 of 2 starts")
     moved = json.loads(call("sensitivity", twin, "--json").stdout)
     assert 0.001 < moved["largest_change"]["M_y0"] < 0.2
 

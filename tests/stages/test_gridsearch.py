@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from thermofit.core.artefact import open_record
 from thermofit.core.errors import NumericsError, StudyError
+from thermofit.core.staging import job
 from thermofit.core.study import Study
 from thermofit.identify import trials
+from thermofit.identify.stage import ready
 from thermofit.stages import gridsearch
 
 StudyOf = Callable[..., Study]
@@ -20,7 +25,7 @@ FIRST, SECOND = {"alpha_exp": 23.0e-6, "c0": 2.43, "beta": 1.0}, {"alpha_exp": 1
 def test_all_starts_reach_the_optimum_of_the_stage(study_of: StudyOf) -> None:
     study = study_of()
     outcome = gridsearch.run(study)
-    assert outcome.fresh and outcome.record.summary["uniqueness"] == "one optimum" and outcome.record.summary["trustworthy"]
+    assert outcome.fresh and outcome.record.summary["uniqueness"] == "unique" and outcome.record.summary["trustworthy"]
     summary, stage = outcome.record.summary, open_record(study.run_dir / "identify-thermal.h5")
     assert len(summary["starts"]) == 2 and summary["starts"][1]["given"] == SECOND
     for name in ("alpha_exp", "c0", "beta"):
@@ -33,13 +38,13 @@ def test_all_starts_reach_the_optimum_of_the_stage(study_of: StudyOf) -> None:
 
 def test_mechanics_is_solved_once_for_all_starts(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     study, made = study_of(), []
-    original = gridsearch.model_maker
+    original = trials.model_maker
 
     def counted(*args: object) -> object:
         inner = original(*args)  # type: ignore[arg-type]
         return lambda size, base: made.append(size) or inner(size, base)
 
-    monkeypatch.setattr(gridsearch, "model_maker", counted)
+    monkeypatch.setattr(trials, "model_maker", counted)
     gridsearch.run(study, force=True)
     assert len(made) == 1
 
@@ -55,7 +60,7 @@ def test_a_start_that_fails_is_counted_and_named(study_of: StudyOf, monkeypatch:
     monkeypatch.setattr(trials, "solve", failing)
     study = study_of(gridsearch={"stage": "thermal", "starts": [FIRST, SECOND, {"beta": 0.5}]})
     summary = gridsearch.run(study).record.summary
-    assert summary["verdict"].endswith("; 1 failed") and summary["uniqueness"] == "one optimum"
+    assert summary["verdict"].endswith("; 1 failed") and summary["uniqueness"] == "unique"
     assert summary["starts"][1] == {"given": SECOND, "failed": True, "converged": False, "message": "step 3 does not converge"}
     assert "start 2 failed: step 3 does not converge" in summary["remarks"]
 
@@ -138,6 +143,32 @@ def test_missing_artefact_names_the_command(study_of: StudyOf) -> None:
 def test_elastic_stage_can_be_searched_too(study_of: StudyOf) -> None:
     study = study_of(gridsearch={"stage": "elastic", "starts": [{"E": 40000.0, "nu": 0.2}, {"E": 90000.0, "nu": 0.4}]})
     record = gridsearch.run(study).record
-    assert record.summary["uniqueness"] == "one optimum"
+    assert record.summary["uniqueness"] == "unique"
     assert record.parameters["E"].value == pytest.approx(open_record(study.run_dir / "identify-elastic.h5").parameters["E"].value, rel=1e-3)
     assert np.all(record["starts/converged"].value)
+
+
+def test_drawn_starts_follow_the_listed_ones(study_of: StudyOf) -> None:
+    study = study_of(gridsearch={"stage": "thermal", "starts": [FIRST], "draw": {"method": "sobol", "number": 2, "seed": 9}})
+    record = gridsearch.run(study).record
+    assert record.summary["uniqueness"] == "unique" and record.attributes["seed"] == 9
+    begun = record["starts/start"].value
+    assert begun.shape == (3, 3) and begun[0].tolist() == list(FIRST.values()) and len(np.unique(begun[:, 0])) == 3
+    assert [row["ends in"] for row in record.summary["optima"]] == ["optimum 1"] * 3
+    picture = study.run_dir / "figures" / "gridsearch-basins.png"
+    assert picture.stat().st_size > 5000 and str(picture) in record.summary["figures"].values()
+    picture.unlink()
+    assert gridsearch.run(study).fresh and picture.exists(), "a picture that is gone is drawn again"
+
+
+def test_a_worker_that_does_not_see_the_run_folder_answers_the_same(study_of: StudyOf, tmp_path: Path) -> None:
+    """Another machine: nothing is written where the run folder would be, the answer comes back by value."""
+    study = study_of()
+    whole = open_record(study.run_dir / "gridsearch.h5")
+    stage = ready(study, "thermal")
+    stage, optimum = gridsearch._with_optimum(study, gridsearch._settings(study), stage)
+    common = trials.setup(study, stage, job(study.run_dir, "gridsearch", stage.config, stage.inputs), optimum)
+    away = replace(common, keep=replace(common.keep, path=tmp_path / "elsewhere" / "gridsearch.h5"), mark="x")
+    answer = pickle.loads(pickle.dumps(trials.trial_answer(*pickle.loads(pickle.dumps((away, "gridsearch.2", SECOND, False))))))
+    assert not (tmp_path / "elsewhere").exists()
+    assert list(answer.summary["trial"]["optimum"].values()) == pytest.approx(whole["starts/optimum"].value[1].tolist(), rel=1e-9)

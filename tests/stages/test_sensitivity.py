@@ -83,13 +83,13 @@ def test_jaw_temperature_of_the_thermal_stage(study_of: StudyOf) -> None:
 
 def test_quantity_that_reaches_the_mechanics_is_solved_anew(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     prepared = []
-    original = sensitivity.model_maker
+    original = trials.model_maker
 
     def counted(*args: object) -> object:
         inner = original(*args)  # type: ignore[arg-type]
         return lambda size, base: prepared.append(base["E"]) or inner(size, base)
 
-    monkeypatch.setattr(sensitivity, "model_maker", counted)
+    monkeypatch.setattr(trials, "model_maker", counted)
     sensitivity.run(study_of(sensitivity={"stage": "thermal", "quantity": "E", "values": [60000.0]}))
     assert set(prepared[1:]) - {prepared[0]} == {60000.0}
     prepared.clear()
@@ -128,3 +128,55 @@ def test_fresh_until_the_stage_is_identified_anew(study_of: StudyOf) -> None:
     identify_thermal.run(study, force=True)
     assert not sensitivity.run(study).fresh
     assert open_record(study.run_dir / "sensitivity.h5").summary["trustworthy"]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "values", "channels"),
+    [
+        ("kappa", [196.0, 204.0], {"dtheta": {}}),
+        ("theta_clamp", [296.68, 296.78], {"dtheta": {}}),
+        ("E", [67.0e3, 68.5e3], {"dtheta": {}}),
+        ("thickness", [1.1988, 1.2012], {"dtheta": {}}),
+        ("clock", [-0.1, 0.1], {"dtheta": {}}),
+        ("weight.theta", [0.98, 1.02], {"theta": {}, "dtheta": {}}),
+    ],
+)
+def test_linearised_answer_beside_the_one_identified_anew(
+    study_of: StudyOf, quantity: str, values: list[float], channels: dict[str, object]
+) -> None:
+    """Two independent ways to the same small change of the optimum: by the sensitivities, and by solving again."""
+    study = study_of(sensitivity={"stage": "thermal", "quantity": quantity, "values": values}, stages=_stages(channels))
+    if len(channels) > 1:
+        from thermofit.stages import identify_thermal
+
+        identify_thermal.run(study)
+    record = sensitivity.run(study).record
+    assert record.summary["trustworthy"]
+    nominal = record.summary["nominal"]
+    sigma = nominal["sigma"]
+    for row in record.summary["values"]:
+        moved = {name: row["optimum"][name] - record.summary["nominal"]["optimum"][name] for name in row["optimum"]}
+        straight = {
+            name: s * (row["value"] - record.summary["nominal"]["value"]) for name, s in record.summary["linearised"]["slope"].items()
+        }
+        for name, change in moved.items():
+            # 10 % of the change for the curvature, and what a search may leave at its end.
+            assert abs(straight[name] - change) < 0.1 * abs(change) + 0.1 * sigma[name], (quantity, name, straight[name], change)
+    assert max(abs(s) for s in record.summary["linearised"]["relative_slope"].values()) > 0.0
+    assert (study.run_dir / "figures" / "sensitivity-change.png").stat().st_size > 5000
+
+
+def _stages(channels: dict[str, object]) -> dict[str, object]:
+    return {"thermal": {"free": ["alpha_exp", "c0", "beta"], "channels": channels}}
+
+
+def test_quantities_that_the_study_does_not_have_are_refused(study_of: StudyOf) -> None:
+    def run(quantity: str) -> object:
+        return sensitivity.run(study_of(sensitivity={"stage": "thermal", "quantity": quantity, "values": [1.1]}))
+
+    with pytest.raises(StudyError, match=r"'sensitivity\.quantity' is weight\.u, but the stage compares dtheta"):
+        run("weight.u")
+    with pytest.raises(StudyError, match=r"the stage compares dtheta alone, where a factor moves nothing"):
+        run("weight.dtheta")
+    with pytest.raises(StudyError, match=r"the weight of dtheta is sigma; expected manual weights"):
+        run("weight.dtheta.x")

@@ -88,6 +88,17 @@ def test_what_is_wrong_with_an_effect_file_is_said(tmp_path: Path, text: str, sa
     assert ran.returncode == 2 and said in ran.stderr and "my_softening.py" in ran.stderr and "Traceback" not in ran.stderr, ran.stderr
 
 
+@pytest.mark.parametrize("body", ["1.0 if accumulated > 0.1 else 0.5", "1.0 - rate * unknown_name", "1.0 - rate * float(str(accumulated))"])
+def test_an_effect_that_does_not_compile_is_said_before_anything_runs(tmp_path: Path, body: str) -> None:
+    """A file that Python takes and numba, or complex numbers, do not: one sentence, exit 2."""
+    study = written(tmp_path)
+    file = tmp_path / "my_softening.py"
+    file.write_text(file.read_text(encoding="utf-8").replace("1.0 - rate * accumulated", body), encoding="utf-8")
+    ran = python("-c", "from thermofit.cli import main; main()", "diagnose", str(study))
+    assert ran.returncode == 2 and "does not compile" in ran.stderr and "my_softening.py" in ran.stderr, ran.stderr
+    assert "Traceback" not in ran.stderr and len(ran.stderr.splitlines()) < 8
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     study = written(tmp_path)
     (tmp_path / "my_softening.py").unlink()

@@ -14,12 +14,27 @@ import typer
 
 from thermofit import __version__
 from thermofit.cli import judging, measured
-from thermofit.cli.catalogue import ABOUT, ASIDE, LOOK, MANUAL, NECKING_ORDER, ORDER, RUN_EXAMPLES, RUN_HELP, STAGES, START, Entry
+from thermofit.cli.catalogue import (
+    ABOUT,
+    ASIDE,
+    LOOK,
+    MANUAL,
+    NECKING_ORDER,
+    ON_CHAIN,
+    ORDER,
+    RUN_EXAMPLES,
+    RUN_HELP,
+    SPREAD,
+    STAGES,
+    START,
+    Entry,
+)
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, on_study
+from thermofit.cli.options import AsJson, Common, Jobs, Scheduler, executor_of, on_study
 from thermofit.core.errors import StudyError
 
 if TYPE_CHECKING:
+    from thermofit.core.executor import Executor
     from thermofit.core.staging import Outcome
     from thermofit.core.study import Study
 
@@ -82,24 +97,43 @@ def _quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
 
 def _stage_command(entry: Entry) -> Callable[..., None]:
     def command(common: Common) -> None:
-        import time
+        _one_stage(entry, common)
 
-        from thermofit.cli import printing
-        from thermofit.core.result import is_trustworthy, result_of
+    def spread_command(common: Common, jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
+        _one_stage(entry, common, jobs, scheduler)
 
-        study = common.load()
-        _announce(entry.name, study, common.json)
-        begin = time.perf_counter()
-        with _quiet(common.json):
-            outcome = stage_function(entry.name)(study, force=common.force)
-        result = result_of(outcome.record)
-        if common.json:
-            printing.as_json({**result, "fresh": outcome.fresh})
-        else:
-            printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
-        _leave(is_trustworthy(outcome.record))
+    return spread_command if entry.spread else command
 
-    return command
+
+def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
+    """Run a stage and print its result."""
+    import time
+
+    from thermofit.cli import printing
+    from thermofit.core.result import is_trustworthy, result_of
+
+    study = common.load()
+    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
+    _announce(entry.name, study, common.json)
+    begin = time.perf_counter()
+    with _quiet(common.json):
+        _chain_before(entry.name, study, None if common.json else printing.step)
+        outcome = stage_function(entry.name)(study, force=common.force, **options)
+    result = result_of(outcome.record)
+    if common.json:
+        printing.as_json({**result, "fresh": outcome.fresh})
+    else:
+        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+    _leave(is_trustworthy(outcome.record))
+
+
+def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
+    """The chain up to the last identification, where a command rests on it; what is fresh is not run again."""
+    if name in ON_CHAIN:
+        from thermofit.core.executor import SERIAL
+        from thermofit.stages.run import Link, Selection, chain
+
+        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in ORDER], Selection(last="identify-thermal"), report=report)
 
 
 def _announce(command: str, study: Study, as_json: bool) -> None:
@@ -121,6 +155,8 @@ def run(
     first: Annotated[str | None, typer.Option("--from", metavar="STAGE", help="First stage to run.", show_default=False)] = None,
     last: Annotated[str | None, typer.Option("--until", metavar="STAGE", help="Last stage to run.", show_default=False)] = None,
     everything: Annotated[bool, typer.Option("--all", help="Also gridsearch and sensitivity, where the study lists them.")] = False,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """All stages: raw files in, parameters and figures out."""
     from thermofit.cli import printing
@@ -128,7 +164,8 @@ def run(
 
     study = common.load()
     _announce("run", study, common.json)
-    links = [Link(name, _lazy(name)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
+    where = executor_of(study, jobs, scheduler)
+    links = [Link(name, _lazy(name, where)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
     with _quiet(common.json):
         steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
     summary = summary_of(study, steps)
@@ -139,9 +176,11 @@ def run(
     _leave(summary["trustworthy"])
 
 
-def _lazy(name: str) -> Callable[..., Outcome]:
+def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
+    options: dict[str, Any] = {"where": where} if name in SPREAD else {}
+
     def call(study: Study, *, force: bool = False) -> Outcome:
-        return stage_function(name)(study, force=force)
+        return stage_function(name)(study, force=force, **options)
 
     return call
 

@@ -16,6 +16,8 @@ class Entry:
     line: str
     details: str
     example: str
+    spread: bool = False
+    """True where it solves many independent problems, which --jobs or --scheduler spread."""
 
     @property
     def help(self) -> str:
@@ -82,16 +84,20 @@ STAGES: tuple[Entry, ...] = (
         "gridsearch",
         TRUST,
         "Other starts: is the optimum the only one?",
-        "Starts are listed in the section 'gridsearch' of the study. A start that fails is counted and named.",
-        "gridsearch study.yaml",
+        "Starts are listed or drawn in the section 'gridsearch' of the study. The verdict is unique, several optima, or valley with the "
+        "relation of the parameters along it. A start that fails is counted and named. Starts run side by side in --jobs processes or on "
+        "a Dask --scheduler; a killed search resumes.",
+        "gridsearch study.yaml --jobs 2",
+        spread=True,
     ),
     Entry(
         "sensitivity",
         TRUST,
         "Other boundary values: how far do parameters move?",
         "How far do the identified parameters move if, say, the temperature of the jaws is 0.1 K off? Quantity and values are in the "
-        "section 'sensitivity' of the study.",
-        "sensitivity study.yaml --set 'sensitivity.values=[296.6, 296.8]'",
+        "section 'sensitivity' of the study. Each value is identified anew; beside it stands the linearised answer.",
+        "sensitivity study.yaml --set 'sensitivity.values=[296.6, 296.8]' --jobs 2",
+        spread=True,
     ),
     Entry(
         "verify",
@@ -165,9 +171,13 @@ COMPARE = Entry(
     "studies of the same data are fitted to all channels at once: error, held-out error, AIC and BIC with an honest number of data.",
     "compare study.yaml --set 'compare={model-1: {model: 1}}'",
 )
+SPREAD: frozenset[str] = frozenset(entry.name for entry in (*STAGES, *ASIDE) if entry.spread)
+"""Commands that --jobs and --scheduler spread."""
 
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
+ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")
+"""Commands that first run the chain up to the last identification, as far as that is not done."""
 NECKING_ORDER: tuple[str, ...] = ("necking",)
 """The chain of a necking test."""
 

@@ -14,9 +14,15 @@ import typer
 from thermofit.cli.failure import reporting
 
 if TYPE_CHECKING:
+    from thermofit.core.executor import Executor
     from thermofit.core.study import Study
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
+Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Local processes that work side by side.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="URL", help="Dask scheduler whose workers do it, such as tcp://host:8786.", show_default=False),
+]
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,13 @@ class Common:
         # A path is text whatever it looks like, and JSON's quotes are YAML's.
         folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
         return load_study(self.study, (*self.settings, *folder))
+
+
+def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:
+    """Where the independent problems of a stage are solved; processes share the threads that the study allows, a Dask worker has one."""
+    from thermofit.core.executor import Executor
+
+    return Executor(jobs, scheduler, 1 if scheduler is not None else max(1, study.numerics.threads // max(1, jobs)))
 
 
 def _shared(

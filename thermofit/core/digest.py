@@ -21,8 +21,11 @@ PACKAGE = Path(__file__).resolve().parents[1]
 KERNEL_ROOMS = ("effects", "material", "fem", "point")
 """Rooms whose every source may be compiled into a kernel."""
 
+_NO_KERNEL = b"from thermofit.core.jit import set_threads\n"
+"""A module that asks for no more of `core.jit` than this compiles nothing."""
+
 _OUTSIDE_KERNELS = tuple(
-    f"core/{name}" for name in ("artefact", "atomic", "checkpoint", "digest", "errors", "jsonable", "progress", "study")
+    f"core/{name}" for name in ("artefact", "atomic", "checkpoint", "digest", "errors", "executor", "jsonable", "progress", "study")
 )
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 
@@ -103,7 +106,7 @@ def _may_be_compiled(package: Path, path: Path) -> bool:
         return True
     if room == "core":
         return not name.startswith(_OUTSIDE_KERNELS)
-    return b"core.jit" in path.read_bytes()
+    return b"core.jit" in path.read_bytes().replace(_NO_KERNEL, b"")
 
 
 def _visible_files(folder: Path) -> list[Path]:

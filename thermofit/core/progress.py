@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _outer: list[Progress] = []
 """The display on the terminal, if any: an inner progress becomes a further line of the outer one."""
+_muted = False
 
 
 class Advance(Protocol):
@@ -27,7 +28,7 @@ def progress(description: str, total: float | None, quiet: bool = False) -> Iter
     Silent where `quiet` or where stderr is no terminal. Exceptions, KeyboardInterrupt among them, pass through after the
     line has been closed.
     """
-    if quiet or not sys.stderr.isatty():
+    if quiet or _muted or not sys.stderr.isatty():
         yield _silent
         return
     with _display() as display:
@@ -42,6 +43,12 @@ def progress(description: str, total: float | None, quiet: bool = False) -> Iter
             display.stop_task(task)
             if len(display.tasks) > 1:
                 display.remove_task(task)
+
+
+def mute() -> None:
+    """Show nothing in this process from now on: a worker shares the terminal with the process that reports for all."""
+    global _muted
+    _muted = True
 
 
 def _silent(n: float = 1, note: str = "") -> None:

@@ -15,13 +15,14 @@ from thermofit.core.study_paths import path_from
 CATALOGUE = "thermofit.effects.catalogue"
 """The module that declares the Params of all effects when it is imported."""
 _COMPILED = "thermofit.material.composition"
+_CHECK = "thermofit.identify.user_effects"
 
 
 def declare_effects(tree: dict[str, Any], source: Path) -> None:
     """Make the effects known that a study tree speaks of; a study without any costs nothing.
 
     Files of a user are compiled into the kernels: they are named by the environment before these are loaded. StudyError for a file that
-    is not there, and where kernels without it are loaded already.
+    is not there or does not compile, and where kernels without it are loaded already.
     """
     files = _files(tree, source)
     if files:
@@ -32,6 +33,8 @@ def declare_effects(tree: dict[str, Any], source: Path) -> None:
             os.environ[EFFECTS_VARIABLE] = given
     if files or "." in "".join(_names(tree)):
         importlib.import_module(CATALOGUE)
+    if files:
+        importlib.import_module(_CHECK).check_compiles(files)
 
 
 def _files(tree: dict[str, Any], source: Path) -> list[Path]:

@@ -15,6 +15,7 @@ from thermofit.core.study_experiments import Experiments, check_experiments
 from thermofit.core.study_geometry import Geometry, StaticTest
 from thermofit.core.study_literature import Candidates, LiteratureValues, check_literature
 from thermofit.core.study_necking import Necking
+from thermofit.core.study_search import GridSearch, Sensitivity
 from thermofit.core.study_section import (
     Count,
     Mesh,
@@ -23,7 +24,6 @@ from thermofit.core.study_section import (
     ParameterName,
     ParameterSettings,
     ParameterStart,
-    ParameterValues,
     Positive,
     Section,
     SpecimenOverride,
@@ -34,7 +34,7 @@ from thermofit.core.study_section import (
     physical_error,
     word_or,
 )
-from thermofit.core.study_stages import StageName, Stages, StageSettings
+from thermofit.core.study_stages import Stages, StageSettings
 from thermofit.core.study_virtual import Simulate
 from thermofit.core.study_windows import Mask
 
@@ -190,28 +190,6 @@ class Numerics(Section):
     coarse_start: StrictBool = True
     """On a finer mesh the optimum of the coarse mesh is the start."""
     threads: Count = 2
-
-
-class GridSearch(Section):
-    """The same stage from several starts (thesis 2.8): is the optimum unique?"""
-
-    stage: StageName
-    starts: Annotated[tuple[ParameterValues, ...], Field(min_length=1)]
-
-
-class Sensitivity(Section):
-    """The same stage with other prescribed values of one quantity (Tables 5.20, 5.21)."""
-
-    stage: StageName
-    quantity: ParameterName
-    values: Annotated[tuple[Number, ...], Field(min_length=1)]
-
-    @model_validator(mode="after")
-    def _values_are_physical(self) -> Sensitivity:
-        for value in self.values:
-            if text := physical_error(self.quantity, value):
-                raise content_error(text, key="values")
-        return self
 
 
 class Sections(Section):

@@ -96,6 +96,8 @@ stages:
 # gridsearch:                                  # the same stage from other starts
 #   stage: thermal
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]
+#   draw: {method: latin-hypercube, number: 10, seed: 1}     # further starts, over the bounds; or sobol; within: {kappa: [50, 300]}
+## quantity: a parameter that the stage does not identify, thickness (mm), clock (s added to the infrared frames), weight.u (factor).
 # sensitivity: {stage: thermal, quantity: theta_clamp, values: [296.5, 296.7, 296.9]}
 # effects: []                                  # effect files of your own, relative to this file: [my_effect.py]
 # diagnosis:                                   # diagnose and close-loop
@@ -114,6 +116,7 @@ stages:
 ## Records of uniaxial coupons as testing machines export them, instead of, or besides, `experiment` above; columns by their name.
 # coupon:
 #   control: strain                            # what is prescribed: strain or stress
+#   heat: law                                  # what heats it: law, or measured-work (of measured stress on plastic strain)
 #   records:
 #     - file: records/machine.xlsx           # relative to this file; ${VARIABLES} as above
 #       # test: Values A                       # tag or sheet, where a file holds several

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -14,6 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 
 from thermofit.core.atomic import replacing
+from thermofit.core.errors import StudyError
 from thermofit.diagnose.structure import Span
 
 STYLE: dict[Any, Any] = {
@@ -104,3 +106,19 @@ def save_figures(folder: Path, figures: Mapping[str, Figure]) -> list[Path]:
             figure.savefig(temporary, dpi=_DPI, format="png")
         paths.append(path)
     return paths
+
+
+def drawn(run_dir: Path, figures: Mapping[str, Callable[[], Figure]], *, anew: bool) -> None:
+    """Figures of a stage in `<run_dir>/figures/<name>.png`: all where `anew`, else those that are missing. StudyError where they cannot be
+    written."""
+    folder = run_dir / "figures"
+    missing = [name for name in figures if anew or not (folder / f"{name}.png").exists()]
+    if not missing:
+        return
+    try:
+        with rc_context(STYLE):
+            save_figures(folder, {name: figures[name]() for name in missing})
+    except OSError as error:
+        raise StudyError(
+            f"figures in '{folder}' cannot be written ({error.strerror or error}): expected a writable folder with free space"
+        ) from error

@@ -15,6 +15,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import Closed, Trial, before_after, channel_rms, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.trace import Traced
+from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 from thermofit.identify.solve import merged_counts
 
@@ -147,8 +148,18 @@ def _verdict(closed: Closed, table: dict[str, Any]) -> str:
     names = []
     for name in closed.accepted:
         others = [other for other in families.get(name, ()) if other != name]
-        names.append(name + (f" (or {', '.join(others)})" if others else ""))
+        names.append(f"{name} ({_estimates(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
     return f"added {', '.join(names)}; {errors}"
+
+
+def _estimates(closed: Closed, name: str) -> str:
+    """Amplitudes of an accepted effect at the last optimum, with their standard errors."""
+    parts = []
+    for p in effect(name).amplitudes:
+        sigma = closed.fit.sigma[closed.fit.names.index(p.name)] if closed.fit.sigma is not None else float("nan")
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        parts.append(f"{p.name.rpartition('.')[2]} {closed.last.case.parameters[p.name]:.4g} +- {sigma:.2g}{unit}")
+    return ", ".join(parts)
 
 
 def _errors(table: dict[str, Any], channels: Sequence[str]) -> str:

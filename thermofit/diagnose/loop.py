@@ -21,6 +21,8 @@ from thermofit.fit.result import FitResult
 Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
 """Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
 TRIED_PER_ROUND = 2
+TRIED_WHERE_CHEAP = 6
+"""Most effects that are refitted in a round where a run costs next to nothing; the best of them is accepted."""
 WORTH_AN_EXPONENT = 10.0
 """Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
 AWAY = 2.0
@@ -39,6 +41,11 @@ class Trial:
     achieved_drop: float
     refused: str
     exponents: str = ""
+
+    @property
+    def gain(self) -> float:
+        """Relative fall of the held-out mean square by the refit; minus infinity where there was none."""
+        return -np.inf if self.proof is None else self.proof.gain
 
 
 @dataclass(frozen=True)
@@ -70,13 +77,15 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     while True:
         trials: list[Trial] = []
         winner: tuple[Traced, FitResult, str] | None = None
+        best = 0.0
         if len(accepted) < max_effects:
-            for score in here.promising()[:TRIED_PER_ROUND]:
+            for score in candidates(here):
                 trial, found = _tried(here, fit, score, refit, numerical, how)
                 trials.append(trial)
-                if found is not None:
-                    winner = (*found, score.effect)
-                    break
+                if found is not None and (winner is None or trial.gain > best):
+                    winner, best = (*found, score.effect), trial.gain
+                    if not case.cheap:
+                        break
         rounds.append(Round(here, tuple(trials), None if winner is None else winner[2]))
         if winner is None:
             break
@@ -88,6 +97,17 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             here, fit = _without(here, name, refit, numerical, how)
             dropped.append(name)
     return Closed(tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped))
+
+
+def candidates(here: Traced) -> tuple[Score, ...]:
+    """Effects that a round refits, the largest held-out gain first; where a run costs next to nothing all of them, and those of their
+    families that pass the threshold as well: a refit can tell apart what one step cannot."""
+    promising = here.promising()
+    if not here.case.cheap:
+        return promising[:TRIED_PER_ROUND]
+    alike = {member for s in promising for member in s.family}
+    others = [s for s in here.ranking.scores if s.effect in alike and not s.vetoed and s.z > here.ranking.threshold and s not in promising]
+    return (*promising, *others)[:TRIED_WHERE_CHEAP]
 
 
 def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]) -> Parameters:
@@ -116,32 +136,58 @@ def _tried(
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
-    parameters, after, exponents = _refined(parameters, after, score.effect, refit)
+    scanned = tuple(p.name for p in effect(score.effect).params if len(p.scan) > 1)
+    freed, said = _freed((parameters, after), scanned, score.effect, refit)
+    if not here.case.cheap:
+        trial, found = _judged(here, fit, score, freed or (parameters, after), numerical, how)
+        return replace(trial, exponents=said), found
+    ends = [((parameters, after), said if freed is None else f"{_held(parameters, scanned)}: freeing them gains nothing on held-out data")]
+    ends += [(freed, said)] if freed is not None else []
+    if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
+        singly = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
+        ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None]
+    judged = [(*_judged(here, fit, score, end, numerical, how), words) for end, words in ends]
+    trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
+    return replace(trial, exponents=said), found
+
+
+def _held(parameters: Parameters, names: Sequence[str]) -> str:
+    return "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in names)
+
+
+def _judged(
+    here: Traced, fit: FitResult, score: Score, refitted: tuple[Parameters, FitResult], numerical: np.ndarray | None, how: str
+) -> tuple[Trial, tuple[Traced, FitResult] | None]:
+    """What a refit is worth on held-out data; `fit` is the one without the effect."""
+    parameters, after = refitted
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
     proof = compared(held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.noise)
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
     refused = _refusal(score.effect, estimate, sigma, proof, after)
-    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, exponents)
+    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
     return trial, None if refused else (there, after)
 
 
-def _refined(parameters: Parameters, fit: FitResult, name: str, refit: Refit) -> tuple[Parameters, FitResult, str]:
-    """A second refit with the scanned Params of an effect free as well; kept where it converges and the objective falls, and said."""
-    scanned = [p.name for p in effect(name).params if len(p.scan) > 1]
+def _freed(
+    start: tuple[Parameters, FitResult], scanned: tuple[str, ...], name: str, refit: Refit
+) -> tuple[tuple[Parameters, FitResult] | None, str]:
+    """A second refit with scanned Params of an effect free as well where the objective falls by it, and what became of them."""
+    parameters, fit = start
     if not scanned:
-        return parameters, fit, ""
-    held = "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in scanned)
+        return None, ""
     try:
-        free, after = refit(parameters.with_free((*parameters.free, *scanned)), f"{name}{EXPONENTS}")
+        found = refit(
+            parameters.with_free((*parameters.free, *scanned)), f"{name} {' '.join(n.rpartition('.')[2] for n in scanned)}{EXPONENTS}"
+        )
     except NumericsError as error:
-        return parameters, fit, f"{held}: the refit with them free failed ({error})"
-    if fit.f - after.f <= WORTH_AN_EXPONENT:
-        return parameters, fit, f"{held}: freeing them gains nothing"
-    if not set(scanned) <= set(free.free):
-        return free, after, "at " + ", ".join(f"{n} = {free[n]:.3g}" for n in scanned) + ", which the data do not determine further"
-    return free, after, "fitted" if after.converged else "fitted, but not settled"
+        return None, f"{_held(parameters, scanned)}: the refit with them free failed ({error})"
+    if fit.f - found[1].f <= WORTH_AN_EXPONENT:
+        return None, f"{_held(parameters, scanned)}: freeing them gains nothing"
+    if not set(scanned) <= set(found[0].free):
+        return found, f"{_held(found[0], scanned)}, which the data do not determine further"
+    return found, "fitted" if found[1].converged else "fitted, but not settled"
 
 
 def held_out_of(here: Traced) -> np.ndarray:

@@ -17,9 +17,11 @@ from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.diagnose.case import Case, slots_of
 from thermofit.diagnose.refit import JointFit
+from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.diagnose.structure import Span, named_phases
 from thermofit.diagnose.verification import identified_stages
-from thermofit.effects.catalogue import Effect
+from thermofit.effects.catalogue import BASE, Effect, effects
+from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model, offsets
@@ -98,6 +100,8 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     scores are those after a joint step of all fitted parameters in any case.
     """
     joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
+    _refuse_one_family(study, joint)
+    _refuse_few(joint.model.residual(joint.base), joint)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
     parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
     if not fit.converged:
@@ -107,6 +111,38 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     finer, share = joint.finer()
     error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
     return Prepared(case, fit, refit, error, joint.size)
+
+
+def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
+    """UntrustworthyError where there are fewer independent data than fitted parameters."""
+    n, p = sum(c.n for c in joint.model.comparisons), len(joint.base.free)
+    if n <= p:
+        raise UntrustworthyError(
+            f"diagnosis: {n} data for {p} fitted parameters leave nothing to judge; free fewer, or use more of the record"
+        )
+    if joint.model.segments is not None:
+        worth = sum(m.independent for m in memories(residual, joint.model.segments))
+        if worth < p:
+            raise UntrustworthyError(
+                f"diagnosis: {n} data are worth {worth:.2g} independent ones, because their misfit is correlated in time, and {p} "
+                "parameters are fitted; free fewer (diagnosis.free), or use more records"
+            )
+
+
+def _refuse_one_family(study: Study, joint: _Joint) -> None:
+    """UntrustworthyError where the study frees two effects that the test cannot tell apart; the mechanisms of the base law are left out."""
+    free = joint.base.free
+    own = {e.name: [k for k, n in enumerate(free) if n in {p.name for p in e.amplitudes}] for e in effects() if e.slot not in BASE}
+    own = {name: columns for name, columns in own.items() if columns}
+    if len(own) < 2:
+        return
+    _, fitted = joint.model.linearised(joint.base, free)
+    found = indistinguishable(fitted, own)
+    if found is not None:
+        raise UntrustworthyError(
+            f"{study.source.name}: the study frees {found[0]} and {found[1]}, whose influence this test cannot tell apart (|cos| "
+            f"{found[2]:.3f}, expected below {ALIKE}); free one of them, and give the other a value or leave it out"
+        )
 
 
 def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
@@ -148,11 +184,12 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
 
 
 def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
-    """All that the stages of a coupon study identify, on all that they compare."""
+    """All that the stages of a coupon study identify, on all that they compare; with temperatures, the air's too, held by a prior."""
     hot = any(test.theta is not None for test in data.tests)
     own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
-    free = study.diagnosis.free or tuple(dict.fromkeys(name for s in own for name in s.free))
     wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
+    nuisances = tuple(name for name in ("theta_air",) if {"theta", "dtheta"} & set(wanted) and name not in study.parameters)
+    free = study.diagnosis.free or tuple(dict.fromkeys((*(name for s in own for name in s.free), *nuisances)))
     channels = {c: ChannelSettings() for c in wanted}
     return StageSettings.model_construct(
         **{**own[1].__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}

@@ -11,7 +11,7 @@ C the correlation of the noise. For one Param z = a / sd(a) = -s.r / |s| where C
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -98,7 +98,10 @@ class Ranking:
 
 
 def ranked(columns: Columns) -> Ranking:
-    """Ranking of all dormant effects. UntrustworthyError where the fitted parameters already use up all data."""
+    """Ranking of all dormant effects; one whose estimate cannot be is in nobody's family.
+
+    UntrustworthyError where the fitted parameters already use up all data.
+    """
     n, p = columns.fitted.shape
     if n <= p:
         raise UntrustworthyError(
@@ -111,6 +114,8 @@ def ranked(columns: Columns) -> Ranking:
     threshold = _threshold([*own.values(), *(s for s in besides if s.shape[1] > 0)])
     alike = likeness(own)
     scores = [_score(columns, (effect, *columns.dormant[effect]), own[effect], threshold, _family(effect, alike)) for effect in own]
+    impossible = {s.effect for s in scores if s.vetoed}
+    scores = [replace(s, family=(s.effect, *(other for other in s.family[1:] if other not in impossible))) for s in scores]
     scores.sort(key=lambda s: (bool(s.vetoed), -s.z))
     return Ranking(tuple(scores), threshold, tuple(unfelt))
 
@@ -132,6 +137,19 @@ def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
         for other, b in bases.items():
             found[one, other] = float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0)) if one != other else 1.0
     return found
+
+
+def indistinguishable(fitted: np.ndarray, own: Mapping[str, Sequence[int]]) -> tuple[str, str, float] | None:
+    """The two effects that are most alike, and their |cos|, where it is above ALIKE; None else.
+
+    `fitted` (n, p) are the columns of all fitted parameters, `own` the numbers of those of each effect; the others can take their part.
+    """
+    taken = {k for columns in own.values() for k in columns}
+    basis = _orthonormal(fitted[:, [k for k in range(fitted.shape[1]) if k not in taken]])
+    left = {effect: fitted[:, list(columns)] - basis @ (basis.T @ fitted[:, list(columns)]) for effect, columns in own.items()}
+    pairs = [(cos, one, other) for (one, other), cos in likeness(left).items() if one < other]
+    cos, one, other = max(pairs, default=(0.0, "", ""))
+    return (one, other, cos) if cos > ALIKE else None
 
 
 def _family(effect: str, alike: Mapping[tuple[str, str], float]) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ SURE = 2.0
 """Standard errors by which held-out error has to fall."""
 OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
-PRACTICAL = 1e-3
+PRACTICAL = 3e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
 _BLOCKS = (25, 5)
 _BUFFER_SHARE = 0.01

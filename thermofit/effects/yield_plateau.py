@@ -1,4 +1,4 @@
-"""Upper yield point and Lueders plateau of a bar as a whole: slot yield_stress. Off at length = 0."""
+"""Lueders plateau of a bar as a whole, with an upper yield point where it is given: slot yield_stress. Off at share = 0."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from thermofit.core.parameters import Param
 
 SLOT = "yield_stress"
 PARAMS = (
-    Param("yield_plateau.length", "1", 0.0, 0.0, 0.2, 5e-3, "plastic strain at the end of the plateau", probe=0.01),
-    Param("yield_plateau.upper", "MPa", 0.0, 0.0, 500.0, 10.0, "excess of the upper yield point", probe=20.0),
-    Param("yield_plateau.drop", "1", 1e-3, 1e-5, 0.05, 1e-3, "plastic strain in which the excess decays", scan=(1e-3, 4e-3)),
+    # Not the length is the amplitude: to first order in a length, Voce's curve only shifts, which is a change of M_y0.
+    Param("yield_plateau.share", "1", 0.0, 0.0, 3.0, 0.2, "share of the law's hardening that begins late; 1 is a flat plateau", probe=0.5),
+    Param("yield_plateau.length", "1", 0.02, 1e-3, 0.2, 5e-3, "plastic strain at the end of the plateau", scan=(0.005, 0.01, 0.02, 0.04)),
+    # No amplitude of its own: a few samples tell it, and without them it would spoil what the others predict.
+    Param("yield_plateau.upper", "MPa", 0.0, 0.0, 500.0, 10.0, "excess of the upper yield point", scan=(0.0,)),
+    Param("yield_plateau.drop", "1", 1e-3, 1e-5, 0.05, 1e-3, "plastic strain in which the excess decays", scan=(1e-3,)),
 )
-FORMULA = "hardening begins at Lambda = length; sigma_y += upper exp(-Lambda / drop)"
+FORMULA = "a share of the hardening begins at Lambda = length; sigma_y += share upper exp(-Lambda / drop)"
 SOURCE = "Lueders bands seen over a gauge length: constant mean stress until the band has passed; Hall 1970, Yield Point Phenomena"
 STORED = True
 _ROUNDING = 0.1
 """Part of the plateau's length over which its end is rounded."""
 
 
-def yield_stress(accumulated: float, rate: float, theta: float, law: Any, length: float, upper: float, drop: float) -> float:
-    """Hardening of Voce's form from max(Lambda - length, 0) instead of Lambda, and the upper yield point; MPa."""
+def yield_stress(accumulated: float, rate: float, theta: float, law: Any, share: float, length: float, upper: float, drop: float) -> float:
+    """A share of Voce's hardening from max(Lambda - length, 0) instead of Lambda, and the upper yield point; MPa."""
     ahead, before = accumulated - length, 0.0 * accumulated - length
     round_off = (_ROUNDING * length) ** 2
     late = 0.5 * (ahead + np.sqrt(ahead * ahead + round_off)) - 0.5 * (before + np.sqrt(before * before + round_off))
     change = np.exp(-law.H_exp * accumulated) - np.exp(-law.H_exp * late)
-    return (law.M_yinf - law.M_y0) * change + upper * np.exp(-accumulated / drop)
+    return share * ((law.M_yinf - law.M_y0) * change + upper * np.exp(-accumulated / drop))

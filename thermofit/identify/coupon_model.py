@@ -22,7 +22,9 @@ from thermofit.identify.channels import balanced, field_of, weight_of
 from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
-from thermofit.identify.model import StageModel
+from thermofit.identify.joint import THERMOCOUPLE
+from thermofit.identify.measured_work import Work, with_measured_work
+from thermofit.identify.model import Prior, StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
 from thermofit.measure.observation import FieldObservation
@@ -31,6 +33,9 @@ from thermofit.point.driver import PointHistory, PointRates, PointSettings, Prog
 
 HISTORY = {"stress": "stress", "strain": "strain", "theta": "theta_sensor"}
 """Channel of a PointHistory behind an observed field."""
+
+
+_Found = tuple[PointHistory, PointRates | None]
 
 
 @dataclass(frozen=True)
@@ -42,10 +47,15 @@ class CouponRun:
     common: frozenset[str]
     per_interval: int = 1
     """Steps between two samples of a record."""
+    measured_work: bool = False
+    """True where the measured stress on the measured strain heats the specimen, and not the law."""
+    air_is_free: bool = False
+    """True where the temperature of the air is fitted: all records depart from their own by as much."""
 
     def parameters_of(self, parameters: Parameters, test: CouponTest) -> Parameters:
-        """Parameters of a record: its own air, and free of stress at its own start, unless the study says otherwise."""
-        own = {"theta_air": test.theta_air, "theta_ref": test.theta_start}
+        """Parameters of a record: its own air and free of stress at its own start, unless the study says otherwise."""
+        departure = parameters["theta_air"] - self.data.theta_air if self.air_is_free else 0.0
+        own = {"theta_air": test.theta_air + departure, "theta_ref": test.theta_start}
         return parameters.replace(**{name: value for name, value in own.items() if name not in self.common})
 
     def programme(self, test: CouponTest) -> Programme:
@@ -61,18 +71,27 @@ class CouponRun:
         index = np.arange((len(time) - 1) * self.per_interval + 1) / self.per_interval
         return np.interp(index, np.arange(len(time)), time), np.interp(index, np.arange(len(time)), value)
 
+    def _heated(self, parameters: Parameters, test: CouponTest, found: _Found) -> _Found:
+        if not self.measured_work:
+            return found
+        (time, strain), (_, stress) = self._refined(test.time, test.strain), self._refined(test.time, test.stress)
+        return with_measured_work(parameters, Work(time, strain, stress, test.theta_start), self.settings, found)
+
     def history(self, parameters: Parameters, test: CouponTest) -> PointHistory:
         """The history of a record. NumericsError names the record that fails."""
+        own = self.parameters_of(parameters, test)
         try:
-            found = simulate(self.parameters_of(parameters, test), self.programme(test), self.settings)
+            found, _ = self._heated(own, test, (simulate(own, self.programme(test), self.settings), None))
             return found if self.per_interval == 1 else found.every(self.per_interval)
         except NumericsError as error:
             raise NumericsError(f"{test.name}: {error}") from error
 
     def rates(self, parameters: Parameters, names: tuple[str, ...], test: CouponTest) -> tuple[PointHistory, PointRates]:
         """The history of a record and its derivatives by the named parameters; errors as `history`."""
+        own = self.parameters_of(parameters, test)
         try:
-            found, rates = simulate_rates(self.parameters_of(parameters, test), names, self.programme(test), self.settings)
+            found, rates = self._heated(own, test, simulate_rates(own, names, self.programme(test), self.settings))
+            assert rates is not None
             n = self.per_interval
             return (found, rates) if n == 1 else (found.every(n), replace(rates, rates=rates.rates[::n]))
         except NumericsError as error:
@@ -86,8 +105,10 @@ def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
 
 def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plastic: bool = True) -> CouponRun:
     """CouponRun of a study; `free` parameters are common to all records."""
-    common = frozenset({*study.parameters, *free})
-    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval)
+    departs = "theta_air" in free and "theta_air" not in study.parameters
+    common = frozenset({*study.parameters, *free} - ({"theta_air"} if departs else set()))
+    work = study.coupon is not None and study.coupon.heat == "measured-work"
+    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval, work, departs)
 
 
 def offsets(tests: Sequence[CouponTest]) -> np.ndarray:
@@ -204,6 +225,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         return error_of([history for history, _ in found], parameters), slopes
 
     comparisons = _comparisons(settings, seen, data)
+    priors = (Prior("theta_air", base["theta_air"], THERMOCOUPLE),) if "theta_air" in settings.free else ()
     return StageModel(
         lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
         comparisons,
@@ -211,7 +233,8 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         remark,
         False,
         linearise,
-        segments(comparisons, data),
+        (*segments(comparisons, data), *(1 for _ in priors)),
+        priors,
     )
 
 

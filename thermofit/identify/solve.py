@@ -115,11 +115,13 @@ def evaluation_key(job: Job, base: Parameters) -> str:
 
 
 def discard_checkpoints(job: Job) -> None:
-    """Remove the evaluations of a job whose artefact is safely written."""
+    """Remove the evaluations and trials of a job whose artefact is safely written."""
     import shutil
 
     for folder in job.path.parent.glob(f".{job.stage}.*.evaluations"):
         shutil.rmtree(folder, ignore_errors=True)
+    for trial in job.path.parent.glob(f".{job.stage}.*.h5"):
+        trial.unlink(missing_ok=True)
 
 
 def _elements(size: MeshSize) -> int:

@@ -127,7 +127,7 @@ def simulate_rates(
     return history, PointRates(tuple(names), rates)
 
 
-def _numbers(
+def run_numbers(
     parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings
 ) -> tuple[np.ndarray, np.ndarray, Flags]:
     """Numbers (N_ALL,) of a run, their derivatives (N_ALL, n_p) by the named parameters, and the flags of the law."""
@@ -147,7 +147,7 @@ def _numbers(
 def _run(parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings) -> tuple[PointHistory, np.ndarray]:
     programme.check()
     check_beta(parameters)
-    numbers, along, flags = _numbers(parameters, names, programme, settings)
+    numbers, along, flags = run_numbers(parameters, names, programme, settings)
     n = len(programme.time)
     states, counts = np.zeros((n, N_STATE)), np.zeros(3, dtype=np.int64)
     rates = np.zeros((n if names else 0, N_STATE, len(names)))

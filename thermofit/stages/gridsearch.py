@@ -2,49 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from thermofit.core.artefact import Dataset
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.jit import set_threads
+from thermofit.core.executor import SERIAL, Executor
 from thermofit.core.parameters import Parameters
-from thermofit.core.progress import progress
 from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
-from thermofit.core.study_models import GridSearch
+from thermofit.core.study_search import GridSearch
+from thermofit.diagnose.figures import drawn
+from thermofit.diagnose.figures_starts import basin_figure
+from thermofit.identify.draws import drawn_starts
 from thermofit.identify.inputs import with_identified
-from thermofit.identify.outcome import made
 from thermofit.identify.solve import discard_checkpoints
-from thermofit.identify.stage import Ready, model_maker, ready
-from thermofit.identify.trials import (
-    Trial,
-    attempt,
-    objectives,
-    optima,
-    shared_models,
-    total_counts,
-    trial_datasets,
-    trial_job,
-    trial_summary,
-)
+from thermofit.identify.stage import Ready, ready
+from thermofit.identify.trials import Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.uniqueness import Uniqueness, uniqueness
 
 NAME = "gridsearch"
+FIGURE = "gridsearch-basins"
 
 
-def run(study: Study, *, force: bool = False) -> Outcome:
+def run(study: Study, *, force: bool = False, where: Executor = SERIAL) -> Outcome:
     """Record with every start, its optimum and the verdict on uniqueness; `parameters` are those of the best optimum.
 
-    A killed run resumes: finished starts are read from disk. A start that fails is counted and named. StudyError where the
-    study lists no starts or names a parameter that the stage does not identify; NumericsError where every start fails.
+    The starts run where the executor says. A killed run resumes: finished starts are read from disk. A start that fails is counted and
+    named. StudyError where the study lists no starts or names a parameter that the stage does not identify; NumericsError where
+    every start fails.
     """
     settings = _settings(study)
     stage, optimum = _with_optimum(study, settings, ready(study, settings.stage))
+    starts = (*settings.starts, *(drawn_starts(study, settings.draw, stage.base) if settings.draw is not None else ()))
     task = job(study.run_dir, NAME, {**stage.config, **study.config_of("gridsearch")}, stage.inputs)
-    outcome = produce(task, lambda: _make(study, stage, optimum, task), force=force)
+    outcome = produce(task, lambda: _make(study, (stage, optimum), starts, task, where), force=force)
     discard_checkpoints(task)
+    drawn(study.run_dir, {FIGURE: lambda: basin_figure(outcome.record)}, anew=not outcome.fresh)
     return outcome
 
 
@@ -71,48 +68,69 @@ def _settings(study: Study) -> GridSearch:
     return settings
 
 
-def _make(study: Study, stage: Ready, optimum: Parameters, task: Job) -> Made:
-    settings = _settings(study)
-    set_threads(study.numerics.threads)
-    models = shared_models(model_maker(study, stage.settings, stage.data), optimum)
-    trials: list[Trial] = []
-    with progress(NAME, len(settings.starts)) as advance:
-        for number, start in enumerate(settings.starts, start=1):
-            trials.append(attempt(study, stage, models, start, trial_job(task, stage, str(number))))
-            advance(1, trials[-1].failure)
-    best = _best(trials)
-    assert best.solved is not None
+def _make(study: Study, on: tuple[Ready, Parameters], starts: tuple[Mapping[str, float], ...], task: Job, where: Executor) -> Made:
+    stage, optimum = on
+    labels = [str(number) for number in range(1, len(starts) + 1)]
+    trials = run_trials(setup(study, stage, task, optimum), starts, labels, where)
     names = stage.settings.free
-    verdict = uniqueness(names, optima(trials, names), objectives(trials), np.array([t.converged for t in trials]))
-    record = made(study, stage.base.replace(**best.given), best.solved)
-    summary = {**record.summary, **_summary(stage, trials, verdict), "remarks": [*record.summary["remarks"], *_remarks(trials)]}
-    return Made({**record.datasets, **trial_datasets(trials, names, "starts")}, summary, record.parameters)
+    record = record_of(_best(trials))
+    verdict = _verdict(trials, names)
+    remarks = [*record.summary["remarks"], *_remarks(trials)]
+    summary = {**record.summary, **_summary(study, trials, verdict), "remarks": remarks}
+    begun = np.array([[start.get(name, stage.base[name]) for name in names] for start in starts])
+    datasets = {
+        **record.datasets,
+        **trial_datasets(trials, names, "starts"),
+        "starts/start": Dataset(begun, "1", ("trial", "parameter")),
+        "starts/group": Dataset(np.array(verdict.groups), "1", ("trial",)),
+    }
+    seed = None if study.gridsearch is None or study.gridsearch.draw is None else study.gridsearch.draw.seed
+    return Made(datasets, summary, record.parameters, seed)
+
+
+def _verdict(trials: list[Trial], names: tuple[str, ...]) -> Uniqueness:
+    none = np.full((len(names), len(names)), np.nan)
+    known = [none if t.failed or t.summary["curvature"] is None else np.array(t.summary["curvature"]) for t in trials]
+    f, converged = np.array([t.f for t in trials]), np.array([t.converged for t in trials])
+    return uniqueness(names, optima(trials, names), f, converged, np.array(known))
 
 
 def _best(trials: list[Trial]) -> Trial:
     """The trial with the lowest f, a converged one where there is any."""
-    solved = [t for t in trials if t.converged] or [t for t in trials if t.solved is not None]
+    solved = [t for t in trials if t.converged] or [t for t in trials if not t.failed]
     if not solved:
-        raise NumericsError(f"gridsearch: all {len(trials)} starts failed, the first with: {trials[0].failure}")
-    return min(solved, key=lambda t: float("inf") if t.fit is None else t.fit.f)
+        raise NumericsError(f"gridsearch: all {len(trials)} starts failed, the first with: {trials[0].summary['message']}")
+    return min(solved, key=lambda t: t.f)
 
 
-def _summary(stage: Ready, trials: list[Trial], verdict: Uniqueness) -> dict[str, Any]:
+def _summary(study: Study, trials: list[Trial], verdict: Uniqueness) -> dict[str, Any]:
     return {
         "verdict": verdict.text + _losses(trials),
-        "trustworthy": verdict.kind == "one optimum",
+        "trustworthy": verdict.kind == "unique",
         "uniqueness": verdict.kind,
         "spread": verdict.spread,
-        "constant_ratios": verdict.ratios,
-        "starts": [trial_summary(t, stage.base.replace(**t.given)) for t in trials],
+        "constant_ratios": {name: asdict(ratio) for name, ratio in verdict.ratios.items()},
+        "relation": verdict.relation,
+        "optima": [_row(number, t, group) for number, (t, group) in enumerate(zip(trials, verdict.groups, strict=True), start=1)],
+        "starts": [shown(t) for t in trials],
         "evaluations": total_counts(trials),
+        "figures": {FIGURE: str(study.run_dir / "figures" / f"{FIGURE}.png")},
     }
+
+
+def _row(number: int, trial: Trial, group: int) -> dict[str, Any]:
+    """A start as a line of a table: where it ended, with which objective and after how many runs."""
+    if trial.failed:
+        return {"start": number, "ends in": "failed"}
+    runs = trial.summary["evaluations"]
+    ends = f"optimum {group}" if group else "not converged"
+    return {"start": number, "ends in": ends, **trial.summary["optimum"], "f": trial.f, "runs": runs["forward"] + runs["replayed"]}
 
 
 def _losses(trials: list[Trial]) -> str:
     """How many starts gave no optimum."""
-    failed = sum(t.solved is None for t in trials)
-    short = sum(t.solved is not None and not t.converged for t in trials)
+    failed = sum(t.failed for t in trials)
+    short = sum(not t.failed and not t.converged for t in trials)
     parts = [f"{n} {what}" for n, what in ((failed, "failed"), (short, "did not converge")) if n]
     return f"; {', '.join(parts)}" if parts else ""
 
@@ -121,8 +139,8 @@ def _remarks(trials: list[Trial]) -> list[str]:
     """Every start that failed or did not converge, by its number."""
     out = []
     for number, trial in enumerate(trials, start=1):
-        if trial.solved is None:
-            out.append(f"start {number} failed: {trial.failure}")
+        if trial.failed:
+            out.append(f"start {number} failed: {trial.summary['message']}")
         elif not trial.converged:
-            out.append(f"start {number} did not converge: {trial.solved.fit.message}")
+            out.append(f"start {number} did not converge: {trial.summary['message']}")
     return out

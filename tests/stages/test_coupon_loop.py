@@ -1,0 +1,190 @@
+"""Diagnosis of coupon records through the command line: a planted effect is found from the files on, bad input is one sentence, and
+what real records hold is named."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from test_coupon_chain import FIXED, MECHANICAL, call, record, write_record
+
+ROOT = Path(__file__).resolve().parents[2]
+Loop = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def pulled(tmp_path: Path) -> Path:
+    """A study on one monotonic virtual record with temperature, whose model has no thermal expansion."""
+    write_record(tmp_path / "pull.csv", [(0.0, 0.0), (50.0, 0.03), (58.0, 0.027), (75.0, 0.03), (80.0, 0.05)], 23.0, 1)
+    tree = {
+        "name": "pulled",
+        "run_dir": str(tmp_path / "run"),
+        "model": 1,
+        "coupon": {"records": [record("pull", 23.0)]},
+        "parameters": {
+            "E": {"start": 190e3, "bounds": [1e5, 3e5]},
+            "M_y0": {"start": 300.0, "bounds": [50.0, 1000.0]},
+            "M_yinf": {"start": 580.0, "bounds": [100.0, 2000.0]},
+            "H_exp": {"start": 12.0, "bounds": [0.1, 100.0]},
+            "beta": {"start": 0.8, "bounds": [0.0, 5.0]},
+            "tau": {"start": 45.0, "bounds": [1.0, 1e5]},
+            "lag": {"start": 0.6, "bounds": [0.0, 20.0]},
+            "alpha_exp": 0.0,
+            **FIXED,
+        },
+        "stages": {"thermal": {"free": ["beta", "tau", "lag"], "channels": {"dtheta": {}}}},
+        "diagnosis": {"max_effects": 1},
+    }
+    path = tmp_path / "pulled.yaml"
+    path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    return path
+
+
+def test_expansion_is_found_from_the_files_on(pulled: Path) -> None:
+    """One command; the planted 11.5e-6 1/K within its interval; the error on held-out data falls to the noise."""
+    result = call("close-loop", pulled, "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["ranking"][0]["effect"] == "thermal_expansion" and found["accepted"] == ["thermal_expansion"]
+    estimate = found["rounds"][0]["tried"][0]["estimate"]["alpha_exp"]
+    assert estimate["value"] == pytest.approx(11.5e-6, rel=0.03)
+    assert abs(estimate["value"] - 11.5e-6) < 4.0 * estimate["sigma"]
+    assert "added thermal_expansion (alpha_exp 1.1" in found["verdict"]
+    assert found["after"]["held_out"]["dtheta"] < 1.1 * found["after"]["floor"]["dtheta"]
+
+
+def test_two_effects_of_one_family_are_not_freed_together(pulled: Path) -> None:
+    """In monotonic tension a backstress is isotropic hardening."""
+    names = ("backstress_first.C", "second_hardening.Q")
+    text = pulled.read_text(encoding="utf-8")
+    tree = yaml.safe_load(text)
+    tree["parameters"] |= {names[0]: {"start": 500.0, "bounds": [0.0, 1e5]}, names[1]: {"start": 5.0, "bounds": [-200.0, 200.0]}}
+    tree["parameters"]["backstress_first.gamma"] = tree["parameters"]["second_hardening.b"] = 60.0
+    tree["diagnosis"] = {"free": [*MECHANICAL, *names], "channels": ["stress"]}
+    pulled.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    result = call("diagnose", pulled)
+    assert result.exit_code == 5 and "Traceback" not in result.output, result.output
+    said = " ".join(result.output.split())
+    assert "frees backstress_first and second_hardening, whose influence this test cannot tell apart" in said
+
+
+def test_a_fit_that_has_not_converged_is_not_diagnosed(pulled: Path) -> None:
+    result = call("close-loop", pulled, "--set", "stages.plastic.max_evaluations=2", "--set", "parameters.M_y0.start=900")
+    assert result.exit_code == 5
+    assert "identify-plastic has not converged" in " ".join(result.output.split())
+
+
+def test_fewer_independent_data_than_parameters_are_refused(pulled: Path) -> None:
+    """A law far off leaves a misfit that hangs together: hundreds of values, worth fewer than the parameters."""
+    names = "[E, M_y0, M_yinf, H_exp, beta, tau, lag]"
+    arguments = ("--set", "stages.plastic.free=[H_exp]", "--set", "parameters.M_y0.start=200", "--set", f"diagnosis.free={names}")
+    result = call("diagnose", pulled, *arguments, "--set", "diagnosis.channels=[stress]")
+    assert result.exit_code == 5, result.output
+    assert "independent ones" in " ".join(result.output.split()) and "free fewer" in " ".join(result.output.split())
+
+
+@pytest.fixture
+def real_loop(tmp_path: Path) -> Loop:
+    """`close-loop` of a study on real records, from the native files on; what it says as JSON."""
+    given = os.environ.get("THERMOFIT_DATA")
+    if not given or not (Path(given) / "real").is_dir():
+        pytest.skip("THERMOFIT_DATA is not set: the real records lie in its folder real/")
+
+    def run(name: str, *arguments: str) -> dict[str, Any]:
+        result = call("close-loop", ROOT / "configs" / f"real-{name}.yaml", "--run-dir", tmp_path / name, "--json", *arguments)
+        assert result.exit_code in (0, 5), result.output
+        return dict(json.loads(result.stdout))
+
+    return run
+
+
+def first(found: dict[str, Any]) -> str:
+    """The effect named first."""
+    return str(found["ranking"][0]["effect"])
+
+
+def tried(found: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """All trials of an effect, round by round."""
+    return [trial for turn in found["rounds"] for trial in turn["tried"] if trial["effect"] == name]
+
+
+def halved(found: dict[str, Any], channel: str) -> bool:
+    return bool(found["after"]["held_out"][channel] < 0.5 * found["before"]["held_out"][channel])
+
+
+@pytest.mark.slow
+def test_lp9_expands(real_loop: Loop) -> None:
+    """Thermal expansion, absent from the model, is named first by the temperature; its coefficient is that of steel."""
+    found = real_loop("lp9-temperature")
+    assert first(found) == "thermal_expansion" and found["accepted"][0] == "thermal_expansion"
+    assert halved(found, "dtheta")
+    last = tried(found, "thermal_expansion")[-1]["estimate"]["alpha_exp"]
+    assert 10e-6 < last["value"] < 13e-6 and last["sigma"] < 2e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turned", ["both", "stress"])
+def test_lp9_with_the_sign_turned_does_not_expand(real_loop: Loop, tmp_path: Path, turned: str) -> None:
+    """Tension taken for compression, in both channels or in the stress alone: no positive coefficient, whatever else is said."""
+    tree = yaml.safe_load((ROOT / "configs" / "real-lp9-temperature.yaml").read_text(encoding="utf-8"))
+    own = tree["coupon"]["records"][0]
+    if turned == "both":
+        own["tension"] = "positive"
+    else:
+        own["stress"]["tension"] = "positive"
+    study = tmp_path / "turned.yaml"
+    study.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    result = call("close-loop", study, "--run-dir", tmp_path / "run", "--json")
+    assert result.exit_code in (0, 3, 5), result.output
+    if turned == "stress":
+        assert result.exit_code == 3 and "straight line" in result.output, "a record whose stress falls with the strain has no modulus"
+        return
+    found = json.loads(result.stdout)
+    assert "thermal_expansion" not in found["accepted"]
+    row = next(r for r in found["ranking"] if r["effect"] == "thermal_expansion")
+    assert row["estimate"]["alpha_exp"]["value"] < 0.0 and "outside" in row["remark"]
+
+
+@pytest.mark.slow
+def test_hem320_has_backstress(real_loop: Loop) -> None:
+    found = real_loop("hem320")
+    assert first(found).startswith("backstress") and found["accepted"][0].startswith("backstress")
+    assert found["after"]["held_out"]["stress"] < 0.75 * found["before"]["held_out"]["stress"]
+
+
+@pytest.mark.slow
+def test_304l_depends_on_rate(real_loop: Loop) -> None:
+    """Seven decades of rate; named and added although bars of one rate differ by as much as two decades."""
+    found = real_loop("304l")
+    assert any(name.startswith("rate_") for name in found["accepted"])
+    trial = next(t for t in (tried(found, "rate_logarithmic") or tried(found, "rate_power")) if t["accepted"])
+    assert all(p["value"] > 2.0 * p["sigma"] for p in trial["estimate"].values())
+
+
+@pytest.mark.slow
+def test_6061_softens_with_temperature_and_knows_no_rate(real_loop: Loop) -> None:
+    found = real_loop("6061")
+    assert first(found) == "thermal_softening" and found["accepted"][0] == "thermal_softening"
+    assert not any(name.startswith("rate_") for name in found["accepted"])
+    assert tried(found, "thermal_softening")[0]["estimate"]["thermal_softening.slope"]["value"] > 1e-3
+
+
+@pytest.mark.slow
+def test_gl_has_a_plateau(real_loop: Loop) -> None:
+    found = real_loop("gl-25")
+    assert found["accepted"][0] == "yield_plateau" and halved(found, "stress")
+    assert 0.5 < tried(found, "yield_plateau")[0]["estimate"]["yield_plateau.share"]["value"] < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["dp", "qp"])
+def test_dual_phase_and_partitioned_steels_have_no_plateau(real_loop: Loop, name: str) -> None:
+    """Smooth curves: what is added is hardening; the plateau is neither added nor named among what it could be."""
+    found = real_loop(name)
+    assert found["accepted"] and "yield_plateau" not in found["accepted"]
+    assert "yield_plateau" not in found["verdict"]

@@ -139,12 +139,26 @@ class StripMissing:
         return {"plastic power": np.repeat(power[:, None], grid.places, axis=1), "x": np.tile(x, (n, 1)), "y": np.tile(y, (n, 1))}
 
 
+FINE = Strip(12, 36, 180)
+
+
+def on_cells(theta: np.ndarray) -> np.ndarray:
+    """Temperatures (180 + 1, n) of the fine strip at the times and cells of the model."""
+    return np.asarray(theta[::3].reshape(MODEL.n_t + 1, 18, 2, 6, 2).mean(axis=(2, 4)).reshape(MODEL.n_t + 1, -1))
+
+
+def numerical() -> np.ndarray:
+    """Error (n,) of the discretisation in the residual."""
+    coarse, fine = (strip.run(BASE, strip.plastic(BASE))[:, :, 0] for strip in (MODEL, FINE))
+    return np.asarray((coarse - on_cells(fine)).ravel() / SIGMA)
+
+
 def strip_case(seed: int, source: Source | None = None, known: tuple[Effect, ...] = KNOWN, **planted: float) -> Case:
     """A case whose data come from a finer strip, with a source that the model does not have and planted effects of the camera."""
-    fine = Strip(12, 36, 180)
+    fine = FINE
     truth = BASE.replace(**planted)
     power = fine.plastic(truth) + (0.0 if source is None else fine.sourced(source))
-    theta = fine.run(truth, power)[::3, :, 0].reshape(MODEL.n_t + 1, 18, 2, 6, 2).mean(axis=(2, 4)).reshape(MODEL.n_t + 1, -1)
+    theta = on_cells(fine.run(truth, power)[:, :, 0])
     value = seen(truth, theta) + SIGMA * np.random.default_rng(seed).normal(size=theta.shape)
     shape = (*value.shape, 1)
     xy = np.stack([MODEL.x, MODEL.y], axis=1)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from strip import MODEL, Source, fitted, refitting, spot, strip_case
+from strip import MODEL, Source, fitted, numerical, refitting, spot, strip_case
 
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.structure import Span
@@ -27,14 +27,14 @@ PATCH = (8.0, 7.5)
 
 
 def diagnosed(seed: int, source: Source | None = None, **planted: float) -> tuple[Traced, Unlisted | None]:
-    here = traced(fitted(strip_case(seed, source, **planted))[0])
-    return here, unlisted(here, None)
+    here = traced(fitted(strip_case(seed, source, **planted))[0], numerical())
+    return here, unlisted(here, numerical())
 
 
 def looped(seed: int, source: Source | None = None, **planted: float) -> tuple[Closed, Unlisted | None]:
     case, fit = fitted(strip_case(seed, source, **planted))
     refit = refitting(case.model)
-    return ended(close_loop(case, fit, refit, 3, None), refit, None, "auto")
+    return ended(close_loop(case, fit, refit, 3, numerical()), refit, numerical(), "auto")
 
 
 @pytest.mark.parametrize(("power", "at", "when"), [(30.0, (-5.0, 8.0), (40.0, 75.0)), (15.0, (4.0, -14.0), (20.0, 50.0))])

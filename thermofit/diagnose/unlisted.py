@@ -27,7 +27,7 @@ from thermofit.identify.model import field_of as observed_field
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
-SURE, PRACTICAL = 3.0, 2e-3
+SURE, PRACTICAL = 3.0, 5e-3
 """Standard errors, and least relative fall of the held-out mean square of the channel, for which a field is believed."""
 UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa"}
 COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)}
@@ -63,7 +63,8 @@ def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = 
     `aside`: effects that were already found to resemble it only.
     """
     left = unfitted(here)
-    standing = [s for s in structures(here.case, here.rows, left, numerical) if s.stands_out]
+    error = None if numerical is None else unfitted(here, numerical)
+    standing = [s for s in structures(here.case, here.rows, left, error) if s.stands_out]
     standing.sort(key=lambda s: -s.excess / s.blocks.spread)
     open_ones = [(s, best) for s in standing if (best := best_listed(here, s, left, aside))[1] < HALF]
     found = []
@@ -82,10 +83,10 @@ def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = 
     return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters)
 
 
-def unfitted(here: Traced) -> np.ndarray:
-    """Residual (n,) after a joint step of the fitted parameters: what is left at an optimum."""
+def unfitted(here: Traced, vector: np.ndarray | None = None) -> np.ndarray:
+    """What a joint step of the fitted parameters leaves of a vector (n,), None: of the residual."""
     basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
-    r = here.columns.residual
+    r = here.columns.residual if vector is None else vector
     return np.asarray(r - basis @ (basis.T @ r))
 
 

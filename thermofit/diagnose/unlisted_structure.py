@@ -4,7 +4,7 @@ With S_b the sum of the n_b whitened rows of a block, noise alone gives E[S_b^2 
 differences of block means in time, so that neither a wrong sigma nor noise that neighbours share looks like structure; what all times
 of a point have in common (the reference of dtheta) comes on top, and so does the error of the discretisation. The excess
 
-    X = sum_b [S_b^2 / n_b - v_b - N_b^2 / n_b]
+    X = sum_b [S_b^2 / n_b - v_b - 4 N_b^2 / n_b]
 
 is what is left to be explained; its standard deviation under noise is sqrt(2 sum_b v_b^2).
 """
@@ -17,6 +17,7 @@ import numpy as np
 
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.trace import OVER_NUMERICAL
 
 BLOCKS = (16, 6, 2)
 """Blocks in time, y and x."""
@@ -71,7 +72,7 @@ def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarr
         block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
         count = np.bincount(block).astype(float)
         noise = np.full(len(count), _noise(residual[own], *series)) + _shared(case, own, block, count, len(residual))
-        error = np.zeros(len(count)) if numerical is None else np.bincount(block, numerical[own], len(count)) ** 2 / count
+        error = np.zeros(len(count)) if numerical is None else OVER_NUMERICAL * np.bincount(block, numerical[own], len(count)) ** 2 / count
         blocks = Blocks(case.channels[k], own, block, count, noise, error)
         excess = blocks.excess(residual)
         out.append(Structure(blocks, excess, excess / max(float(residual[own] @ residual[own]), 1e-300)))

@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Mesh of exp1 to exp3: coarse or full.
+# Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
 # Test processes that run side by side; 0: one process. Two were not faster when measured on two busy cores (35 s against 30 s).
 JOBS ?= 0
@@ -17,14 +17,15 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow lint format schema bench exp1 exp2 exp3 real clean
+.PHONY: help install demo test test-slow lint format schema bench exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
 	@echo "make test              quick tests          make test-slow   the tests that take minutes"
 	@echo "make lint              style, types, import contract"
 	@echo "make format            format the sources   make schema      rewrite docs/study.schema.json"
-	@echo "make bench             timings              make exp1 | exp2 | exp3 [MESH=coarse]   experiments of the thesis"
+	@echo "make thesis            sections 5.3 to 5.5 of the thesis, tables and figures to docs/reproduction [MESH=coarse: minutes]"
+	@echo "make bench             timings              make exp1 | exp2 | exp3   one section of them"
 	@echo "make real              records measured by others, from THERMOFIT_DATA: parameters with intervals, effects that are missing"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
 
@@ -63,10 +64,12 @@ bench: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python scripts/bench.py --write docs/performance.md
 
-# The table is printed even where a stage was not trustworthy (exit 5); the exit code is that of the run.
+# Sections 5.3, 5.4, 5.5 of the thesis; the pages go to docs/reproduction. A run that was stopped goes on where it was.
 exp1 exp2 exp3: install
-	@status=0; $(BIN)/thermofit run configs/$@.yaml --all --set mesh=$(MESH) || status=$$?; \
-	case $$status in 0|5) $(BIN)/python scripts/thesis_table.py $@ || exit $$?;; esac; exit $$status
+	$(BIN)/python scripts/thesis.py $@ --mesh $(MESH)
+
+thesis: install
+	$(BIN)/python scripts/thesis.py --mesh $(MESH)
 
 # Exit 5 says that a record holds more than the model: the next study still runs.
 real: install

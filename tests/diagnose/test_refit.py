@@ -57,3 +57,8 @@ def test_exponents_of_other_slots_leave_the_amplitude() -> None:
     start = Parameters.of({"lamp.absorbed": 0.1, "lamp.start": 5.0})
     flow = (np.array([0.01]), np.array([1e-3]), np.array([1e-3]))
     assert as_strong(start, "lamp.start", 50.0, flow, 2)["lamp.absorbed"] == 0.1
+
+
+def test_free_names_may_come_from_a_generator() -> None:
+    found = Parameters.of({"E": 7e4}, ("E", NAME)).with_free(n for n in ("E", "nu"))
+    assert found.free == ("E", "nu")

@@ -7,6 +7,7 @@ import pytest
 from fit_models import (
     BAR_LOWER,
     BAR_TRUE,
+    TIMES,
     DictStore,
     bar_problem,
     complex_step,
@@ -303,3 +304,25 @@ def test_a_plain_run_in_the_store_does_not_pass_for_a_linearised_one():
 def test_limit_counts_linearised_runs():
     fit = minimise(exact(bar_problem(FAR)), settings=Settings(max_evaluations=4))
     assert not fit.converged and "limit of 4 evaluations" in fit.message and fit.counts.forward == 4
+
+
+def test_a_valley_is_not_followed_to_a_bound_where_the_model_is_wrong():
+    """A factor common to all parameters changes nothing: from each start the search ends near it, at the same ratios, however large the
+    misfit that no parameter explains. Derivatives are good to nine digits, as those of a forward model are."""
+    data = 2.0 * np.exp(-1.5 * TIMES) + 0.7 + 0.5 * np.cos(5.0 * TIMES)
+    rng = np.random.default_rng(3)
+
+    def residual(p):
+        return ((p[0] * np.exp(-1.5 * TIMES) + p[1]) / p[2] - data) / 0.01
+
+    def jacobian(p):
+        matrix = complex_step(residual, p)
+        return matrix * (1.0 + 1e-9 * rng.standard_normal(matrix.shape))
+
+    found = []
+    for start in ([1.0, 1.0, 1.0], [1.0, 1.0, 2.5], [3.0, 0.4, 0.6]):
+        fit = minimise(problem(residual, start, [1e-3] * 3, [1e3] * 3, jacobian=jacobian), "least-squares", SHARP)
+        assert fit.converged and not fit.at_bound.any()
+        assert np.all(np.abs(np.log(fit.x / start)) < 2.0), fit.x
+        found.append(fit.x[:2] / fit.x[2])
+    assert np.ptp(found, axis=0).max() < 1e-4

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from thermofit.fit.gauss_newton import bounded_step, reduce
+from thermofit.fit.gauss_newton import bounded_step, pinned, reduce
 
 
 @settings(max_examples=60)
@@ -44,3 +44,25 @@ def test_parameter_without_effect_stays():
 def test_fewer_data_than_parameters():
     step = bounded_step(reduce(np.ones((1, 3)), np.array([3.0])), (np.full(3, -9.0), np.full(3, 9.0)))
     assert np.allclose(step.d, -1.0) and np.isclose(step.drop, 9.0)
+
+
+def test_pinned_columns_keep_gradient_and_forbid_the_null_direction():
+    rng = np.random.default_rng(4)
+    jacobian = rng.standard_normal((40, 3)) * [1.0, 1e3, 1e-4]
+    jacobian[:, 2] = (jacobian[:, 0] * 2.0 + jacobian[:, 1] * 1e-3) * 1e-4
+    residual = rng.standard_normal(40)
+    kept = pinned(jacobian, residual)
+    norms = np.linalg.norm(jacobian, axis=0)
+    assert np.allclose(kept.T @ residual / norms, jacobian.T @ residual / norms, atol=1e-12)
+    null = np.linalg.svd(jacobian / norms)[2][-1]
+    step = np.linalg.lstsq(kept / norms, -residual, rcond=None)[0]
+    assert abs(null @ step) < 1e-12 and np.linalg.norm(step) < 5.0
+    assert np.linalg.norm(kept / norms @ null) > 0.1
+    assert np.allclose(jacobian / norms @ step, jacobian / norms @ np.linalg.pinv(jacobian / norms) @ -residual, atol=1e-10)
+
+
+def test_pinned_leaves_correlated_columns_alone():
+    rng = np.random.default_rng(5)
+    jacobian = rng.standard_normal((40, 2))
+    jacobian[:, 1] = jacobian[:, 0] + 1e-3 * rng.standard_normal(40)
+    assert pinned(jacobian, rng.standard_normal(40)) is jacobian

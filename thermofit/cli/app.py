@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit import __version__
-from thermofit.cli import measured
+from thermofit.cli import identifiability, judging, measured
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
@@ -187,6 +187,10 @@ def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
 
 for _entry in (*STAGES, *ASIDE):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
+identifiability.register(app)
+
+
+judging.register(app, stage_function, _announce)
 
 
 @app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")

@@ -158,6 +158,23 @@ ASIDE: tuple[Entry, ...] = (
 SPREAD: frozenset[str] = frozenset(entry.name for entry in (*STAGES, *ASIDE) if entry.spread)
 """Commands that --jobs and --scheduler spread."""
 
+VALIDATE = Entry(
+    "validate",
+    TRUST,
+    "Predict an experiment that no fit has seen.",
+    "Every experiment (or record of a coupon) with held_out: true, and every raw folder named with --experiment, is predicted with the "
+    "parameters that were identified on the others, in one coupled run, and judged by its noise, as `verify` judges fitted data.",
+    "validate study.yaml --experiment lab/test-08",
+)
+COMPARE = Entry(
+    "compare",
+    TRUST,
+    "Models side by side on the same data: which one?",
+    "The model of the study, the candidates of its section 'compare' (model 1 or 2, with or without effects) and those of further "
+    "studies of the same data are fitted to all channels at once: error, held-out error, AIC and BIC with an honest number of data.",
+    "compare study.yaml --set 'compare={model-1: {model: 1}}'",
+)
+
 ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
 """Order of the chain."""
 ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")
@@ -222,3 +239,19 @@ RUN_HELP = (
 RUN_EXAMPLES = """[bold]Examples:[/]
 thermofit run study.yaml
 thermofit run study.yaml --from identify-plastic --until verify"""
+
+IDENTIFIABILITY_HELP = (
+    "Do the data determine the parameters, and to what?\n\n"
+    "At the optimum of a stage, or with --a-priori before any data on the planned test of the section 'simulate': correlations, spectrum "
+    "of the Hessian, which ratios of parameters stay constant where the data leave a direction open, what would have to be fixed, and "
+    "intervals by Laplace, block bootstrap, profile and Markov chain. --compare ranks test programmes: own, monotonic, load-unload, "
+    "load-unload-cool, stepped-rates, cycles. Exit code 5 where the parameters are not determined."
+)
+IDENTIFIABILITY_EXAMPLES = "\n".join(
+    (
+        "[bold]Examples:[/]",
+        "  thermofit identifiability study.yaml --a-priori --stage thermal",
+        "  thermofit identifiability study.yaml --compare monotonic load-unload-cool",
+        "  thermofit identifiability study.yaml --stage plastic --bootstrap 1000 --profile",
+    )
+)

@@ -37,7 +37,7 @@ PARAMETERS = "parameters"
 
 _PACKAGES = ("numpy", "scipy", "numba", "h5py", "nlopt")
 _TEXTS = ("stage", "thermofit_version", "source_digest", "created", "packages", "identity", "config", "inputs", "input_paths", "summary")
-_NAME = re.compile(r"[A-Za-z0-9_.+-]+(/[A-Za-z0-9_.+-]+)*")
+_NAME = re.compile(r"[A-Za-z0-9_.+@-]+(/[A-Za-z0-9_.+@-]+)*")
 _DIM = re.compile(r"\S+")
 _COMPRESS_FROM = 1 << 20
 """Size in bytes from which compression pays (fields of floats); small arrays stay contiguous."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Param:
 
 
 _INF = float("inf")
+AT = "@"
+"""Between a parameter and the experiment that alone it belongs to: alpha_air@second."""
 
 LAW: tuple[Param, ...] = (
     Param("E", "MPa", 69000.0, 1.0, 1e7, 7e4, "Young's modulus"),
@@ -88,13 +90,21 @@ def known_names() -> tuple[str, ...]:
 
 
 def is_known(name: str) -> bool:
-    """True for the name of a Param."""
-    return name in _BY_NAME or name in _OF_EFFECTS
+    """True for the name of a Param, also where it is that of one experiment (<param>@<experiment>)."""
+    bare = bare_name(name)
+    return bare in _BY_NAME or bare in _OF_EFFECTS
+
+
+def bare_name(name: str) -> str:
+    """The name without the experiment."""
+    return name.partition(AT)[0]
 
 
 def param(name: str) -> Param:
     """The Param of that name; StudyError where there is none."""
     found = _BY_NAME.get(name) or _OF_EFFECTS.get(name)
+    if found is None and AT in name:
+        return replace(param(bare_name(name)), name=name)
     if found is None:
         raise StudyError(f"parameter '{name}' is not known; known are {', '.join(known_names())}")
     return found
@@ -104,7 +114,8 @@ def param(name: str) -> Param:
 class Parameters:
     """Named vector of all Params and which are free. Immutable: `replace` returns a new one.
 
-    `values` holds every Param of the base law and those of effects that are not neutral; any other Param reads as its neutral value.
+    `values` holds every Param of the base law and those of effects that are not neutral; any other Param reads as its neutral value,
+    that of one experiment as the common one.
     """
 
     values: Mapping[str, float]
@@ -113,14 +124,17 @@ class Parameters:
     @staticmethod
     def of(values: Mapping[str, float], free: Iterable[str] = ()) -> Parameters:
         """Parameters from given values; what is not given is neutral. StudyError for an unknown name."""
+        free = tuple(free)
         for name in (*values, *free):
             param(name)
         full = {p.name: float(values.get(p.name, p.neutral)) for p in LAW}
-        full |= {name: float(v) for name, v in values.items() if name not in full and v != param(name).neutral}
+        full |= {name: float(v) for name, v in values.items() if name not in full and (AT in name or v != param(name).neutral)}
         return Parameters(full, tuple(free))
 
     def __getitem__(self, name: str) -> float:
-        return self.values[name] if name in self.values else param(name).neutral
+        if name in self.values:
+            return self.values[name]
+        return self[bare_name(name)] if AT in name else param(name).neutral
 
     def given(self) -> tuple[str, ...]:
         """Names of the base law, then of the Params of effects that are free or not neutral."""

@@ -14,10 +14,11 @@ from pydantic import ValidationError
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.study_coupon_stages import coupon_stage
 from thermofit.core.study_effects import declare_effects
 from thermofit.core.study_errors import near_miss, sentence
+from thermofit.core.study_experiments import virtual_of
 from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, start_of
 from thermofit.core.study_paths import path_from
 from thermofit.core.study_section import MeshSize, ParameterStart, mesh_size
@@ -66,14 +67,20 @@ class Study(Sections):
             raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
         return settings
 
+    def setting(self, name: str) -> float | ParameterStart | None:
+        """What the study says of a parameter; of that of one experiment what that experiment says, else of the common one."""
+        bare, _, experiment = name.partition(AT)
+        own = self.experiments[experiment].parameters if experiment in self.experiments else {}
+        return self.parameters.get(name, own.get(bare, self.parameters.get(bare)))
+
     def bounds(self, name: str) -> tuple[float, float]:
         """Lower and upper bound of a parameter: the study's, else the physical ones."""
         param(name)
-        return bounds_of(name, self.parameters.get(name))
+        return bounds_of(name, self.setting(name))
 
     def scale(self, name: str) -> float:
         """Usual size of a parameter: the study's, else that of the law."""
-        setting = self.parameters.get(name)
+        setting = self.setting(name)
         return setting.scale if isinstance(setting, ParameterStart) and setting.scale is not None else param(name).scale
 
     def start_parameters(self, experiment: Experiment | None) -> Parameters:
@@ -91,6 +98,51 @@ class Study(Sections):
         if self.simulate is None:
             raise StudyError(f"{self.source.name}: key 'simulate' is missing: add it to make a virtual experiment, see `thermofit new`")
         return Parameters.of(_with_temperatures(self.simulate.truth, f"{self.source.name}: key 'simulate.truth"))
+
+    def truth_of(self, name: str) -> float | None:
+        """The value of a parameter with which the virtual experiment was made, None where it is measured."""
+        bare, _, experiment = name.partition(AT)
+        several = [self.one_of(other) for other in (experiment,) if other in self.experiments] or [self.one_of(n) for n in self.fitted]
+        virtual = (several[0] if several else self).simulate
+        return None if virtual is None else float(virtual.truth.get(bare, param(bare).neutral))
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the experiments that are fitted jointly; empty where the study has one experiment only."""
+        return tuple(name for name, own in self.experiments.items() if not own.held_out)
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the experiments that are predicted, not fitted."""
+        return tuple(name for name, own in self.experiments.items() if own.held_out)
+
+    @property
+    def alone(self) -> Study:
+        """The study of the one experiment that is fitted, without those held out."""
+        return self.model_copy(update={"experiments": {}, "shared": ()})
+
+    def one_of(self, name: str) -> Study:
+        """The study of one of several experiments, with its own folder below the run folder."""
+        own, stages = self.experiments[name], self.stages
+        for key, window in own.windows.items():
+            stages = stages.model_copy(update={key: getattr(stages, key).model_copy(update={"window": window})})
+        simulate = virtual_of(self.simulate, own, list(self.experiments).index(name), f"experiments.{name}")
+        folder = self.run_dir / name
+        raw = folder / "raw"
+        if own.experiment is not None:
+            raw = path_from(self.source.parent, own.experiment, f"{self.source}: key 'experiments.{name}.experiment'")
+        given = {k: v for k, v in self.parameters.items() if AT not in k}
+        changes: dict[str, Any] = {
+            "parameters": {**given, **own.parameters},
+            "stages": stages,
+            "simulate": simulate,
+            "experiment": raw,
+            "run_dir": folder,
+            "virtual": simulate is not None,
+        }
+        if own.specimen is not None:
+            changes["specimen"] = own.specimen
+        return self.alone.model_copy(update=changes)
 
     def specimen_of(self, measured: Specimen) -> Specimen:
         """The measured specimen with the lengths (mm) that the study overrides."""
@@ -133,9 +185,13 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     else:
         raw = path_from(source.parent, file.experiment, f"{source}: key 'experiment'")
     sections = {name: getattr(file, name) for name in Sections.model_fields}
-    return Study(
-        **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=file.experiment is None and file.simulate is not None
-    )
+    return Study(**sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file))
+
+
+def _is_virtual(file: StudyFile) -> bool:
+    """True where a raw folder, of any experiment, is made by `simulate`."""
+    fitted = [own for own in file.experiments.values() if not own.held_out]
+    return file.simulate is not None and (any(own.experiment is None for own in fitted) if fitted else file.experiment is None)
 
 
 def json_schema() -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, Tag, model_validator
+from pydantic import AfterValidator, Field, StrictBool, Tag, model_validator
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.study_errors import content_error
@@ -187,6 +187,8 @@ class CouponRecordSettings(Section):
     points: Annotated[Count, Field(ge=10)] | None = None
     """Thin to about this many samples, turning points kept; absent: all."""
     noise: CouponNoise = CouponNoise()
+    held_out: StrictBool = False
+    """True: predicted by `validate`, never fitted."""
 
     @model_validator(mode="after")
     def _one_clock(self) -> CouponRecordSettings:
@@ -215,4 +217,6 @@ class Coupon(Section):
         for index, label in enumerate(labels):
             if label in labels[:index]:
                 raise content_error(f"is '{label}' again; expected another name for every record", key=f"records.{index}.name")
+        if all(record.held_out for record in self.records):
+            raise content_error("are all held out; expected at least one that is fitted", key="records")
         return self

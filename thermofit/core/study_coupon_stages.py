@@ -42,4 +42,10 @@ def coupon_stage(source: str, name: str, settings: StageSettings, control: str) 
         raise StudyError(
             f"{source}: key 'stages.{name}.channels' holds {control}, which is prescribed (coupon.control); compare {measured} instead"
         )
+    for channel, own in channels.items():
+        if own.window.x or own.window.y or any(region.t is None for region in own.mask):
+            raise StudyError(
+                f"{source}: key 'stages.{name}.channels.{channel}' limits places, which a record does not have; expected a "
+                "window or a mask in t alone"
+            )
     return settings.model_copy(update={"free": free, "channels": channels})

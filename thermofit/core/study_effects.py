@@ -55,7 +55,7 @@ def _names(tree: dict[str, Any]) -> list[str]:
     parameters, out = tree.get("parameters"), []
     if isinstance(parameters, dict):
         out += [str(name) for name in parameters]
-    for key in ("stages", "diagnosis", "gridsearch", "sensitivity", "simulate"):
+    for key in ("stages", "diagnosis", "gridsearch", "sensitivity", "simulate", "experiments", "shared", "compare", "literature"):
         out += _texts(tree.get(key))
     return [name for name in out if "/" not in name and not name.replace(".", "").isdigit()]
 

@@ -3,56 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, StrictBool, Tag, model_validator
+from pydantic import AfterValidator, Field, StrictBool, Tag, model_validator
 
-from thermofit.core.parameters import param
+from thermofit.core.parameters import AT, bare_name, param
 from thermofit.core.study_coupon import Coupon
 from thermofit.core.study_diagnosis import Diagnosis
 from thermofit.core.study_errors import content_error
+from thermofit.core.study_experiments import Experiments, check_experiments
 from thermofit.core.study_geometry import Geometry, StaticTest
+from thermofit.core.study_literature import Candidates, LiteratureValues, check_literature
 from thermofit.core.study_necking import Necking
 from thermofit.core.study_search import GridSearch, Sensitivity
 from thermofit.core.study_section import (
     Count,
     Mesh,
+    ModelNumber,
     NonNegative,
     Number,
+    ParameterName,
     ParameterSettings,
     ParameterStart,
     Positive,
     Section,
+    SpecimenOverride,
     Times,
     Whole,
     hardening_error,
+    no_repeats,
     physical_error,
     word_or,
 )
 from thermofit.core.study_stages import Stages, StageSettings
 from thermofit.core.study_virtual import Simulate
+from thermofit.core.study_windows import Mask
 
 FROM_EXPERIMENT = ("theta_air", "theta_clamp", "theta_ref")
 """Parameters that need no start: thermocouples of the experiment give it."""
-
-
-def _no_truth_value(value: Any) -> Any:
-    """Python takes true for 1; the study must not."""
-    if isinstance(value, bool):
-        raise content_error(f"is {str(value).lower()}; expected 1 or 2")
-    return value
-
-
-class SpecimenOverride(Section):
-    """Lengths in mm that replace those of experiment.yaml."""
-
-    gauge_width: Positive | None = None
-    thickness: Positive | None = None
-    parallel_length: Positive | None = None
-    shoulder_radius: Positive | None = None
-    grip_width: Positive | None = None
-    total_length: Positive | None = None
-    gripped_length: Positive | None = None
 
 
 class MaterialAxes(Section):
@@ -91,6 +79,8 @@ class Evaluation(Section):
     """`frames` (every infrared frame) or a list of times in s."""
     reference_time: NonNegative | None = None
     """Time t_0 of dtheta and of du in s (2.22), (2.23); null: the first observation, which must be before loading."""
+    mask: Mask = ()
+    """Regions that no stage sees: a scratch, a glare, a stage that failed."""
 
 
 class Force(Section):
@@ -201,7 +191,7 @@ class Sections(Section):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
     """Name of the study; letters, digits and _ . -"""
-    model: Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)] = 2
+    model: ModelNumber = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
     mesh: Mesh = "full"
     geometry: Geometry = Geometry()
@@ -222,6 +212,14 @@ class Sections(Section):
     simulate: Simulate | None = None
     coupon: Coupon | None = None
     """Uniaxial records instead of, or besides, a full-field experiment."""
+    experiments: Experiments = Field(default={})
+    """Several tests that share the material parameters, by name; with held_out: true one that is predicted, not fitted."""
+    shared: Annotated[tuple[ParameterName, ...], AfterValidator(no_repeats)] = ()
+    """Boundary and measurement parameters that are the same in all experiments."""
+    literature: LiteratureValues
+    """Published values by parameter, or c_p: a number, a range [low, high], or {value: ..., sigma: ..., source: ...}."""
+    compare: Candidates
+    """Other models of the same data, by name, for `thermofit compare`."""
     necking: Necking | None = None
     """A necking test without force, alone in its study: the hardening law from equal force through all cross-sections."""
 
@@ -229,6 +227,8 @@ class Sections(Section):
     def _physics(self) -> Sections:
         """Starts, truth and grid are physical, and every stage that the study lists has its starts."""
         starts = {name: start_of(setting) for name, setting in self.parameters.items()}
+        _check_several(self)
+        check_literature(self.literature)
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
         _check_hardening(starts, "parameters.M_yinf")
@@ -270,11 +270,30 @@ class StudyFile(Sections):
         others = [key for key in ("experiment", "simulate", "coupon", "static") if getattr(self, key) is not None]
         if self.necking is not None and others:
             raise content_error(f"is a study of its own, but '{others[0]}' is given too; leave one of them out", "necking")
-        if self.experiment is None and self.simulate is None and self.coupon is None and self.necking is None:
+        if fitted := [name for name, own in self.experiments.items() if not own.held_out]:
+            if others := [key for key in ("experiment", "coupon", "static", "necking") if getattr(self, key) is not None]:
+                text = f"is given, and so is '{fitted[0]}' under 'experiments'; put all tests that are fitted under 'experiments'"
+                raise content_error(text, others[0])
+        elif self.experiment is None and self.simulate is None and self.coupon is None and self.necking is None:
             raise content_error(
                 "is missing: name the raw folder, or describe a virtual experiment under 'simulate' or records under 'coupon'", "experiment"
             )
+        if self.experiments and (self.coupon is not None or self.static is not None or self.necking is not None):
+            raise content_error("holds full-field tests beside another kind; give coupon records under 'coupon.records'", "experiments")
         return self
+
+
+def _check_several(sections: Sections) -> None:
+    """Experiments have their data; parameters of one experiment are named where that experiment is known."""
+    named = {f"parameters.{name}": name for name in sections.parameters}
+    for key in ("elastic", "plastic", "thermal"):
+        named |= {f"stages.{key}.free": name for name in getattr(sections.stages, key).free if AT in name}
+    check_experiments(sections.experiments, sections.simulate, named)
+    for name, own in sections.experiments.items():
+        for parameter, setting in own.parameters.items():
+            _check_parameter(parameter, setting, f"experiments.{name}.parameters.{parameter}")
+    if sections.shared and not sections.experiments:
+        raise content_error("is given, but there is only one experiment; leave it out", "shared")
 
 
 def start_of(setting: float | ParameterStart) -> float:
@@ -291,13 +310,14 @@ def bounds_of(name: str, setting: float | ParameterStart | None) -> tuple[float,
 
 def check_starts(settings: StageSettings, given: Container[str]) -> str | None:
     """The first free parameter of a stage that has no start value in the study, None where all have one."""
-    return next((name for name in settings.free if name not in given and name not in FROM_EXPERIMENT), None)
+    names = (bare_name(name) for name in settings.free if name not in given)
+    return next((name for name in names if name not in given and name not in FROM_EXPERIMENT), None)
 
 
-def _check_parameter(name: str, setting: float | ParameterStart) -> None:
+def _check_parameter(name: str, setting: float | ParameterStart, key: str = "") -> None:
     """Start inside the bounds, bounds in order and inside the physical ones."""
     low, high = bounds_of(name, setting)
-    key = f"parameters.{name}"
+    key = key or f"parameters.{name}"
     if low >= high:
         raise content_error(f"is [{low:g}, {high:g}]; expected the lower bound first, and below the upper one", f"{key}.bounds")
     for bound in (low, high):

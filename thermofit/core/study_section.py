@@ -65,11 +65,11 @@ def _known_parameter(name: str) -> str:
     return name
 
 
-_EFFECT_PARAM = r"^[A-Za-z0-9_]+\.[A-Za-z0-9_]+$"
+_EFFECT_PARAM = r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)?(@[A-Za-z0-9_-]+)?$"
 ParameterName = Annotated[
     str, AfterValidator(_known_parameter), Field(json_schema_extra={"anyOf": [{"enum": list(NAMES)}, {"pattern": _EFFECT_PARAM}]})
 ]
-"""A name of `core.parameters.LAW`, or <effect>.<param> of an effect."""
+"""A name of `core.parameters.LAW`, or <effect>.<param> of an effect; with @<experiment> that of one experiment alone."""
 
 
 def physical_error(name: str, value: float) -> str | None:
@@ -102,6 +102,15 @@ def check_values(values: dict[str, float]) -> dict[str, float]:
     return values
 
 
+def _no_truth_value(value: Any) -> Any:
+    """Python takes true for 1; the study must not."""
+    if isinstance(value, bool):
+        raise content_error(f"is {str(value).lower()}; expected 1 or 2")
+    return value
+
+
+ModelNumber = Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)]
+"""Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
 ParameterValues = Annotated[dict[ParameterName, Number], AfterValidator(check_values)]
 """Named values, each inside the physical bounds."""
 
@@ -161,3 +170,15 @@ Mesh = Annotated[
 def mesh_size(mesh: Literal["coarse", "full"] | MeshSize) -> MeshSize:
     """Numbers of elements of a preset or of a given size."""
     return PRESETS[mesh] if isinstance(mesh, str) else mesh
+
+
+class SpecimenOverride(Section):
+    """Lengths in mm that replace those of experiment.yaml."""
+
+    gauge_width: Positive | None = None
+    thickness: Positive | None = None
+    parallel_length: Positive | None = None
+    shoulder_radius: Positive | None = None
+    grip_width: Positive | None = None
+    total_length: Positive | None = None
+    gripped_length: Positive | None = None

@@ -19,6 +19,7 @@ from thermofit.core.study_section import (
     number_or,
     word_or,
 )
+from thermofit.core.study_windows import ChannelWindow, Mask
 
 Channel = Literal["u", "du", "theta", "dtheta", "force", "stress", "strain"]
 StageName = Literal["elastic", "plastic", "thermal"]
@@ -40,11 +41,16 @@ class ChannelSettings(Section):
 
     weight: Annotated[
         Annotated[Positive, Tag("~number")]
-        | Annotated[Literal["sigma", "value", "max"], Tag("~word")]
+        | Annotated[Literal["sigma", "balanced", "value", "max"], Tag("~word")]
         | Annotated[ComponentWeights, Tag("~components")],
         number_or("~components"),
     ] = "sigma"
-    """`sigma`: 1/sigma^2; `value`: (2.25); `max`: (2.26); a number or {x: ..., y: ...}: manual, 1/unit^2."""
+    """`sigma`: 1/sigma^2; `balanced`: the same, then every balanced channel counts as much as any other, however many values it has;
+    `value`: (2.25); `max`: (2.26); a number or {x: ..., y: ...}: manual, 1/unit^2."""
+    window: ChannelWindow = ChannelWindow()
+    """Where and when this channel is compared."""
+    mask: Mask = ()
+    """Regions that this channel leaves out."""
 
 
 class RelativeDisplacement(Section):
@@ -54,9 +60,27 @@ class RelativeDisplacement(Section):
     """`rigid-body`: best translation and rotation removed; `similarity`: a uniform scale too (a specimen that moves towards one camera);
     `neighbour`: (2.11) to (2.14); `gradient`: (2.15) to (2.17)."""
     components: Annotated[tuple[Literal["xx", "yy", "xy", "yx"], ...], Field(min_length=1), AfterValidator(no_repeats)] = ("xx", "yy")
-    """Differences that `neighbour` and `gradient` use."""
+    """Differences that `neighbour` and `gradient` use; xy of `gradient` is the mean of both shears (2.17)."""
     distance: Positive | None = None
     """Distance of the neighbour in mm; null: the next node."""
+    reach: Positive | None = None
+    """Largest distance of a neighbour in mm (the triangle of figure 2.12b); null: any."""
+
+    @model_validator(mode="after")
+    def _one_shear(self) -> RelativeDisplacement:
+        if self.scheme == "gradient" and "yx" in self.components:
+            raise content_error("holds yx, but the shear of 'gradient' is symmetric (2.17); expected xx, yy, xy", key="components")
+        return self
+
+
+class StrainMeasure(Section):
+    """Channel strain: both sides by one scheme, from the displacements of all points near a point (least squares plane)."""
+
+    measure: Literal["technical", "green-lagrange"] = "technical"
+    """`technical`: free of small rotations; `green-lagrange`: of any rotation."""
+    components: Annotated[tuple[Literal["xx", "yy", "xy"], ...], Field(min_length=1), AfterValidator(no_repeats)] = ("xx", "yy", "xy")
+    radius: Positive | None = None
+    """Points within this many mm take part; null: the next ring of points."""
 
 
 Channels = Annotated[dict[Channel, ChannelSettings], Field(min_length=1)]
@@ -76,6 +100,7 @@ class StageSettings(Section):
     tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-5
     """Relative change of the parameters at which the search ends."""
     du: RelativeDisplacement = RelativeDisplacement()
+    strain: StrainMeasure = StrainMeasure()
 
     @model_validator(mode="after")
     def _weights_fit_channels(self) -> StageSettings:

@@ -62,8 +62,9 @@ parameters:
 #   coupling_tolerance: 1.0e-4                 # K
 #   threads: 2
 
-## channels: u, du (relative displacements), theta, dtheta (change of temperature), force.
-## weight: sigma (1/sigma^2), value (2.25), max (2.26), a number, or {x: 5, y: 1} for u and du.
+## channels: u, du (relative displacements), strain, theta, dtheta (change of temperature); force, stress where displacement drives.
+## weight: sigma (1/sigma^2), balanced, value (2.25), max (2.26), a number, or {x: 5, y: 1} for u and du. Besides: window: {x: .., y: ..,
+## t: [[t0, t1]]} that is kept, mask: [{x: .., y: ..}, {centre: .., radius: ..}, {polygon: ..}, {t: ..}] that is left out.
 ## window: auto (elastic range, from the data), all, or [t0, t1] in s. coupling: full or one-way.
 ## method: least-squares (chooses trust-region or gauss-newton), nelder-mead (the thesis), bobyqa, sbplx, cobyla.
 stages:
@@ -88,6 +89,10 @@ stages:
     window: all
     coupling: one-way
 
+# literature: {E: [67000, 74000], c_p: {value: 2.43, sigma: 0.05, source: handbook}}   # shown beside what is found
+# compare: {model-1: {model: 1}}               # other models of the same data, for `thermofit compare`
+# experiments: {}                              # further tests by name: {other: {experiment: FOLDER, held_out: true}} is predicted
+# shared: []                                  # boundary and measurement parameters that are the same in all experiments
 # gridsearch:                                  # the same stage from other starts
 #   stage: thermal
 #   starts: [{alpha_exp: 46.0e-6}, {kappa: 400, c0: 1.22}]

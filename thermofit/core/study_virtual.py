@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from thermofit.core.study_errors import content_error
-from thermofit.core.study_section import Mesh, NonNegative, Number, ParameterValues, Positive, Section, Whole
+from thermofit.core.study_section import Mesh, ModelNumber, NonNegative, Number, ParameterValues, Positive, Section, Whole
 
 
 def _moves(rate: float) -> float:
@@ -135,6 +135,8 @@ class Simulate(Section):
     """A virtual experiment: own kernel -> raw folder. `truth` names parameters of the law."""
 
     seed: Annotated[Whole, Field(ge=0)] = 1
+    model: ModelNumber | None = None
+    """Model of the virtual material; null: the one that is identified."""
     truth: ParameterValues
     mesh: Mesh = "full"
     specimen: VirtualSpecimen = VirtualSpecimen()

@@ -12,8 +12,9 @@ from thermofit.core.parameters import Param, Parameters
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.identify.channels import field_of
 from thermofit.identify.known_motion import Direction, acts_in_heat
-from thermofit.identify.model import StageModel, field_of
+from thermofit.identify.model import StageModel
 from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
 
 ON_POINT = ("linear_hardening", "thermal_expansion")
@@ -65,7 +66,7 @@ def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
     """Where the rows of a residual are from; the rows of priors have channel and phase -1 and are never held out."""
     channel, time, xy, phase = [], [], [], []
     for k, c in enumerate(model.comparisons):
-        observation = model.observations[field_of(c.channel)]
+        observation = model.observations[field_of(c)]
         t = observation.time[c.rows[:, 0]]
         channel.append(np.full(c.n, k))
         time.append(t)

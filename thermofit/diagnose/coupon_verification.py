@@ -13,6 +13,7 @@ from thermofit.core.artefact import Dataset
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Made
 from thermofit.core.study import Study
+from thermofit.diagnose.literature import literature_remarks, literature_rows
 from thermofit.diagnose.structure import ResidualField, Span, named_phases, residual_field, statistics
 from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_remarks, phase_table
 from thermofit.fit.memory import memories
@@ -25,8 +26,9 @@ from thermofit.point.driver import PointHistory
 _CURVES = (("strain", "1"), ("stress", "MPa"), ("theta", "K"), ("theta_sensor", "K"), ("accumulated", "1"))
 
 
-def verified_coupons(study: Study, data: CouponData, parameters: Parameters, stages: tuple[str, ...]) -> Made:
-    """The record of `verify` of coupons. NumericsError names the record that the model cannot follow."""
+def verified_coupons(study: Study, data: CouponData, parameters: Parameters, stages: tuple[str, ...], word: str = "verified") -> Made:
+    """The record of `verify`, or with the word "valid" of `validate`, of coupons. NumericsError names the record that the model cannot
+    follow."""
     begin = time.perf_counter()
     run = coupon_run(study, data)
     histories = [run.history(parameters, test) for test in data.tests]
@@ -44,9 +46,12 @@ def verified_coupons(study: Study, data: CouponData, parameters: Parameters, sta
         found = memories(compared.residual(error), segments([compared], data))
         worth[channel] = sum(m.independent for m in found)
     spans = record_spans(data)
-    summary = _summary(fields, spans, worth, stages)
+    results = fitted_parameters(study, parameters, stages)
+    summary = _summary(fields, spans, worth, (stages, word))
+    published = literature_rows(study, results)
+    summary |= {"literature": published, "remarks": [*summary["remarks"], *literature_remarks(published)]}
     summary |= {"records": _record_rows(data, fields), "evaluations": _cost(histories, time.perf_counter() - begin)}
-    return Made(_datasets(data, seen, fields, histories), summary, fitted_parameters(study, parameters, stages))
+    return Made(_datasets(data, seen, fields, histories), summary, results)
 
 
 def _stacked(histories: Sequence[PointHistory], name: str) -> np.ndarray:
@@ -64,12 +69,15 @@ def record_spans(data: CouponData) -> tuple[Span, ...]:
     return tuple(spans)
 
 
-def _summary(fields: Sequence[ResidualField], spans: Sequence[Span], worth: dict[str, float], stages: tuple[str, ...]) -> dict[str, Any]:
+def _summary(
+    fields: Sequence[ResidualField], spans: Sequence[Span], worth: dict[str, float], said: tuple[tuple[str, ...], str]
+) -> dict[str, Any]:
+    stages, word = said
     channels = channel_table(fields)
     for name, count in worth.items():
         channels[name]["n_independent"] = count
     rows = phase_table(fields, spans)
-    found = judge(fields, rows)
+    found = judge(fields, rows, word)
     remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
     remarks += phase_remarks(rows, found.within)
     for field in fields:

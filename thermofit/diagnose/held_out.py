@@ -184,3 +184,11 @@ def groups_of(rows: Rows, used: np.ndarray, n_t: int = 12, n_y: int = 3) -> np.n
     j = np.zeros(len(y), dtype=int) if np.ptp(y) == 0.0 else np.minimum((n_y * (y - y.min()) / np.ptp(y)).astype(int), n_y - 1)
     _, group = np.unique(i * n_y + j, return_inverse=True)
     return np.asarray(group)
+
+
+def split_by_experiment(rows: Rows, channels: Sequence[str], held_out: Sequence[str]) -> Split:
+    """One fold for each experiment named in `held_out`; `channels` are those of the rows by number, called du@first as in a joint fit."""
+    of_row = np.array([*(name.partition("@")[2] for name in channels), ""])[rows.channel]
+    held = tuple(of_row == name for name in held_out)
+    near = np.zeros(len(of_row), dtype=bool)
+    return Split(held, tuple(near for _ in held), f"experiments {', '.join(held_out)}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.artefact import open_record
-from thermofit.core.errors import UntrustworthyError
+from thermofit.core.errors import StudyError, UntrustworthyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
@@ -56,6 +56,12 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
 
     StudyError where a record is missing (names its command); UntrustworthyError where a fit has not converged.
     """
+    if study.fitted:
+        others = ", ".join(study.fitted[1:]) or "the others"
+        raise StudyError(
+            f"{study.source.name}: {name} traces the residual of one fitted experiment, but {len(study.fitted)} are fitted under "
+            f"'experiments'; name the one as 'experiment' and set held_out: true for {others}"
+        )
     stages = identified_stages(study)
     inputs: dict[str, Path] = {name: artefact_path(study.run_dir, name) for name in (INTERPOLATE, *stages)}
     for stage in stages:

@@ -128,7 +128,7 @@ class JointFit:
         exponents = [name for name in start.free if param(name).scan]
         if self.parts is not None and label.endswith(EXPONENTS) and not fit.converged and exponents:
             # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
-            held = parameters.with_free(name for name in parameters.free if name not in exponents)
+            held = parameters.with_free(tuple(name for name in parameters.free if name not in exponents))
             parameters, fit = self._minimised(held, self.model, f"{label} held", most)
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)

@@ -17,10 +17,10 @@ from thermofit.core.study import Study
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.fem.body import Body
 from thermofit.fem.march import History, Watch
+from thermofit.identify.channels import reference_times
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, read_field
 from thermofit.identify.instruments import Instruments
-from thermofit.identify.model import reference_times
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
 from thermofit.measure.observation import FieldObservation
 
@@ -143,16 +143,19 @@ class Judgement:
     outside: tuple[str, ...]
 
 
-def judge(residuals: Sequence[ResidualField], rows: Sequence[dict[str, Any]]) -> Judgement:
-    """Which channels are explained by their noise; `rows` (of `phase_table`) name the phase where one is not."""
+def judge(residuals: Sequence[ResidualField], rows: Sequence[dict[str, Any]], word: str = "verified") -> Judgement:
+    """Which channels are explained by their noise; `rows` (of `phase_table`) name the phase where one is not.
+
+    `word` is the verdict: "verified" on data that were fitted, "valid" on others.
+    """
     found = [(f.channel, statistics(f)) for f in residuals if f.channel not in INFORMATION]
     sizes = [(channel, s) for channel, s in found if s is not None]
     within = tuple(channel for channel, s in sizes if s.over_floor <= STANDS_OUT)
     outside = tuple(channel for channel, _ in sizes if channel not in within)
     if not outside:
-        line = "verified: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes) + " times the noise"
+        line = f"{word}: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes) + " times the noise"
     else:
-        line = "not verified: " + "; ".join(_outlier(channel, s, rows) for channel, s in sizes if channel in outside)
+        line = f"not {word}: " + "; ".join(_outlier(channel, s, rows) for channel, s in sizes if channel in outside)
     return Judgement(line, within, outside)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.optimize
 
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import UNRESOLVED, Step, full_step, reached, unresolved
+from thermofit.fit.gauss_newton import UNRESOLVED, Step, full_step, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings, relative_drop
@@ -39,7 +39,8 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
 
     A failed evaluation becomes a residual of norm sqrt(penalty): finite and worse than everything before, so that the step is
     rejected and the trust region shrinks to a quarter. The search ends where the full Gauss-Newton step within the bounds, not the
-    last step made, is below the tolerances. NumericsError if the start itself fails or a derivative cannot be had.
+    last step made, is below the tolerances. Along directions in which the data say nothing it stays where it is. NumericsError if the
+    start itself fails or a derivative cannot be had.
     """
     problem = evaluations.problem
     search = _Search(evaluations, settings)
@@ -116,7 +117,7 @@ class _Search:
         problem = evaluations.problem
         x = from_scaled(problem, z)
         residual = evaluations.residual(x)
-        matrix = jacobian_at(evaluations, x, self._settings) * problem.scale
+        matrix = pinned(jacobian_at(evaluations, x, self._settings) * problem.scale, residual)
         f, step = float(residual @ residual), full_step(problem, to_scaled(problem, x), residual, matrix)
         self._here = f, step
         self._failed = [self._failed[1], False]

@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_stages import ChannelSettings, ElasticStage, RelativeDisplacement
-from thermofit.identify.model import field_of
+from thermofit.identify.channels import field_of
 from thermofit.identify.solve import ModelOn, Solved, solve
 
 Widen = Callable[[Solved], tuple[Solved, str]]
@@ -60,7 +60,7 @@ def _row(name: str, solved: Solved) -> dict[str, Any]:
     row |= {"K GPa": 1e-3 * bulk, "G GPa": 1e-3 * shear}
     errors = solved.model.errors(solved.parameters)
     c = solved.model.comparisons[0]
-    left = c.residual(errors[field_of(c.channel)]) / np.sqrt(c.weight)
+    left = c.residual(errors[field_of(c)]) / np.sqrt(c.weight)
     return {**row, "rms": float(np.sqrt(np.mean(left**2))), "unit": c.unit, "times noise": float(np.sqrt(np.mean((left / c.sigma) ** 2)))}
 
 

@@ -158,9 +158,13 @@ def _facts(test: CouponTest) -> dict[str, Any]:
     return {"name": test.name, "theta_air": test.theta_air, "theta_start": test.theta_start, "noise": dict(test.noise)}
 
 
-def coupon_data(study: Study) -> CouponData:
-    """CouponData of a study from `<run_dir>/interpolate.h5`; StudyError that names the command where it is missing."""
-    return coupon_data_of(read_record(artefact_path(study.run_dir, INTERPOLATE), INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
+    """The records of a study that are fitted, or those held out, from `<run_dir>/interpolate.h5`; StudyError that names the command where
+    that is missing."""
+    path = artefact_path(study.run_dir, INTERPOLATE)
+    data = coupon_data_of(read_record(path, INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+    unseen = {record.label for record in coupon_section(study).records if record.held_out}
+    return replace(data, tests=tuple(test for test in data.tests if (test.name in unseen) is held_out))
 
 
 def coupon_data_of(record: Record) -> CouponData:

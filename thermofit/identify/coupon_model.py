@@ -7,7 +7,7 @@ compared stress, and the other way round under stress control.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,16 +18,18 @@ from thermofit.core.study import Study
 from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import effects
 from thermofit.fit.memory import memories
+from thermofit.identify.channels import balanced, field_of, weight_of
 from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
 from thermofit.identify.joint import THERMOCOUPLE
 from thermofit.identify.measured_work import Work, with_measured_work
 from thermofit.identify.missing_coupon import CouponMissing
-from thermofit.identify.model import Prior, StageModel, field_of
+from thermofit.identify.model import Prior, StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.measure.comparison import Comparison, Weight, plain
 from thermofit.measure.observation import FieldObservation
+from thermofit.measure.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
 
 HISTORY = {"stress": "stress", "strain": "strain", "theta": "theta_sensor"}
@@ -223,7 +225,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
             slopes[field] = np.concatenate(parts)[:, None, None, :]
         return error_of([history for history, _ in found], parameters), slopes
 
-    comparisons = tuple(comparison(c, seen[field_of(c)], _weight(settings, c)) for c in settings.channels)
+    comparisons = _comparisons(settings, seen, data)
     priors = (Prior("theta_air", base["theta_air"], THERMOCOUPLE),) if "theta_air" in settings.free else ()
     return StageModel(
         lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
@@ -238,11 +240,17 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
     )
 
 
-def _weight(settings: StageSettings, channel: str) -> Weight:
-    weight = settings.channels[channel].weight  # type: ignore[index]
-    if isinstance(weight, float | str):
-        return weight
-    raise StudyError(f"channels.{channel}.weight has components; expected a number: a coupon channel has none")
+def _comparisons(settings: StageSettings, seen: Mapping[str, FieldObservation], data: CouponData) -> tuple[Comparison, ...]:
+    """Comparisons of all channels; windows of a channel are in the time of each record."""
+    clock, found = np.concatenate([test.time for test in data.tests]), []
+    for channel, own in settings.channels.items():
+        weight = weight_of(own)
+        if isinstance(weight, tuple):
+            raise StudyError(f"channels.{channel}.weight has components; expected a number: a coupon channel has none")
+        observation = seen[field_of(channel)]
+        kept = selected(replace(observation, time=clock), own.window, own.mask)
+        found.append(comparison(channel, replace(observation, mask=kept.mask), weight))
+    return balanced(found, [own.weight == "balanced" for own in settings.channels.values()])
 
 
 def memory_remarks(model: StageModel, residual: np.ndarray) -> tuple[str, ...]:

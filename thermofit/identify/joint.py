@@ -16,14 +16,15 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
+from thermofit.identify.channels import FIELDS, comparisons_of
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
 from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
-from thermofit.identify.model import Prior, StageModel, comparison, field_of, steps_for
+from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -86,7 +87,7 @@ class Joint:
     @cached_property
     def mechanics(self) -> StageModel | None:
         """StageModel of displacements and force alone, at their own times; None where neither is compared."""
-        channels = tuple(c for c in self.settings.channels if field_of(c) != "theta")
+        channels = tuple(c for c in self.settings.channels if FIELDS[c] != "theta")
         if not channels:
             return None
         observations = self._observations(heat=False)
@@ -95,7 +96,7 @@ class Joint:
 
     def heat(self, parameters: Parameters) -> StageModel | None:
         """StageModel of the temperatures alone, on the motion of a run with given parameters; None where they are not compared."""
-        channels = tuple(c for c in self.settings.channels if field_of(c) == "theta")
+        channels = tuple(c for c in self.settings.channels if FIELDS[c] == "theta")
         if not channels:
             return None
         kept = keeping_points(self.run)
@@ -115,13 +116,13 @@ class Joint:
         heated = {name: np.zeros((*shape, len(directions))) for name, shape in shapes.items()}
         if directions:
             heated["theta"] = along(prediction.instruments, whole, last(parameters), parameters, directions)
-        return residual, jacobian, self.model.with_priors(self.model.assemble_jacobian(heated))
+        return residual, jacobian, self.model.with_priors(self.model.assemble_jacobian(prediction.errors(parameters), heated))
 
     def _observations(self, *, heat: bool) -> dict[str, FieldObservation]:
         observations: dict[str, FieldObservation] = {"u": self.data.displacement}
         if heat and self.data.temperature is not None:
             observations["theta"] = self.data.temperature
-        if "force" in self.settings.channels:
+        if any(FIELDS[c] == "force" for c in self.settings.channels):
             observations["force"] = self.data.force
         return observations
 
@@ -137,14 +138,16 @@ class Joint:
         samplers = {name: sampler(whole.body, o, times) for name, o in observations.items()}
         return JointPrediction(Instruments(run, samplers, observations, self.data.theta_air))
 
-    def _model(self, prediction: JointPrediction, channels: tuple[str, ...]) -> StageModel:
+    def _model(self, prediction: JointPrediction, channels: tuple[Channel, ...]) -> StageModel:
         """StageModel of some channels, with the priors of what takes part."""
         observations = prediction.instruments.observations
-        comparisons = tuple(comparison(c, observations[field_of(c)], self.settings, self.study, self.data.load_start) for c in channels)
+        own = self.settings.model_copy(update={"channels": {c: self.settings.channels[c] for c in channels}})
+        comparisons = comparisons_of(own, observations, self.study, self.data)
         priors = priors_of(self.data, self.settings.free)
         return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
 
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:
     """StageModel of the joint stage on a mesh: all observations, one coupled run."""
+    needs_drive(study, settings.channels)
     return Joint(study, data, settings, size).model

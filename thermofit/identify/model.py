@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,17 +11,16 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.core.study_stages import StageSettings
+from thermofit.identify.channels import FIELDS, comparisons_of, field_of
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run, thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects, station_names
 from thermofit.identify.missing import Missing
 from thermofit.identify.prediction import Errors, Linearise, PlainPrediction
-from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
+from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
-
-MECHANICAL_CHANNELS = ("u", "du")
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,8 @@ class StageModel:
             raise ValueError("this model has no exact derivatives")
         errors, slopes = self.linearise(parameters, names)
         of_priors = [[float(name == prior.name) / prior.sigma for name in names] for prior in self.priors]
-        return np.append(self.assemble(errors), self.departures(parameters)), self.with_priors(self.assemble_jacobian(slopes), of_priors)
+        jacobian = self.with_priors(self.assemble_jacobian(errors, slopes), of_priors)
+        return np.append(self.assemble(errors), self.departures(parameters)), jacobian
 
     def with_priors(self, columns: np.ndarray, of_priors: list[list[float]] | None = None) -> np.ndarray:
         """Columns (n, n_p) with the rows of the priors below them, zeros where none are given."""
@@ -77,63 +77,41 @@ class StageModel:
 
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""
-        return np.concatenate([c.residual(errors[field_of(c.channel)]) for c in self.comparisons])
+        return np.concatenate([c.residual(errors[field_of(c)]) for c in self.comparisons])
 
-    def assemble_jacobian(self, slopes: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The Jacobian (n, n_p) of derivative fields (n_t, n_s, n_c, n_p): a comparison is linear, so that it maps each one as an error."""
+    def assemble_jacobian(self, errors: Errors, slopes: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The Jacobian (n, n_p) at error fields, of derivative fields (n_t, n_s, n_c, n_p)."""
         n_p = next(iter(slopes.values())).shape[-1]
         out, at = np.empty((sum(c.n for c in self.comparisons), n_p), order="F"), 0
         for c in self.comparisons:
-            slope = slopes[field_of(c.channel)]
+            error, slope = errors[field_of(c)], slopes[field_of(c)]
             for i in range(n_p):
-                out[at : at + c.n, i] = c.residual(slope[..., i])
+                out[at : at + c.n, i] = c.slope(error, slope[..., i])
             at += c.n
         return out
 
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n,) that the noise gives each entry of the residual, priors included: one where weights are 1/sigma^2."""
+        return np.concatenate([*(c.spread for c in self.comparisons), np.ones(len(self.priors))])
+
+    @property
+    def white(self) -> bool:
+        """True where the noise of the residual is white and of one size."""
+        return all(c.noise is None for c in self.comparisons) and bool(np.allclose(self.spread, 1.0))
+
     def noise(self, v: np.ndarray) -> np.ndarray:
-        """Correlation of the residual's noise applied to columns (n, k)."""
+        """Covariance of the residual's noise, in units of its mean square, applied to columns (n, k)."""
+        spread = self.spread
+        size = spread / np.sqrt(np.mean(spread**2))
+        scaled = size[:, None] * v
         out, at = np.empty_like(v), 0
         for c in self.comparisons:
             part = slice(at, at + c.n)
-            out[part] = v[part] if c.noise is None else c.noise(v[part])
+            out[part] = scaled[part] if c.noise is None else c.noise(scaled[part])
             at += c.n
-        out[at:] = v[at:]
-        return out
-
-
-def field_of(channel: str) -> str:
-    """The observed field behind a channel."""
-    if channel in ("force", "stress", "strain"):
-        return channel
-    return "u" if channel in MECHANICAL_CHANNELS else "theta"
-
-
-def reference_times(observation: FieldObservation, study: Study, load_start: float) -> np.ndarray:
-    """True (n_t,) at the times that dtheta refers to: the one that the study names, else all before loading (2.22)."""
-    wanted = study.evaluation.reference_time
-    if wanted is None:
-        return np.asarray(observation.time <= load_start + 1e-9)
-    return np.asarray(np.arange(len(observation.time)) == int(np.argmin(np.abs(observation.time - wanted))))
-
-
-def comparison(channel: str, observation: FieldObservation, settings: StageSettings, study: Study, load_start: float) -> Comparison:
-    """The comparison of one channel as a stage asks for it."""
-    weight = _weight(settings.channels[channel])  # type: ignore[index]
-    if channel == "u":
-        return plain(observation, weight)
-    if channel == "du":
-        du = settings.du
-        return relative_displacements(observation, RelativeScheme(du.scheme, du.components, du.distance), weight)
-    if channel in ("theta", "force"):
-        return plain(observation, weight)
-    return temperature_change(observation, reference_times(observation, study, load_start), weight)
-
-
-def _weight(settings: ChannelSettings) -> Weight:
-    weight = settings.weight
-    if isinstance(weight, float | str):
-        return weight
-    return (weight.x, weight.y)
+        out[at:] = scaled[at:]
+        return size[:, None] * out
 
 
 def steps_for(data: Measured, fields: set[str]) -> LoadSteps:
@@ -141,6 +119,23 @@ def steps_for(data: Measured, fields: set[str]) -> LoadSteps:
     if "theta" not in fields:
         return data.steps["displacement"]
     return data.steps["temperature" if fields == {"theta"} else "all"]
+
+
+def observed(data: Measured, name: str) -> FieldObservation:
+    """The observed field u, theta or force. DataError where the experiment has no temperatures."""
+    if name == "theta":
+        return temperature_of(data)
+    return data.displacement if name == "u" else data.force
+
+
+def needs_drive(study: Study, channels: Iterable[str]) -> None:
+    """StudyError where the force is compared, but prescribed."""
+    compared = [channel for channel in channels if FIELDS[channel] == "force"]
+    if compared and study.force.drives == "force":
+        raise StudyError(
+            f"{study.source.name}: channel {compared[0]} needs force.drives: crosshead or dic; a force that is prescribed as a load has no "
+            "residual"
+        )
 
 
 def stage_model(
@@ -154,23 +149,16 @@ def stage_model(
     """
     t0, t1, remark = times
     observations: dict[str, FieldObservation] = {}
-    for channel in settings.channels:
-        if field_of(channel) == "u":
-            observations["u"] = data.displacement.between(t0, t1)
-        elif field_of(channel) == "force":
-            observations["force"] = data.force.between(t0, t1)
-        else:
-            observations["theta"] = temperature_of(data).between(min(t0, data.load_start), t1)
-    if "force" in settings.channels and study.force.drives == "force":
-        raise StudyError(
-            f"{study.source.name}: channel force needs force.drives: crosshead or dic; a force that is prescribed as a load has no residual"
-        )
+    for name in dict.fromkeys(FIELDS[channel] for channel in settings.channels):
+        start = min(t0, data.load_start) if name == "theta" else t0
+        observations[name] = observed(data, name).between(start, t1)
+    needs_drive(study, settings.channels)
     end = max(float(o.time[-1]) for o in observations.values())
     steps = steps_for(data, set(observations)).until(end)
     elastic_only = set(settings.free) <= {"E", "nu"}
     whole = run_of(study, data, size, steps, march_settings(study, settings.coupling, plastic=not elastic_only))
     samplers = {name: sampler(whole.body, o, steps) for name, o in observations.items()}
-    comparisons = tuple(comparison(c, observations[field_of(c)], settings, study, data.load_start) for c in settings.channels)
+    comparisons = comparisons_of(settings, observations, study, data)
     run: AnyRun = whole
     one_way = settings.coupling == "one-way" and set(observations) == {"theta"} and set(settings.free) <= thermal_names() | station_names()
     if one_way:

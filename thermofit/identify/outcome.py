@@ -11,8 +11,9 @@ from thermofit.core.artefact import Dataset, ParameterResult
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.staging import Made
 from thermofit.core.study import Study
+from thermofit.identify.channels import field_of
 from thermofit.identify.inputs import field_datasets
-from thermofit.identify.model import StageModel, field_of
+from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.measure.comparison import Comparison
@@ -48,7 +49,7 @@ def channel_table(comparisons: tuple[Comparison, ...], errors: Errors) -> dict[s
     """Per channel: number, rms of the compared error, its unit, reduced chi-square and the rms that noise alone would give."""
     table = {}
     for c in comparisons:
-        r = c.residual(errors[field_of(c.channel)])
+        r = c.residual(errors[field_of(c)])
         used = c.weight > 0.0
         physical = r[used] / np.sqrt(c.weight[used])
         table[c.channel] = {
@@ -107,6 +108,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "trustworthy": trustworthy,
         "objective": fit.f,
         "method": fit.method,
+        "converged": bool(fit.converged),
         "algorithm": fit.algorithm,
         "channels": channels,
         "evaluations": counts,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.parameters import param
+from thermofit.core.parameters import bare_name, param
 from thermofit.fit.result import FitResult
 
 RECIPROCAL = ("alpha_clamp",)
@@ -66,4 +66,4 @@ class Reciprocal:
 
 def reciprocal_of(names: tuple[str, ...]) -> Reciprocal:
     """The map for free parameters of these names."""
-    return Reciprocal(np.array([name in RECIPROCAL for name in names]), np.array([param(name).logarithmic for name in names]))
+    return Reciprocal(np.array([bare_name(name) in RECIPROCAL for name in names]), np.array([param(name).logarithmic for name in names]))

@@ -209,13 +209,17 @@ def covariance_of(model: StageModel, fit: FitResult) -> tuple[Covariance | None,
     """Covariance at an optimum with the correlation of the noise, or None and why not."""
     if fit.jacobian is None:
         return None, "no standard errors: the Jacobian at the optimum could not be formed"
-    noise: NoiseOperator | None = model.noise if any(c.noise is not None for c in model.comparisons) else None
-    if model.segments is not None:
-        noise = noise_operator(memories(fit.residual, model.segments))
     try:
-        return covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, noise), ""
+        return covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, noise_of(model, fit.residual)), ""
     except UntrustworthyError as error:
         return None, f"no standard errors: {error}"
+
+
+def noise_of(model: StageModel, residual: np.ndarray) -> NoiseOperator | None:
+    """Correlation of the residual at an optimum: as it is over time for records, else as the comparisons put it in; None where white."""
+    if model.segments is not None:
+        return noise_operator(memories(residual, model.segments))
+    return None if model.white else model.noise
 
 
 def merged_counts(*fits: FitResult | None) -> Mapping[str, float]:

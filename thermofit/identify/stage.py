@@ -20,13 +20,13 @@ from thermofit.identify.coupon_model import coupon_model, memory_remarks
 from thermofit.identify.inputs import INTERPOLATE, Measured, measured, start_parameters, with_identified
 from thermofit.identify.model import StageModel, stage_model
 from thermofit.identify.outcome import made
+from thermofit.identify.several import Part, Several, expanded, feasible, interpolate_paths, seen_by, several, several_model, several_start
 from thermofit.identify.solve import Solved, discard_checkpoints, solve
-from thermofit.identify.start import feasible_start
 from thermofit.identify.window import window_times
 from thermofit.material.bounds import beta_warning
 
-Data = Measured | CouponData
-"""What was measured: fields of one specimen, or records of coupons."""
+Data = Measured | CouponData | Several
+"""What was measured: fields of one specimen or of several, or records of coupons."""
 _SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 EARLIER: dict[str, tuple[str, ...]] = {
     "elastic": (),
@@ -60,11 +60,30 @@ class Ready:
 
 def ready(study: Study, key: str) -> Ready:
     """The stage of that key. StudyError where an artefact is missing (names the command that makes it)."""
-    settings = study.stage(key)
-    data: Data = measured(study) if study.coupon is None else coupon_data(study)
-    base, _ = with_identified(study, start_parameters(study, data), EARLIER[key])
-    inputs = {name: artefact_path(study.run_dir, name) for name in (INTERPOLATE, *EARLIER[key])}
-    return Ready(settings, data, base.with_free(settings.free), study.config_of(*_SECTIONS, f"stages.{key}"), inputs)
+    settings, data = study.stage(key), data_of(study)
+    if isinstance(data, Several):
+        settings = settings.model_copy(update={"free": expanded(settings.free, data)})
+    base, _ = with_identified(study, start_of(study, data), EARLIER[key])
+    inputs = {**data_paths(study), **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
+    sections = (*_SECTIONS, *(("experiments", "shared") if isinstance(data, Several) else ()))
+    return Ready(settings, data, base.with_free(settings.free), study.config_of(*sections, f"stages.{key}"), inputs)
+
+
+def data_of(study: Study) -> Data:
+    """What was measured. StudyError where it has not been interpolated (names the command)."""
+    if study.fitted:
+        return several(study)
+    return measured(study) if study.coupon is None else coupon_data(study)
+
+
+def data_paths(study: Study) -> dict[str, Path]:
+    """Artefacts of `interpolate` that a fit reads."""
+    return interpolate_paths(study, study.fitted) if study.fitted else {INTERPOLATE: artefact_path(study.run_dir, INTERPOLATE)}
+
+
+def start_of(study: Study, data: Data) -> Parameters:
+    """Start values of a study."""
+    return several_start(study, data) if isinstance(data, Several) else start_parameters(study, data)
 
 
 def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
@@ -83,22 +102,31 @@ def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
 
 def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     """Solve a stage; its evaluations are kept under the name of `task` until that has left its record."""
-    start, replaced = feasible_start(study, stage.data, stage.base)
+    start, replaced = feasible(study, stage.data, stage.base)
     solved = solve(study, stage.settings, start, model_maker(study, stage.settings, stage.data), task)
     solved, honest = _widened(study, solved)
     warning = beta_warning(solved.parameters, study.model)
-    if isinstance(stage.data, CouponData):
-        own = memory_remarks(solved.model, solved.fit.residual)
-    else:
-        own = kind.remarks(study, stage.data, solved)
-    remarks = (replaced, *own, warning or "", honest)
-    if isinstance(stage.data, CouponData) or not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
-        return made(study, stage.base, solved, remarks)
+    remarks = (replaced, *_own_remarks(study, stage, kind, solved), warning or "", honest)
     data = stage.data
+    if not isinstance(data, Measured) or not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
+        return made(study, stage.base, solved, remarks)
     makers = (lambda other: model_maker(study, other, data), task)
     rows = answers(study, stage.settings, solved, makers, lambda other: _widened(study, other))
     record = made(study, stage.base, solved, (*remarks, remark_of(rows)))
     return replace(record, summary={**record.summary, "side_by_side": rows})
+
+
+def _own_remarks(study: Study, stage: Ready, kind: StageKind, solved: Solved) -> tuple[str, ...]:
+    """What is particular about the result of a stage, experiment by experiment."""
+    if isinstance(stage.data, CouponData):
+        return memory_remarks(solved.model, solved.fit.residual)
+    if isinstance(stage.data, Measured):
+        return kind.remarks(study, stage.data, solved)
+    out = []
+    for part in stage.data.parts:
+        here = replace(solved, parameters=seen_by(solved.parameters, part.name))
+        out += [f"{part.name}: {text}" for text in kind.remarks(part.study, part.data, here)]
+    return tuple(out)
 
 
 def _widened(study: Study, solved: Solved) -> tuple[Solved, str]:
@@ -110,5 +138,18 @@ def model_maker(study: Study, settings: StageSettings, data: Data) -> Callable[[
     """StageModel on any mesh for the window of a stage; coupons have no mesh."""
     if isinstance(data, CouponData):
         return lambda _, base: coupon_model(study, data, settings, base)
+    if isinstance(data, Several):
+        return lambda size, base: several_model(
+            data,
+            settings,
+            base,
+            lambda part, own, here: stage_model(part.study, part.data, own, here, size, _times(part, settings)),
+        )
     times = window_times(settings.window, data, data.steps["displacement"])
     return lambda size, base: stage_model(study, data, settings, base, size, times)
+
+
+def _times(part: Part, settings: StageSettings) -> tuple[float, float, str]:
+    """Window of a stage on one of several experiments, s, and a remark."""
+    own = next(s for s in (part.study.stages.elastic, part.study.stages.plastic, part.study.stages.thermal) if type(s) is type(settings))
+    return window_times(own.window, part.data, part.data.steps["displacement"])

@@ -23,6 +23,7 @@ from thermofit.identify.inputs import field_datasets, specimen_dict
 from thermofit.measure.face_quads import FaceQuads, distance_to_edge, face_quads
 from thermofit.measure.local_scatter import local_scatter
 from thermofit.measure.observation import FieldObservation
+from thermofit.measure.selection import masked
 from thermofit.measure.static_points import static_points
 
 LOADED = 1.0
@@ -97,6 +98,7 @@ def static_record(study: Study) -> Made:
         "mm",
     )
     remarks = list(imported(study.geometry, study.mesh_file).remarks) if study.mesh_file is not None else []
+    field = masked(field, study.evaluation.mask, "evaluation.mask")
     return Made(_datasets(field, _force(test, specimen)), _summary(test, specimen, left, sigma, (*points.remarks, *remarks)))
 
 

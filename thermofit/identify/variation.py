@@ -21,6 +21,7 @@ from thermofit.core.study_stages import ComponentWeights, StageSettings
 from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.model import StageModel
+from thermofit.identify.several import spread
 from thermofit.identify.solve import ModelOn, Solved
 from thermofit.identify.stage import Ready, model_maker
 from thermofit.measure.comparison import Comparison
@@ -66,7 +67,7 @@ def nominal(study: Study, stage: Ready, quantity: str) -> float:
 def varied(study: Study, stage: Ready, given: Mapping[str, float]) -> Varied:
     """The stage with the given values by name: parameters, and at most one other quantity."""
     parameters = {name: value for name, value in given.items() if is_known(name)}
-    base = replace(stage, base=stage.base.replace(**parameters))
+    base = replace(stage, base=stage.base.replace(**spread(parameters, stage.data)))
     others = {name: value for name, value in given.items() if name not in parameters}
     if not others:
         return Varied(base, "parameters")
@@ -76,7 +77,11 @@ def varied(study: Study, stage: Ready, given: Mapping[str, float]) -> Varied:
         if component is None:
             return Varied(base, "weights", lambda model_on: _weighted(model_on, channel, value))
         return Varied(replace(base, settings=_with_component(stage.settings, channel, component, value)), "data")
-    assert isinstance(stage.data, Measured)
+    if not isinstance(stage.data, Measured):
+        raise StudyError(
+            f"{study.source.name}: key 'sensitivity.quantity' is {quantity}, which one "
+            "full-field experiment has; expected a parameter or a weight"
+        )
     if quantity == THICKNESS:
         return Varied(replace(base, data=replace(stage.data, specimen=replace(stage.data.specimen, thickness=value))), "data")
     return Varied(replace(base, data=_clocked(stage.data, value)), "data")

@@ -7,13 +7,14 @@ r = sqrt(W) e of the objective (2.24), (2.27), together with the correlation tha
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.measure.observation import FieldObservation
+from thermofit.measure.stencils import Stencil, differences
 
 NoiseOperator = Callable[[np.ndarray], np.ndarray]
 
@@ -33,31 +34,56 @@ class Comparison:
     sigma: np.ndarray
     weight: np.ndarray
     unit: str
+    along: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    """Derivative (n,) of the residual at an error field in the direction of another one; None: the residual is linear."""
+    field: str = ""
+    """The observed field that it compares; empty: the one that the channel says."""
 
     @property
     def n(self) -> int:
         """Number of compared values."""
         return len(self.sigma)
 
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n,) of the residual that the noise gives: one where the weight is 1/sigma^2."""
+        return np.asarray(np.sqrt(self.weight) * self.sigma)
+
+    def slope(self, error: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Derivative (n,) of the residual at `error` in the direction of the field `slope`."""
+        return self.residual(slope) if self.along is None else self.along(error, slope)
+
+    def scaled(self, factor: float) -> Comparison:
+        """The same with all weights times a factor."""
+        root, along = float(np.sqrt(factor)), self.along
+        return replace(
+            self,
+            residual=lambda e: root * self.residual(e),
+            weight=factor * self.weight,
+            along=None if along is None else lambda e, s: root * along(e, s),
+        )
+
 
 @dataclass(frozen=True)
 class RelativeScheme:
-    """Which relative displacements: scheme, components xx, yy, xy, yx and neighbour distance in mm (None: the next point)."""
+    """Which relative displacements: scheme, components xx, yy, xy, yx, distance of the neighbour in mm (None: the next point), and the
+    largest one allowed (None: any)."""
 
     scheme: str = "rigid-body"
     components: tuple[str, ...] = ("xx", "yy")
     distance: float | None = None
+    reach: float | None = None
 
 
 Weight = float | str | tuple[float, float]
 
 
 def weights(choice: Weight, value: np.ndarray, sigma: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """W of every entry: "sigma" 1/sigma^2, "value" (2.25), "max" (2.26), a number, or one number for each component.
+    """W of every entry: "sigma" or "balanced" 1/sigma^2, "value" (2.25), "max" (2.26), a number, or one number for each component.
 
     "value" is bounded at the noise level, where it would divide by zero.
     """
-    if choice == "sigma":
+    if choice in ("sigma", "balanced"):
         return 1.0 / sigma**2
     if choice == "value":
         return 1.0 / np.maximum(np.abs(value), sigma) ** 2
@@ -67,7 +93,7 @@ def weights(choice: Weight, value: np.ndarray, sigma: np.ndarray, component: np.
     if isinstance(choice, tuple):
         return np.asarray(choice)[component]
     if isinstance(choice, str):
-        raise StudyError(f"weight '{choice}' is not known; expected sigma, value, max or numbers")
+        raise StudyError(f"weight '{choice}' is not known; expected sigma, balanced, value, max or numbers")
     return np.full(len(value), float(choice))
 
 
@@ -95,6 +121,9 @@ def rigid_free(observation: FieldObservation, choice: Weight = "sigma", *, scale
     bases = []
     for n in range(len(observation.time)):
         part = slice(bounds[n], bounds[n + 1])
+        if bounds[n + 1] == bounds[n]:
+            bases.append(np.zeros((0, 3)))
+            continue
         if bounds[n + 1] - bounds[n] < 6:
             raise DataError(
                 f"{observation.name}: fewer than 3 points are measured at {observation.time[n]:g} s; leave this stage out of the window"
@@ -119,35 +148,51 @@ def rigid_free(observation: FieldObservation, choice: Weight = "sigma", *, scale
 def neighbour_differences(observation: FieldObservation, scheme: RelativeScheme, choice: Weight = "sigma") -> Comparison:
     """Differences to the next point in x or y, (2.11) to (2.14); scheme "gradient" divides by the distance, (2.15) to (2.17).
 
-    A difference counts where both points are measured. Its noise is correlated with that of its neighbours; `noise` applies it.
+    A difference counts where all its points are measured. Its noise is correlated with that of its neighbours; `noise` applies it.
     """
-    blocks = [_pairs(observation, name, scheme) for name in scheme.components]
-    if not sum(len(block) for block, _ in blocks):
+    gradient = scheme.scheme == "gradient"
+    stencil = differences(observation.xy, scheme.components, gradient=gradient, distance=scheme.distance, reach=scheme.reach)
+    return of_stencil(observation, stencil, "du", choice)
+
+
+def of_stencil(observation: FieldObservation, stencil: Stencil, channel: str, choice: Weight) -> Comparison:
+    """Comparison of linear functionals of the displacements. DataError where none has all its points measured."""
+    used = stencil.measured(observation.mask)
+    if not used.any():
         raise DataError(
-            f"du: no two of the {len(observation.xy)} points are neighbours within the window; widen it or use scheme rigid-body"
+            f"{channel}: no two of the {len(observation.xy)} points are measured neighbours within the window; widen it, or the reach or "
+            "radius of the scheme, or use du with scheme rigid-body"
         )
-    table = np.concatenate([block for block, _ in blocks])
-    length = np.concatenate([distance for _, distance in blocks]) if scheme.scheme == "gradient" else np.ones(len(table))
-    table, length = _sorted_by_time(table, length)
-    here, there = (table[:, 0], table[:, 1], table[:, 3]), (table[:, 0], table[:, 2], table[:, 3])
-    sigma = np.hypot(observation.sigma[here], observation.sigma[there]) / length
-    w = weights(choice, (observation.value[here] - observation.value[there]) / length, sigma, table[:, 3])
+    time, number = np.nonzero(used)
+    value = stencil.at(filled(observation, observation.value))[time, number]
+    sigma, spread = functional_noise(observation, csr_array(stencil.matrix[number]), time)
+    kind = stencil.component if isinstance(choice, tuple) else stencil.kind
+    w = weights(choice, value, sigma, kind[number])
     root = np.sqrt(w)
-    shape = observation.value.shape
-    flat_here, flat_there = np.ravel_multi_index(here, shape), np.ravel_multi_index(there, shape)
-    n = len(table)
-    spread = csr_array(
-        (
-            np.concatenate(
-                [observation.sigma.ravel()[flat_here] / (length * sigma), -observation.sigma.ravel()[flat_there] / (length * sigma)]
-            ),
-            (np.tile(np.arange(n), 2), np.concatenate([flat_here, flat_there])),
-        ),
-        shape=(n, int(np.prod(shape))),
-    )
-    unit = "1" if scheme.scheme == "gradient" else observation.unit
-    rows = np.stack([table[:, 0], table[:, 1], table[:, 3]], axis=1)
-    return Comparison("du", lambda e: root * (e[here] - e[there]) / length, lambda v: spread @ (spread.T @ v), rows, sigma, w, unit)
+
+    def residual(error: np.ndarray) -> np.ndarray:
+        return np.asarray(root * stencil.at(filled(observation, error))[time, number])
+
+    rows = np.stack([time, stencil.point[number], stencil.component[number]], axis=1)
+    return Comparison(channel, residual, lambda v: spread @ (spread.T @ v), rows, sigma, w, stencil.unit)
+
+
+def filled(observation: FieldObservation, field: np.ndarray) -> np.ndarray:
+    """A field (n_t, n_s, n_c) with zeros where nothing is measured."""
+    return np.where(observation.mask[:, :, None], field, 0.0)
+
+
+def functional_noise(observation: FieldObservation, matrix: csr_array, time: np.ndarray) -> tuple[np.ndarray, csr_array]:
+    """Sigma (n,) of functionals (n, 2 n_s) taken at times (n,), and the map (n, n_t 2 n_s) with unit rows from unit noise of all
+    displacements to theirs."""
+    width = matrix.shape[1]
+    entries = matrix.tocoo()
+    row, column = entries.coords
+    noise = filled(observation, observation.sigma).reshape(len(observation.time), width)
+    value = entries.data * noise[time[row], column]
+    sigma = np.sqrt(np.bincount(row, value**2, minlength=matrix.shape[0]))
+    shape = (matrix.shape[0], len(observation.time) * width)
+    return sigma, csr_array((value / sigma[row], (row, time[row] * width + column)), shape=shape)
 
 
 def relative_displacements(observation: FieldObservation, scheme: RelativeScheme, choice: Weight = "sigma") -> Comparison:
@@ -197,30 +242,3 @@ def _rows(mask: np.ndarray, n_components: int) -> np.ndarray:
     t, s = np.nonzero(mask)
     c = np.arange(n_components)
     return np.stack([np.repeat(t, n_components), np.repeat(s, n_components), np.tile(c, len(t))], axis=1)
-
-
-def _pairs(observation: FieldObservation, name: str, scheme: RelativeScheme) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (time, point, neighbour, component) and distances mm of component `name` = displacement direction, then position direction."""
-    component, direction = "xy".index(name[0]), "xy".index(name[1])
-    xy = observation.xy
-    wanted = scheme.distance
-    point, neighbour = [], []
-    for s in range(len(xy)):
-        away = xy - xy[s]
-        along, across = away[:, direction], np.abs(away[:, 1 - direction])
-        near = (along > 1e-6) & (across < 0.5 * along)
-        if not near.any():
-            continue
-        target = along[near] if wanted is None else np.abs(along[near] - wanted)
-        point.append(s)
-        neighbour.append(int(np.flatnonzero(near)[np.argmin(target + across[near])]))
-    pair = np.array([point, neighbour], dtype=int).reshape(2, -1)
-    both = observation.mask[:, pair[0]] & observation.mask[:, pair[1]]
-    t, k = np.nonzero(both)
-    table = np.stack([t, pair[0, k], pair[1, k], np.full(len(t), component)], axis=1)
-    return table, np.abs(xy[pair[1, k], direction] - xy[pair[0, k], direction])
-
-
-def _sorted_by_time(table: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    order = np.argsort(table[:, 0], kind="stable")
-    return table[order], length[order]

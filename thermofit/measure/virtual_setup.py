@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
+from thermofit.core.study_virtual import Simulate
 from thermofit.measure.machine import LoadHistory, MachineSettings
 
 FIXED_END_SHARE = 0.5
@@ -87,6 +89,17 @@ class VirtualFields:
     theta_air: float
     theta_clamp: float
     programme: tuple[str, ...] = ()
+
+
+def instruments_of(settings: Simulate) -> VirtualInstruments:
+    """Instruments of the virtual laboratory as the study describes them."""
+    return VirtualInstruments(
+        machine=MachineSettings(**settings.machine.model_dump()),
+        dic=DicSettings(**settings.dic.model_dump()),
+        ir=IrSettings(**settings.ir.model_dump()),
+        force=ForceSettings(**settings.force.model_dump()),
+        thermocouple_error=settings.thermocouple_error,
+    )
 
 
 STREAMS = (
@@ -175,3 +188,11 @@ def instrument_times(load: LoadHistory, instruments: VirtualInstruments, seed: i
     dic = sampling_times(load.kinks, end, instruments.dic.stages, stream(seed, "dic.times"))
     infrared = sampling_times(load.kinks, end, instruments.ir.frames, stream(seed, "ir.times"))
     return dic, infrared
+
+
+def solution_times(load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_step: float) -> np.ndarray:
+    """Times of stages, frames and kinks, and as many between them that no step is longer than max_step s."""
+    kinks = load.kinks[(load.kinks > load.time[0]) & (load.kinks < load.time[-1])]
+    fixed = np.unique(np.round(np.concatenate([load.time[[0, -1]], kinks, dic_time, ir_time]), 9))
+    parts = [np.linspace(a, b, int(np.ceil((b - a) / max_step)) + 1)[:-1] for a, b in pairwise(fixed)]
+    return np.append(np.concatenate(parts), fixed[-1])

@@ -12,6 +12,7 @@ from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, Experiment, InfraredSequence, Landmarks
 from thermofit.core.staging import Made, Outcome, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_each import each
 from thermofit.core.study_models import LandmarkOverride
 from thermofit.measure.camera import CameraPose, landmark_checks, make_pose, pixel_coordinates, pose_from_landmarks, pose_uncertainty
 from thermofit.measure.camera_edges import EdgeRefinement, pixel_noise, refine_pose
@@ -29,6 +30,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
 
     DataError for landmarks that contradict each other, the frame or the declared side.
     """
+    if study.experiments:
+        return each(study, NAME, run, lambda one: (one.experiment / "ir").is_dir(), force=force)
     if not study.experiment.is_dir():
         raise DataError(_no_folder(study))
     task = job(study.run_dir, NAME, study.config_of("ir", "specimen"), {"experiment": study.experiment})

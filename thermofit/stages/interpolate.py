@@ -15,6 +15,7 @@ from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_each import each
 from thermofit.core.study_section import mesh_size
 from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.coupon_inputs import interpolated
@@ -36,6 +37,7 @@ from thermofit.measure.noise import displacement_noise, temperature_noise
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.observation_points import ObservationPoints, observation_points
 from thermofit.measure.raw import read_experiment
+from thermofit.measure.selection import masked
 
 NAME = "interpolate"
 CALIBRATE = "calibrate-ir"
@@ -50,6 +52,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     Of coupons: their records as read, with noise and phases. Temperatures need the artefact of `calibrate-ir` where the experiment has
     infrared frames (StudyError names the command).
     """
+    if study.experiments:
+        return each(study, NAME, run, lambda one: True, force=force)
     if study.coupon is not None:
         files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
         return produce(job(study.run_dir, NAME, study.config_of("coupon"), files), lambda: interpolated(study), force=force)
@@ -79,11 +83,12 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     nodal = interpolate_displacements(experiment.dic, points.xy)
     summary: dict[str, Any] = {}
-    displacement = _displacement(study, experiment.dic, nodal, points, summary)
+    mask = study.evaluation.mask
+    displacement = masked(_displacement(study, experiment.dic, nodal, points, summary), mask, "evaluation.mask")
     fields, temperature = [displacement], None
     if calibrated is not None:
         record = read_record(calibrated, CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
-        temperature = _temperature(study, record, nodal, (points, specimen), summary)
+        temperature = masked(_temperature(study, record, nodal, (points, specimen), summary), mask, "evaluation.mask")
         fields.append(temperature)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)

@@ -24,7 +24,12 @@ NAME = "mesh"
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
-    """Record with nodes, elements and sets, and `<run_dir>/mesh.png`. Errors of the makers; NumericsError for a mesh that is not sound."""
+    """Record with nodes, elements and sets, and `<run_dir>/mesh.png`. Errors of the makers; NumericsError for a mesh that is not sound.
+
+    Of several experiments it is that of the first, in its folder.
+    """
+    if study.fitted:
+        return run(study.one_of(study.fitted[0]), force=force)
     inputs: dict[str, Path] = {} if study.mesh_file is None else {"mesh": study.mesh_file}
     if study.static is None and not study.virtual:
         inputs["experiment"] = study.experiment / "experiment.yaml"

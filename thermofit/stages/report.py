@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Record, read_record
+from thermofit.core.artefact import Record, open_record, read_record
 from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
@@ -36,6 +36,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     Fresh only while these files are there. StudyError where `interpolate`, `identify-elastic` or `verify` has not run (names the
     command) or where the folder cannot be written.
     """
+    if study.fitted:
+        return _several(study, force)
     stages = (INTERPOLATE, *identified_stages(study), VERIFY)
     paths = {stage: artefact_path(study.run_dir, stage) for stage in stages}
     records = {stage: read_record(path, stage, f"thermofit {stage} {study.source.name}") for stage, path in paths.items()}
@@ -44,6 +46,29 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     outcome = produce(task, lambda: _make(study, records), force=force)
     if outcome.fresh and not all(Path(path).exists() for path in (*outcome.record.summary[FIGURES], outcome.record.summary["report"])):
         outcome = produce(task, lambda: _make(study, records), force=True)
+    return outcome
+
+
+def _several(study: Study, force: bool) -> Outcome:
+    """A report for each of several experiments, in the folder of each; the outcome lists them."""
+    shared = {stage: artefact_path(study.run_dir, stage) for stage in (*identified_stages(study), VERIFY)}
+    records = {stage: read_record(path, stage, f"thermofit {stage} {study.source.name}") for stage, path in shared.items()}
+    task = job(study.run_dir, NAME, study.config_of("name", "model", "mesh", "stages", "simulate", "experiments"), shared)
+
+    def make() -> Made:
+        made = []
+        for name in study.fitted:
+            one = study.one_of(name)
+            own = {stage: open_record(artefact_path(one.run_dir, stage)) for stage in (INTERPOLATE, VERIFY)}
+            made.append(_make(one, {**records, **own}).summary)
+        figures = [path for summary in made for path in summary[FIGURES]]
+        texts = [summary["report"] for summary in made]
+        line = f"{len(figures)} figures and {len(texts)} reports written to the folders of the experiments in {study.run_dir}"
+        return Made({}, {"verdict": line, FIGURES: figures, "reports": texts, "verified": records[VERIFY].summary["verdict"]})
+
+    outcome = produce(task, make, force=force)
+    if outcome.fresh and not all(Path(path).exists() for path in (*outcome.record.summary[FIGURES], *outcome.record.summary["reports"])):
+        outcome = produce(task, make, force=True)
     return outcome
 
 

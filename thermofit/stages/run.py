@@ -9,7 +9,7 @@ from typing import Any
 
 from thermofit.core.artefact import ParameterResult, Record, open_record
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import param
+from thermofit.core.parameters import bare_name
 from thermofit.core.result import is_trustworthy, result_of
 from thermofit.core.staging import Outcome, artefact_path
 from thermofit.core.study import Study
@@ -110,14 +110,24 @@ def _does_not_apply(study: Study, name: str) -> str:
             return "the experiment is a record of coupons"
         if name == "identify-thermal" and not any(record.temperature for record in study.coupon.records):
             return "no record holds a temperature"
+    unseen = study.held_out if name in ("simulate", "calibrate-ir") else ()
+    reasons = [_no_use(one, name) for one in [*map(study.one_of, study.fitted or ()), *map(study.one_of, unseen)]]
+    reasons += [] if study.fitted else [_no_use(study, name)]
+    if all(reasons):
+        return reasons[0]
+    if name in OPTIONAL and getattr(study, name) is None:
+        return f"the study has no section '{name}'"
+    return ""
+
+
+def _no_use(study: Study, name: str) -> str:
+    """Why a stage has nothing to do on one full-field experiment, empty where it has."""
     if name == "simulate" and not study.virtual:
         return "the experiment is measured"
     if name == "identify-plastic" and study.static is not None:
         return "the experiment is one elastic load step"
     if name in ("calibrate-ir", "identify-thermal") and study.experiment.is_dir() and not (study.experiment / "ir").is_dir():
         return "the experiment has no infrared frames"
-    if name in OPTIONAL and getattr(study, name) is None:
-        return f"the study has no section '{name}'"
     return ""
 
 
@@ -130,15 +140,13 @@ def step_result(step: Step) -> dict[str, Any]:
 
 def table(study: Study, records: Sequence[Record]) -> tuple[Row, ...]:
     """Every identified parameter, beside its start and, where the study tells it, the truth."""
-    truth = {} if study.simulate is None else study.simulate.truth
     rows = []
     for record in records:
         for name, result in record.parameters.items():
             if result.free:
-                true = None if study.simulate is None else float(truth.get(name, param(name).neutral))
-                rows.append(_row(name, result, true, record.stage))
+                rows.append(_row(name, result, study.truth_of(name), record.stage))
     order = {name: index for index, name in enumerate(_free_names(study))}
-    return tuple(sorted(rows, key=lambda row: order.get(row.name, len(order))))
+    return tuple(sorted(rows, key=lambda row: order.get(bare_name(row.name), len(order))))
 
 
 def _free_names(study: Study) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from thermofit.diagnose.figures import drawn
 from thermofit.diagnose.figures_starts import change_figure
 from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import with_identified
+from thermofit.identify.several import own_names
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, ready
 from thermofit.identify.trials import Setup, Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
@@ -42,6 +43,11 @@ def run(study: Study, *, force: bool = False, where: Executor = SERIAL) -> Outco
     settings = study.sensitivity
     if settings is None:
         raise StudyError(f"{study.source.name}: key 'sensitivity' is missing: add its stage, quantity and values, see `thermofit new`")
+    if study.fitted and settings.quantity in own_names(study):
+        raise StudyError(
+            f"{study.source.name}: key 'sensitivity.quantity' is {settings.quantity}, which every experiment has for itself; name "
+            f"one of them, such as {settings.quantity}@{study.fitted[0]}"
+        )
     stage = _warm(study, settings)
     begin = nominal(study, stage, settings.quantity)
     task = job(study.run_dir, NAME, {**stage.config, **study.config_of("sensitivity")}, stage.inputs)

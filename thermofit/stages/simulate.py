@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from thermofit.core.artefact import Dataset, ParameterResult
@@ -15,6 +13,7 @@ from thermofit.core.parameters import NAMES, Parameters, param
 from thermofit.core.progress import progress
 from thermofit.core.staging import Made, Outcome, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_each import each
 from thermofit.core.study_section import MeshSize, mesh_size
 from thermofit.core.study_virtual import Simulate
 from thermofit.fem.body import Body, tension_body
@@ -22,9 +21,9 @@ from thermofit.fem.dogbone import dogbone_mesh
 from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 from thermofit.fem.newton import NewtonSettings
 from thermofit.material.law import in_model_axes
-from thermofit.measure.machine import LoadHistory, MachineSettings, bar_of, describe_programme, load_history, programme_of, uniaxial_law
+from thermofit.measure.machine import LoadHistory, bar_of, describe_programme, load_history, programme_of, uniaxial_law
 from thermofit.measure.virtual import RawSummary, write_raw
-from thermofit.measure.virtual_setup import DicSettings, ForceSettings, IrSettings, VirtualFields, VirtualInstruments, instrument_times
+from thermofit.measure.virtual_setup import VirtualFields, instrument_times, instruments_of, solution_times
 
 NAME = "simulate"
 
@@ -35,7 +34,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     StudyError where the study describes no virtual experiment or the material cannot carry its programme; NumericsError where
     the forward model fails.
     """
+    if study.experiments:
+        return each(study, NAME, run, lambda one: one.virtual, force=force)
     settings = _settings(study)
+    study = study.model_copy(update={"model": settings.model or study.model})
     task = job(study.run_dir, NAME, study.config_of("name", "model", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
@@ -50,17 +52,6 @@ def _settings(study: Study) -> Simulate:
     return study.simulate
 
 
-def instruments_of(settings: Simulate) -> VirtualInstruments:
-    """Instruments of the virtual laboratory as the study describes them."""
-    return VirtualInstruments(
-        machine=MachineSettings(**settings.machine.model_dump()),
-        dic=DicSettings(**settings.dic.model_dump()),
-        ir=IrSettings(**settings.ir.model_dump()),
-        force=ForceSettings(**settings.force.model_dump()),
-        thermocouple_error=settings.thermocouple_error,
-    )
-
-
 def _make(study: Study, settings: Simulate) -> Made:
     set_threads(study.numerics.threads)
     truth = study.truth_parameters()
@@ -70,7 +61,7 @@ def _make(study: Study, settings: Simulate) -> Made:
     law = uniaxial_law(in_model_axes(truth, study.material_axes.angle), study.model)
     load = load_history(steps, bar_of(specimen, law), instruments.machine, instruments.force.rate)
     dic_time, ir_time = instrument_times(load, instruments, settings.seed)
-    times = _times(load, dic_time, ir_time, study.numerics.max_time_step)
+    times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step)
     body, history = _solve(study, truth, (specimen, mesh_size(settings.mesh)), load, times)
     face = body.mesh.node_sets["face"]
     fields = VirtualFields(
@@ -90,14 +81,6 @@ def _make(study: Study, settings: Simulate) -> Made:
     raw = study.run_dir / "raw"
     summary = write_raw(raw, fields, instruments, settings.seed)
     return _made(study, truth, history, summary, path_digest(raw))
-
-
-def _times(load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_step: float) -> np.ndarray:
-    """Times of stages, frames and kinks, and as many between them that no step is longer than max_step s."""
-    kinks = load.kinks[(load.kinks > load.time[0]) & (load.kinks < load.time[-1])]
-    fixed = np.unique(np.round(np.concatenate([load.time[[0, -1]], kinks, dic_time, ir_time]), 9))
-    parts = [np.linspace(a, b, int(np.ceil((b - a) / max_step)) + 1)[:-1] for a, b in pairwise(fixed)]
-    return np.append(np.concatenate(parts), fixed[-1])
 
 
 def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray) -> tuple[Body, History]:

@@ -3,36 +3,24 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from thermofit.core.artefact import Dataset, Record, open_record
+from thermofit.core.artefact import open_record
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.diagnose.coupon_verification import verified_coupons
-from thermofit.diagnose.curves import moments, snapshots, stress_stretch, temperature_curves
-from thermofit.diagnose.energy import energy_curves, energy_totals
-from thermofit.diagnose.structure import Span, named_phases, node_rms, time_rms
-from thermofit.diagnose.verification import (
-    IDENTIFY,
-    INFORMATION,
-    Verification,
-    channel_table,
-    coupling_error,
-    fitted_parameters,
-    identified_stages,
-    judge,
-    phase_remarks,
-    phase_table,
-    verification,
-)
-from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.inputs import INTERPOLATE, Measured, field_datasets, measured, start_parameters, with_identified
+from thermofit.diagnose.verification import fitted_parameters, identified_stages
+from thermofit.diagnose.verification_record import checked, results_in, stages_remarks, thermal_record, together, with_remarks
+from thermofit.identify.coupon_inputs import CouponData
+from thermofit.identify.inputs import Measured, with_identified
+from thermofit.identify.several import Part, Several, interpolate_paths, seen_by
+from thermofit.identify.stage import data_of, data_paths, start_of
 
 NAME = "verify"
-_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
+_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon", "literature")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -40,72 +28,44 @@ def run(study: Study, *, force: bool = False) -> Outcome:
 
     Stages that have not run are absent: their parameters keep the start of the study. StudyError where `interpolate` or
     `identify-elastic` is missing (names the command); NumericsError where the coupled run fails. Of coupons: every record by the point
-    driver.
+    driver. Of several experiments: a record for each in its folder, and one that joins them.
     """
-    data = measured(study) if study.coupon is None else coupon_data(study)
-    stages = identified_stages(study)
-    parameters, identified = with_identified(study, start_parameters(study, data), stages)
-    inputs: dict[str, Path] = {INTERPOLATE: artefact_path(study.run_dir, INTERPOLATE), **identified}
-    task = job(study.run_dir, NAME, study.config_of(*_SECTIONS), inputs)
+    data, stages = data_of(study), identified_stages(study)
+    parameters, identified = with_identified(study, start_of(study, data), stages)
+    inputs: dict[str, Path] = {**data_paths(study), **identified}
+    task = job(study.run_dir, NAME, study.config_of(*_SECTIONS, *(("experiments", "shared") if study.fitted else ())), inputs)
     if isinstance(data, CouponData):
         return produce(task, lambda: verified_coupons(study, data, parameters, stages), force=force)
-    return produce(task, lambda: _make(study, data, parameters, stages), force=force)
+    if isinstance(data, Several):
+        return produce(task, lambda: _several(study, data, parameters, stages, task), force=force)
+    return produce(task, lambda: _one(study, data, parameters, stages), force=force)
 
 
-def _make(study: Study, data: Measured, parameters: Parameters, stages: tuple[str, ...]) -> Made:
+def _one(study: Study, data: Measured, parameters: Parameters, stages: tuple[str, ...]) -> Made:
     set_threads(study.numerics.threads)
     begin = time.perf_counter()
-    verified = verification(study, data, parameters)
+    found = checked(study, data, parameters, thermal_record(study, stages))
     seconds = time.perf_counter() - begin
-    spans = named_phases(data.phases)
-    thermal = open_record(artefact_path(study.run_dir, IDENTIFY[2])) if IDENTIFY[2] in stages else None
-    summary = _summary(verified, spans, stages, thermal)
-    summary["evaluations"] = {"forward": 1, "failed": 0, "wall_s": seconds}
-    return Made(_datasets(verified, data, spans), summary, fitted_parameters(study, parameters, stages))
+    results = fitted_parameters(study, parameters, stages)
+    summary = with_remarks(found.summary, stages_remarks(study, stages, results))
+    return Made(found.datasets, {**summary, "evaluations": {"forward": 1, "failed": 0, "wall_s": seconds}}, results)
 
 
-def _summary(verified: Verification, spans: tuple[Span, ...], stages: tuple[str, ...], thermal: Record | None) -> dict[str, Any]:
-    channels = channel_table(verified.residuals)
-    rows = phase_table(verified.residuals, spans)
-    found = judge(verified.residuals, rows)
-    energy, coupling = energy_totals(verified.history), coupling_error(verified, thermal)
-    remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
-    remarks += phase_remarks(rows, found.within)
-    shown = " and ".join(name for name in INFORMATION if name in channels)
-    remarks.append(f"{shown} as measured, for information: rigid-body motion, camera offset")
-    if coupling is not None:
-        remarks.append(f"one-way coupling: {1e3 * coupling['max_K']:.2g} mK at most, {1e3 * coupling['rms_K']:.2g} mK rms")
-    if energy["smallest_dissipation"] < 0.0:
-        remarks.append(f"dissipation falls to {energy['smallest_dissipation']:.2g} mJ/mm^3: against the second law, check beta")
-    return {
-        "verdict": found.line,
-        "trustworthy": not found.outside,
-        "channels": channels,
-        "phases": rows,
-        "coupling_error": coupling,
-        "energy_mJ": {name: value for name, value in energy.items() if name != "smallest_dissipation"},
-        "smallest_dissipation_mJ_mm3": energy["smallest_dissipation"],
-        "stages": list(stages),
-        "solver": verified.history.counts,
-        "remarks": remarks,
-    }
+def _several(study: Study, data: Several, parameters: Parameters, stages: tuple[str, ...], task: Job) -> Made:
+    """Every experiment leaves `<run_dir>/<name>/verify.h5`; here are their channels and phases together."""
+    results, begin = fitted_parameters(study, parameters, stages), time.perf_counter()
+    shared = {name: path for name, path in task.inputs.items() if not name.startswith("interpolate")}
 
+    def of(part: Part) -> Made:
+        set_threads(study.numerics.threads)
+        found = checked(part.study, part.data, seen_by(parameters, part.name), None)
+        return Made(found.datasets, {**found.summary, "stages": list(stages)}, results_in(results, part.name))
 
-def _datasets(verified: Verification, data: Measured, spans: tuple[Span, ...]) -> dict[str, Dataset]:
-    dims = ("time", "point", "component")
-    out: dict[str, Dataset] = {}
-    for name, observation in verified.observed.items():
-        out.update(field_datasets(observation))
-        out[f"{name}/predicted"] = Dataset(verified.predicted[name], observation.unit, dims)
-    for field in verified.residuals:
-        channel = field.channel
-        if channel in ("du", "dtheta"):
-            out[f"residual/{channel}"] = Dataset(field.normalised, "1", dims)
-            out[f"maps/{channel}"] = Dataset(node_rms(field), "1", dims[1:])
-        if channel not in INFORMATION:
-            out[f"over_time/{channel}"] = Dataset(time_rms(field), "1", dims[:1])
-    out |= snapshots(verified.residuals, moments(spans, verified.steps))
-    out |= stress_stretch(verified, data)
-    out |= temperature_curves(verified)
-    out |= energy_curves(verified.history)
-    return out
+    summaries = {}
+    for part in data.parts:
+        own = replace(task, path=artefact_path(part.study.run_dir, NAME), inputs={**interpolate_paths(study, [part.name]), **shared})
+        produce(own, lambda part=part: of(part), force=True)  # type: ignore[misc]
+        summaries[part.name] = open_record(own.path).summary
+    summary = with_remarks(together(summaries, "verified"), stages_remarks(study, stages, results))
+    counts = {"forward": len(data.parts), "failed": 0, "wall_s": time.perf_counter() - begin}
+    return Made({}, {**summary, "evaluations": counts}, results)

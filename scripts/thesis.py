@@ -1,0 +1,82 @@
+"""Sections 5.3, 5.4, 5.5 of the thesis as virtual experiments: run what is not there yet, then write the tables beside the thesis's.
+
+Usage: python scripts/thesis.py [exp1|exp2|exp3 ...] [--mesh coarse] [--jobs 2] [--pages-only]
+
+A run that was stopped goes on where it was: finished stages are fresh, long ones keep every evaluation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import thesis_53
+import thesis_54
+import thesis_55
+from thesis_figures import styled
+from thesis_read import Statement
+from thesis_runs import MESHES, ROOT, SECTIONS, Place, chosen, execute, place_of
+from thesis_tables import document
+
+from thermofit.core.atomic import replacing
+from thermofit.core.errors import ThermofitError
+
+PAGES = ROOT / "docs" / "reproduction"
+MODULES = {"5.3": thesis_53, "5.4": thesis_54, "5.5": thesis_55}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run and write; the exit code is 0, or that of the first error."""
+    given = parse(arguments)
+    place = place_of(given.runs, given.mesh)
+    sections = [SECTIONS[name] for name in given.experiments or SECTIONS]
+    begin = (time.perf_counter(), _children())
+    try:
+        if not given.pages_only:
+            execute(chosen(sections), place, given.jobs, lambda line: print(line, flush=True))
+            print(f"{time.perf_counter() - begin[0]:.0f} s, CPU {_children() - begin[1]:.0f} s")
+        for section in sections:
+            for statement in write(section, place, given.pages):
+                print(f"{section} {'holds         ' if statement.holds else 'DOES NOT HOLD '} {statement.text} ({statement.measured})")
+    except ThermofitError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("experiments", nargs="*", choices=[[], *SECTIONS], help="exp1: section 5.3, exp2: 5.4, exp3: 5.5; all where absent")
+    parser.add_argument("--mesh", choices=tuple(MESHES), default="full")
+    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
+    parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder of the run folders")
+    parser.add_argument("--pages", type=Path, default=PAGES, help="folder of the written pages")
+    parser.add_argument("--pages-only", action="store_true", help="write the pages from the runs that are there")
+    return parser.parse_args(arguments)
+
+
+def write(section: str, place: Place, pages: Path) -> list[Statement]:
+    """Write the page of a section with its figures; returns what was found."""
+    module = MODULES[section]
+    pages.mkdir(parents=True, exist_ok=True)
+    found: list[Statement] = module.statements(place)
+    with styled():
+        text = document(module.TITLE, place, module.page(place, pages), found)
+    with replacing(pages / f"section-{section.replace('.', '-')}.md", durable=False) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return found
+
+
+def _children() -> float:
+    """CPU time of finished child processes in s."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,34 @@
+"""A virtual material of another model than the one that is identified (`simulate.model`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import tiny
+
+from thermofit.core.errors import StudyError
+from thermofit.core.study import load_study
+
+
+def dissipated(folder: Path, *overrides: str) -> float:
+    """Heat of plastic flow of the virtual experiment in mJ."""
+    outcome = tiny.stage_run("simulate")(load_study(tiny.write(folder, tiny.tree(folder / "run")), overrides))
+    return float(outcome.record.summary["energy_mJ"]["dissipated"])
+
+
+def test_material_is_that_of_simulate_and_not_that_of_the_study(tmp_path: Path) -> None:
+    """Model 2 dissipates more than model 1 once the hardening is not stored; only the model of the virtual material counts."""
+    folders = [tmp_path / name for name in ("one", "two", "other")]
+    for folder in folders:
+        folder.mkdir()
+    one, two = dissipated(folders[0], "model=1"), dissipated(folders[1], "model=2")
+    assert two > 1.05 * one
+    assert dissipated(folders[2], "model=2", "simulate.model=1") == pytest.approx(one, rel=1e-12)
+    study = load_study(folders[2] / "tiny.yaml", ["model=1", "simulate.model=1"])
+    assert tiny.stage_run("simulate")(study).fresh
+
+
+def test_truth_value_is_no_model(tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match=r"simulate\.model.*expected 1 or 2"):
+        load_study(tiny.write(tmp_path, tiny.tree(tmp_path / "run")), ["simulate.model=true"])

@@ -1,0 +1,277 @@
+"""Models side by side on the same data: fitted to the same channels, judged by error, held-out error and information criteria."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError, StudyError
+from thermofit.core.parameters import Parameters, param
+from thermofit.core.staging import Job
+from thermofit.core.study import Study
+from thermofit.core.study_literature import Candidate
+from thermofit.core.study_stages import StageSettings
+from thermofit.diagnose.case import Case, rows_of
+from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held_out_residual
+from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, diagnosis_mesh
+from thermofit.diagnose.refit import JointFit
+from thermofit.diagnose.structure import named_phases
+from thermofit.diagnose.trace import information, room_of, split_of
+from thermofit.diagnose.unseen import predicting, stacked, unseen
+from thermofit.diagnose.verification import STANDS_OUT, fitted_parameters, identified_stages
+from thermofit.diagnose.worth import Criteria, criteria, independent, least, mean_squares
+from thermofit.effects.catalogue import effect
+from thermofit.fit.result import FitResult
+from thermofit.identify.coupon_inputs import CouponData, coupon_data
+from thermofit.identify.coupon_model import coupon_model
+from thermofit.identify.inputs import Measured, with_identified
+from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings
+from thermofit.identify.model import StageModel
+from thermofit.identify.several import Part, Several, expanded, several_model
+from thermofit.identify.stage import Data, data_of, start_of
+
+_FIRST = 0.1
+"""Share of its probe at which an effect starts that a candidate adds."""
+_SURE = 2.0
+"""Standard errors by which a held-out error differs."""
+_PLAIN, _STRONG = 2.0, 10.0
+"""Differences of BIC that mean something, and that mean much (Kass and Raftery 1995)."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A model fitted to the joint data: name, study, parameters at the optimum, fit, model, and residuals on fitted and held-out rows."""
+
+    name: str
+    study: Study
+    parameters: Parameters
+    fit: FitResult
+    model: StageModel
+    residual: np.ndarray
+    columns: np.ndarray
+
+
+def candidate_study(study: Study, candidate: Candidate) -> Study:
+    """The study with the model and the parameters of a candidate."""
+    changes: dict[str, Any] = {"parameters": {**study.parameters, **candidate.parameters}}
+    if candidate.model is not None:
+        changes["model"] = candidate.model
+    return study.model_copy(update=changes)
+
+
+def free_of(study: Study, candidate: Candidate, data: Data) -> tuple[str, ...]:
+    """What a candidate fits: all that the stages identify, thermocouples with their error, and what it adds."""
+    if isinstance(data, CouponData):
+        names = candidate.free or coupon_joint_settings(study, data).free
+    else:
+        names = candidate.free or study.diagnosis.free or (*joint_free(study), *NUISANCES)
+    added: list[str] = []
+    for name in candidate.add:
+        added += [name] if "." in name or not _is_effect(name) else [p.name for p in effect(name).amplitudes]
+    for name in added:
+        param(name)
+    found = tuple(dict.fromkeys((*names, *added)))
+    return expanded(found, data) if isinstance(data, Several) else found
+
+
+def _is_effect(name: str) -> bool:
+    try:
+        effect(name)
+    except StudyError:
+        return False
+    return True
+
+
+def settings_of(study: Study, data: Data, free: Sequence[str]) -> StageSettings:
+    """Settings of the joint fit of a study."""
+    if isinstance(data, CouponData):
+        return coupon_joint_settings(study, data).model_copy(update={"free": tuple(free)})
+    one = data.parts[0].data if isinstance(data, Several) else data
+    return joint_settings(study, free, one)
+
+
+def joint_of(study: Study, data: Data, settings: StageSettings, base: Parameters) -> StageModel:
+    """The joint model of all channels, of coupons, one experiment or several."""
+    if isinstance(data, CouponData):
+        return coupon_model(study, data, settings, base)
+    size = diagnosis_mesh(study)
+    if isinstance(data, Measured):
+        return joint_model(study, data, settings, size)
+
+    def make(part: Part, own: StageSettings, _: Parameters) -> StageModel:
+        here = joint_settings(study, own.free, part.data)
+        return joint_model(part.study.model_copy(update={"model": study.model}), part.data, here, size)
+
+    return several_model(data, settings, base, make)
+
+
+def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contender:
+    """A candidate fitted from where the stages ended. NumericsError where its model fails at the start."""
+    own = candidate_study(study, candidate)
+    data = data_of(study)
+    free = free_of(own, candidate, data)
+    base, _ = with_identified(study, start_of(own, data), identified_stages(study))
+    base = _started(base, candidate, free).with_free(free)
+    settings = settings_of(own, data, free)
+    model = joint_of(own, data, settings, base)
+    keyed = replace(task, config={**task.config, "candidate": {"name": name, **candidate.model_dump(mode="json")}})
+    try:
+        parameters, fit = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))(base, name)
+    except NumericsError as error:
+        raise NumericsError(f"candidate '{name}': {error}") from error
+    residual, columns = model.linearised(parameters, free)
+    return Contender(name, own, parameters, fit, model, residual, columns)
+
+
+def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | None:
+    """Where displacements and temperatures of one body can be approached on their own."""
+    return Joint(study, data, settings, diagnosis_mesh(study)) if isinstance(data, Measured) else None
+
+
+def _started(base: Parameters, candidate: Candidate, free: Sequence[str]) -> Parameters:
+    """Values of a candidate's own parameters; what it adds starts where it can be felt."""
+    values = {name: s if isinstance(s, float | int) else s.start for name, s in candidate.parameters.items()}
+    for name in free:
+        p = param(name)
+        if p.probe is not None and name not in values and base[name] == p.neutral:
+            values[name] = p.neutral + _FIRST * (p.probe - p.neutral)
+    return base.replace(**values)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Contenders with what judges them: criteria, mean squares by channel, held-out residual (n,) of each, its rows, how it was made."""
+
+    contenders: tuple[Contender, ...]
+    criteria: tuple[Criteria, ...]
+    errors: tuple[Mapping[str, float], ...]
+    held_out: tuple[np.ndarray, ...]
+    rows: Rows
+    by: str
+
+    def proof(self, before: int, after: int) -> Proof:
+        """How much better one contender predicts held-out data than another."""
+        return compared(self.held_out[before], self.held_out[after], self.rows, 1)
+
+
+def judged(study: Study, contenders: Sequence[Contender]) -> Judged:
+    """The same data, the same number of independent values (that of the best fit), the same held-out data for all contenders."""
+    errors = [mean_squares(c.model, c.residual) for c in contenders]
+    best = contenders[least([float(np.mean(c.residual**2)) for c in contenders])]
+    worth = independent(best.model, best.residual)
+    scores = []
+    for c, q in zip(contenders, errors, strict=True):
+        known = len(c.model.departures(c.parameters))
+        scores.append(criteria(q, worth, len(c.parameters.free) - known, float(np.sum(c.model.departures(c.parameters) ** 2))))
+    found, rows, by = _held_out(study, contenders)
+    return Judged(tuple(contenders), tuple(scores), tuple(errors), found, rows, by)
+
+
+def _held_out(study: Study, contenders: Sequence[Contender]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
+    """Held-out residuals: predictions of declared experiments or records, else of folds by the linearised models."""
+    records = () if study.coupon is None else tuple(r.label for r in study.coupon.records if r.held_out)
+    if records:
+        return _records(contenders, records)
+    if study.held_out:
+        return _experiments(contenders, study.held_out)
+    first = contenders[0]
+    data = data_of(study)
+    if isinstance(data, Several):
+        spans = tuple(s for part in data.parts for s in named_phases(part.data.phases))
+    else:
+        spans = coupon_spans(data) if isinstance(data, CouponData) else named_phases(data.phases)
+    case = Case(first.model, first.parameters, (), spans, frozenset(), isinstance(data, CouponData))
+    rows = rows_of(first.model, spans)
+    clock = replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
+    split = split_of(case, clock, information(first.columns), study.diagnosis.held_out)
+    return tuple(_predicted(c, split) for c in contenders), rows, split.by
+
+
+def _predicted(contender: Contender, split: Split) -> np.ndarray:
+    room: Room = room_of(contender.parameters, contender.parameters.free)
+    return held_out_residual(contender.residual, contender.columns, split, room)
+
+
+def _records(contenders: Sequence[Contender], names: Sequence[str]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
+    out, rows = [], None
+    for c in contenders:
+        data = coupon_data(c.study, held_out=True)
+        model = coupon_model(c.study, data, settings_of(c.study, data, c.parameters.free), c.parameters)
+        rows = rows_of(model, coupon_spans(data))
+        out.append(model.residual(c.parameters))
+    assert rows is not None
+    return tuple(out), rows, f"records {', '.join(names)}, which no fit has seen"
+
+
+def _experiments(contenders: Sequence[Contender], names: Sequence[str]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
+    out, rows = [], None
+    for c in contenders:
+        others = unseen(c.study, diagnosis_mesh(c.study))
+        results = fitted_parameters(c.study, c.parameters, ())
+        results |= {n: replace(results[n], free=True) for n in c.parameters.free if n in results}
+        out.append(np.concatenate([o.model.residual(predicting(c.study, o.part, c.parameters, results)[0]) for o in others]))
+        rows = stacked([o.rows for o in others])
+    assert rows is not None
+    return tuple(out), rows, f"experiments {', '.join(names)}, which no fit has seen"
+
+
+def verdict(found: Judged) -> tuple[str, bool]:
+    """In words which model the data prefer, and whether criteria and held-out data say so alike."""
+    names = [c.name for c in found.contenders]
+    order = np.argsort([c.bic for c in found.criteria])
+    best, rest = int(order[0]), [int(k) for k in order[1:]]
+    parts, sure = [], True
+    for k in rest:
+        more = found.criteria[k].bic - found.criteria[best].bic
+        proof = found.proof(k, best)
+        gain = f"held-out error {_changed(proof)}"
+        if more < _PLAIN:
+            parts.append(f"{names[k]} is as good (BIC {more:+.1f}; {gain})")
+        elif proof.gain < -_SURE * proof.sigma:
+            sure = False
+            parts.append(f"{names[k]} predicts held-out data better though its BIC is {more:.0f} higher ({gain})")
+        else:
+            word = "far worse" if more > _STRONG else "worse"
+            confirmed = "" if proof.gain > _SURE * proof.sigma else ", which held-out data do not confirm"
+            parts.append(f"{names[k]} is {word} (BIC {more:+.0f}; {gain}{confirmed})")
+    left = max(float(np.sqrt(q)) for q in found.errors[best].values())
+    fits = f"explains the data ({left:.2f} times the noise at most)" if left <= STANDS_OUT else f"leaves up to {left:.2g} times the noise"
+    if not all(c.fit.converged for c in found.contenders):
+        unsettled = [c.name for c in found.contenders if not c.fit.converged]
+        parts.append(f"not converged: {', '.join(unsettled)}")
+        sure = False
+    return f"{names[best]} is preferred and {fits}" + "".join(f"; {part}" for part in parts), sure
+
+
+def _changed(proof: Proof) -> str:
+    word = "lower" if proof.gain >= 0.0 else "higher"
+    return f"{abs(100.0 * proof.gain):.1f} +- {100.0 * proof.sigma:.1f} % {word}"
+
+
+def table(found: Judged) -> list[dict[str, Any]]:
+    """One row for each contender: number of fitted parameters, error and held-out error over the noise, criteria, the best BIC as zero."""
+    best = min(c.bic for c in found.criteria)
+    rows = []
+    for c, score, q, unseen_r in zip(found.contenders, found.criteria, found.errors, found.held_out, strict=True):
+        row: dict[str, Any] = {"model": c.name, "fitted": score.parameters, "n_independent": score.independent}
+        row |= {f"{channel} over noise": float(np.sqrt(value)) for channel, value in q.items()}
+        row["held out over noise"] = float(np.sqrt(np.nanmean(unseen_r**2)))
+        rows.append({**row, "AIC": score.aic, "BIC": score.bic, "BIC - best": score.bic - best})
+    return rows
+
+
+def parameter_table(found: Judged) -> list[dict[str, Any]]:
+    """One row for each parameter that any contender fits: value and standard error in each."""
+    names = dict.fromkeys(name for c in found.contenders for name in c.parameters.free)
+    rows = []
+    for name in names:
+        row: dict[str, Any] = {"parameter": name, "unit": param(name).unit}
+        for c in found.contenders:
+            row[c.name] = c.parameters[name] if name in c.parameters.free else None
+            sigma = None if c.fit.sigma is None or name not in c.fit.names else float(c.fit.sigma[c.fit.names.index(name)])
+            row[f"{c.name} +-"] = sigma if sigma is not None and np.isfinite(sigma) else None
+        rows.append(row)
+    return rows

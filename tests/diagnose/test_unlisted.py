@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from rich.console import Console
 from strip import MODEL, Source, fitted, numerical, refitting, spot, strip_case
 
+from thermofit.cli.printing_loop import _unlisted
+from thermofit.core.jsonable import jsonable
+from thermofit.core.study import Study
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
@@ -19,7 +25,7 @@ from thermofit.diagnose.unlisted_effect import heat_file
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_place import compact, when_of
-from thermofit.diagnose.unlisted_record import in_words, summary_of, with_unlisted
+from thermofit.diagnose.unlisted_record import described, in_words, summary_of, unlisted_datasets, with_unlisted
 from thermofit.diagnose.unlisted_structure import structures
 
 PATCH = (8.0, 7.5)
@@ -101,6 +107,18 @@ def test_the_effect_file_holds_the_source(tmp_path: Path) -> None:
     assert missing is not None
     expected = missing.answers("heat", found.parameters, grid, found.field.basis.chosen)[:, :, 0, :] @ found.field.q
     assert np.abs(warmed - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_figure_and_file_are_written_into_the_run_folder(tmp_path: Path) -> None:
+    here, found = diagnosed(2, spot(30.0, -5.0, 8.0, (40.0, 75.0)))
+    said = described(cast(Study, SimpleNamespace(name="strip", run_dir=tmp_path / "run")), here, found)
+    assert said is not None
+    assert Path(said["figure"]).stat().st_size > 10_000 and Path(said["effect_file"]).name == "unlisted_heat.py"
+    assert {"unlisted/value", "unlisted/strength"} <= set(unlisted_datasets(found))
+    console = Console(record=True, width=150, file=io.StringIO())
+    _unlisted(console, jsonable(said))
+    shown = console.export_text()
+    assert "unlisted: a heat source in theta" in shown and "held-out theta without, with" in shown and "unlisted_heat.py" in shown
 
 
 def _loaded(path: Path) -> Any:

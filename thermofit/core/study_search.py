@@ -70,7 +70,7 @@ def _known_quantity(name: str) -> str:
     return name
 
 
-_SCHEMA = {"anyOf": [{"enum": [*NAMES, THICKNESS, CLOCK]}, {"pattern": r"^[A-Za-z0-9_]+\.[A-Za-z0-9_.]+$"}]}
+_SCHEMA = {"anyOf": [{"enum": [*NAMES, THICKNESS, CLOCK]}, {"pattern": r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_.]+)?(@[A-Za-z0-9_-]+)?$"}]}
 Quantity = Annotated[str, AfterValidator(_known_quantity), Field(json_schema_extra=_SCHEMA)]
 
 

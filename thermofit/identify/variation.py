@@ -96,10 +96,9 @@ def _with_component(settings: StageSettings, channel: str, component: str, value
 
 def _weighted(model_on: ModelOn, channel: str, factor: float) -> ModelOn:
     """Models whose residual of one channel is multiplied by the root of the factor."""
-    root = float(np.sqrt(factor))
 
     def heavier(c: Comparison) -> Comparison:
-        return replace(c, residual=lambda error: root * c.residual(error), weight=factor * c.weight) if c.channel == channel else c
+        return c.scaled(factor) if c.channel == channel else c
 
     return lambda size, base: _with_comparisons(model_on(size, base), heavier)
 

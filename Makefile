@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
-# Test processes that run side by side; 0: one process. Two were not faster when measured on two busy cores (35 s against 30 s).
-JOBS ?= 0
+# Test processes that run side by side: from nothing 9 min 27 s with two on two busy cores, where one took 12 min 39 s of CPU. 0: one process.
+JOBS ?= 2
 
 # One thread per linear algebra call: the systems are small, and several processes or numba threads share the cores.
 export OPENBLAS_NUM_THREADS = 1

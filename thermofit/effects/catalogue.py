@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import pkgutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,6 +125,7 @@ def load_effect(path: Path) -> Effect:
     if spec is None or spec.loader is None or not path.is_file():
         raise StudyError(f"{path}: no Python file found; expected an effect file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # compiled kernels name it when they are read from the cache
     try:
         spec.loader.exec_module(module)
     except Exception as error:

@@ -29,7 +29,8 @@ def _try(found: Effect, path: Path) -> None:
     law = law_of(Parameters.of({"theta_ref": 297.0}))
     values = tuple(float(p.neutral if p.probe is None else p.probe) for p in found.params)
     state = (0.01,) if found.slot == "free_energy" else (0.01, 1e-3, 300.0)
-    function = kernel(forceinline=True)(found.act)
+    # Not kept: what is kept of a function refers to its module by name, and a user's file is none that can be imported.
+    function = kernel(forceinline=True, cache=False)(found.act)
     try:
         function(*state, law, *values)
         function(*(complex(x) for x in state), moved_law(law, -1), *(complex(x) for x in values))

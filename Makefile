@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
-# Test processes that run side by side: from nothing 9 min 27 s with two on two busy cores, where one took 12 min 39 s of CPU. 0: one process.
+# Test processes that run side by side; from nothing two took 9 min 27 s on two busy cores, 12 min 39 s of CPU in all. 0: one process.
 JOBS ?= 2
 
 # One thread per linear algebra call: the systems are small, and several processes or numba threads share the cores.

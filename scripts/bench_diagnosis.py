@@ -31,7 +31,7 @@ def measure(options: Options, limits: Limits) -> Part:
     forward = cpu(lambda: joint.model.residual(parameters.replace(E=parameters["E"] + 1e-3 * next(numbers))), options.repeat)
     fitted = cpu(lambda: joint.model.linearised(parameters, body.FREE), options.repeat)
     whole = cpu(lambda: linearised(case), options.repeat)
-    columns = sum(len(e.amplitudes) * (len(scans(e, case.spans)) if acts_in_heat(e) else 1) for e in case.dormant())
+    columns = sum(len(e.amplitudes) * (len(scans(e, case)) if acts_in_heat(e) else 1) for e in case.dormant())
     rows = (
         Row("forward run of both fields", forward, f"{len(data.displacement.time)} steps"),
         Row(f"the same with {len(body.FREE)} fitted parameters", fitted, f"{fitted / forward:.2f} forward runs"),

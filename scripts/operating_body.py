@@ -25,6 +25,7 @@ from thermofit.diagnose.structure import named_phases
 from thermofit.diagnose.trace import traced
 from thermofit.fem.history import History
 from thermofit.fem.march import Loading
+from thermofit.identify.discretisation import discretised
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.instruments import Instruments
@@ -32,11 +33,7 @@ from thermofit.identify.joint import Joint, joint_settings, station_names
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.stations import INFRARED
 
-FIT_MESH, TRUE_MESH, FINER_MESH = (
-    MeshSize(n_x=2, n_y=12, n_z=1),
-    MeshSize(n_x=3, n_y=24, n_z=2),
-    MeshSize(n_x=3, n_y=18, n_z=2),
-)
+FIT_MESH, TRUE_MESH = MeshSize(n_x=3, n_y=20, n_z=1), MeshSize(n_x=5, n_y=36, n_z=2)
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
 TRUTH = {
     **{"E": 68000.0, "nu": 0.33, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "F": 0.4, "alpha_exp": 2.2e-5, "kappa": 130.0, "c0": 2.3},
@@ -48,7 +45,7 @@ STUDY = """
 name: operating-body
 experiment: raw
 model: 2
-mesh: {n_x: 2, n_y: 12, n_z: 1}
+mesh: {n_x: 3, n_y: 20, n_z: 1}
 parameters:
   nu: 0.33
   E: {start: 65000, bounds: [30000, 150000]}
@@ -138,32 +135,26 @@ def _joint(study: Study, data: Measured) -> Joint:
     return Joint(study, data, joint_settings(study, FREE, data), FIT_MESH)
 
 
+def _case(joint: Joint, data: Measured, parameters: Parameters, largest_strain: float) -> Case:
+    spans = named_phases(data.phases)
+    return Case(joint.model, parameters, slots_of("body", INFRARED), spans, station_names(), False, joint.scored, largest_strain)
+
+
 def closed(study: Study, data: Measured, folder: Path) -> Closed:
-    """The loop on a test, from the fit of the base model on."""
-    joint = _joint(study, data)
+    """The loop on a test, from the fit of the base model on; a first fit, which knows nothing of its mesh, stands for the stages."""
     base = study.start_parameters(data).with_free(FREE)  # type: ignore[arg-type]
     base = base.replace(theta_air=data.theta_air, theta_clamp=data.theta_clamp, theta_ref=TRUTH["theta_ref"])
-    refit = JointFit(study, joint.settings, joint.model, job(Path(tempfile.mkdtemp(dir=folder)), "operating", {}, {}), parts=joint)
-    parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(base, "joint")
-    case = Case(
-        joint.model, parameters, slots_of("body", INFRARED), named_phases(data.phases), station_names(), cheap=False, scored=joint.scored
-    )
-    finer = replace(joint, size=FINER_MESH).model
-    numerical = (joint.model.residual(parameters) - finer.residual(parameters)) / (1.0 - 1.5**-2)
-    return close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)
+    joint, task = _joint(study, data), job(Path(tempfile.mkdtemp(dir=folder)), "operating", {}, {})
+    staged, _ = JointFit(study, joint.settings, joint.model, task, 2 * JOINT_EVALUATIONS, parts=joint)(base, "stages")
+    found = discretised(joint, staged)
+    refit = JointFit(study, joint.settings, found.joint.model, task, parts=found.joint)
+    parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
+    case = _case(found.joint, data, parameters, found.largest_strain)
+    return close_loop(case, fit, refit, study.diagnosis.max_effects, found.left)
 
 
 def detectable(study: Study) -> dict[str, float]:
     """Smallest amplitude of every effect that passes the threshold, at the truth."""
-    data = measured(study, {}, 1)
-    joint = _joint(study, data)
-    case = Case(
-        joint.model,
-        Parameters.of(TRUTH, FREE),
-        slots_of("body", INFRARED),
-        named_phases(data.phases),
-        station_names(),
-        cheap=False,
-        scored=joint.scored,
-    )
-    return {s.effect: s.detectable for s in traced(case).ranking.scores}
+    data, truth = measured(study, {}, 1), Parameters.of(TRUTH, FREE)
+    found = discretised(_joint(study, data), truth)
+    return {s.effect: s.detectable for s in traced(_case(found.joint, data, truth, found.largest_strain)).ranking.scores}

@@ -127,7 +127,7 @@ def _tried(
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
     chosen = here.settings.get(score.effect)
-    if chosen is None and len(scans(effect(score.effect), here.case.spans)) > 1:
+    if chosen is None and len(scans(effect(score.effect), here.case)) > 1:
         chosen, block = best_scan(here.case, here.problem, effect(score.effect))
         alone = replace(here.problem, dormant={score.effect: (here.problem.dormant[score.effect][0], block)})
         score = replace(ranked(alone).scores[0], family=score.family)

@@ -24,10 +24,11 @@ from thermofit.effects.catalogue import BASE, Effect, effects
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model, offsets
+from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.identify.discretisation import discretised
 from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
-from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings, station_names
+from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
 from thermofit.identify.model import StageModel
 from thermofit.measure.stations import INFRARED
 
@@ -36,13 +37,12 @@ SECTIONS = (
 )
 JOINT_EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up."""
-FINER = 1.5
-"""Refinement of the mesh by which the error of the discretisation is measured."""
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A case at the optimum of the joint fit, how to fit again, and the error (n,) of the discretisation in its residual."""
+    """A case at the optimum of the joint fit, how to fit again, and the error (n,) of the discretisation that is left in its
+    residual."""
 
     case: Case
     fit: FitResult
@@ -86,7 +86,9 @@ class _Joint:
     settings: StageSettings
     base: Parameters
     model: StageModel
-    finer: Callable[[], tuple[StageModel, float]]
+    numerical: Callable[[Parameters], np.ndarray]
+    """Error (n,) of the discretisation that is left in the residual at given parameters."""
+    largest_strain: float
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
     size: MeshSize
@@ -107,10 +109,8 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     if not fit.converged:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
-    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None, scored)
-    finer, share = joint.finer()
-    error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
-    return Prepared(case, fit, refit, error, joint.size)
+    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None, scored, joint.largest_strain)
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
 
 
 def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
@@ -146,22 +146,22 @@ def _refuse_one_family(study: Study, joint: _Joint) -> None:
 
 
 def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
-    """Fields on a body. The error of the mesh is of second order: a mesh finer by r differs by 1 - 1/r^2 of it."""
+    """Fields on a body, with the error of the mesh at the optimum of the stages taken into the data."""
     data = measured(study)
     base, _ = with_identified(study, start_parameters(study, data), stages)
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
-    finer = MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
-    joint = Joint(study, data, settings, size)
+    found = discretised(Joint(study, data, settings, size), base)
     return _Joint(
         settings,
         base.with_free(free),
-        joint.model,
-        lambda: (joint_model(study, data, settings, finer), 1.0 - FINER**-2),
+        found.joint.model,
+        lambda _: found.left,
+        found.largest_strain,
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
         size,
-        joint,
+        found.joint,
     )
 
 
@@ -171,12 +171,15 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
     base, _ = with_identified(study, start_parameters(study, data), stages)
     settings = coupon_joint_settings(study, data)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
+    model, finer = (coupon_model(of, data, settings, base) for of in (study, fine))
+    run = coupon_run(study, data, settings.free)
     hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
     return _Joint(
         settings,
         base.with_free(settings.free),
-        coupon_model(study, data, settings, base),
-        lambda: (coupon_model(fine, data, settings, base), 0.5),
+        model,
+        lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
+        max(float(run.history(base, test).accumulated.max()) for test in data.tests),
         slots_of("point", SENSOR if hot else ()),
         coupon_spans(data),
         MeshSize(n_x=1, n_y=1, n_z=1),

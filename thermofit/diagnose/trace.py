@@ -132,7 +132,7 @@ def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]
     """
     dormant = dict(columns.dormant)
     for effect in case.dormant():
-        if len(scans(effect, case.spans)) > 1 and (case.cheap or effect.name in known):
+        if len(scans(effect, case)) > 1 and (case.cheap or effect.name in known):
             settings[effect.name], block = best_scan(case, columns, effect, known.get(effect.name, ()))
             dormant[effect.name] = (dormant[effect.name][0], block)
     others = (block for name, blocks in known.items() for block in blocks if block is not dormant[name][1])
@@ -141,7 +141,7 @@ def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]
 
 def best_scan(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[dict[str, float], np.ndarray]:
     """The values of an effect's exponents at which the predicted drop is largest, and its columns there; `known` at all of them."""
-    tried = scans(effect, case.spans)
+    tried = scans(effect, case)
     best, kept = -1.0, (tried[0], columns.dormant[effect.name][1])
     for k, values in enumerate(tried):
         block = known[k] if known else columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)

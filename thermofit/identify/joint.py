@@ -17,6 +17,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
+from thermofit.fem.history import History
 from thermofit.identify.channels import FIELDS, comparisons_of
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
@@ -25,6 +26,7 @@ from thermofit.identify.instruments import Instruments, JointPrediction, station
 from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
+from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -102,6 +104,12 @@ class Joint:
         kept = keeping_points(self.run)
         held = held_run(kept.body, kept(parameters), kept.settings)
         return self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
+
+    def shown(self, parameters: Parameters) -> tuple[History, Errors]:
+        """A coupled run that keeps its points, and its error fields. NumericsError where it fails."""
+        whole = keeping_points(self.run)
+        history = whole(parameters)
+        return history, self._looking_at(whole, whole, self._observations(heat=True)).of(history, parameters)
 
     def scored(
         self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]

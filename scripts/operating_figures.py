@@ -29,7 +29,7 @@ from thermofit.effects.catalogue import effect
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "runs" / "operating_figures.jsonl"
-AMPLITUDES = (1.0, 3.0, 10.0)
+AMPLITUDES = (3.0, 10.0, 1.0)
 PAIRED = 6.0
 
 
@@ -47,8 +47,8 @@ class Driver:
 DRIVERS = {
     "point": Driver(
         operating_point,
-        tuple(range(100, 140)),
-        tuple(range(4)),
+        tuple(range(300, 340)),
+        tuple(range(10, 14)),
         (
             *("second_hardening", "rate_logarithmic", "thermal_softening", "yield_plateau", "stored_energy", "backstress_first"),
             *("elastic_degradation", "linear_hardening", "ir_drift", "ir_gain", "ir_clock", "ir_lag"),
@@ -57,8 +57,8 @@ DRIVERS = {
     ),
     "body": Driver(
         operating_body,
-        tuple(range(200, 220)),
-        tuple(range(2)),
+        tuple(range(400, 420)),
+        tuple(range(10, 12)),
         (
             *("rate_logarithmic", "thermal_softening", "lamp", "air_drift", "clamp_drift", "initial_gradient", "latent_heat"),
             *("ir_drift", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending"),
@@ -97,7 +97,7 @@ def run_one(driver: Driver, study: Study, folder: Path, planted: dict[str, float
 def plan(name: str, driver: Driver, smallest: dict[str, float]) -> list[dict[str, Any]]:
     """All runs of a driver: nothing planted, every effect at every amplitude, pairs."""
     runs: list[dict[str, Any]] = [{"driver": name, "kind": "none", "planted": {}, "times": 0.0, "seed": seed} for seed in driver.nulls]
-    for planted, times in ((e, t) for e in driver.effects for t in AMPLITUDES):
+    for planted, times in ((e, t) for t in AMPLITUDES for e in driver.effects):
         if planted in smallest:
             p = effect(planted).amplitude
             value = p.neutral + np.sign(p.probe or 1.0) * times * smallest[planted]

@@ -162,7 +162,8 @@ def _judged(
     parameters, after = refitted
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
-    proof = compared(held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.noise)
+    ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
+    proof = compared(*ends, here.rows, folds, here.problem.noise, there.columns.residual)
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
     refused = _refusal(score.effect, estimate, sigma, proof, after)
@@ -230,9 +231,8 @@ def _still_needed(here: Traced, name: str) -> bool:
     own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
     low, high = _room(here)
     room = (np.delete(low, own), np.delete(high, own))
-    found = compared(
-        held_out_residual(residual, fitted, here.split, room), held_out_of(here), here.rows, len(here.split.held_out), here.problem.noise
-    )
+    ends, folds = (held_out_residual(residual, fitted, here.split, room), held_out_of(here)), len(here.split.held_out)
+    found = compared(*ends, here.rows, folds, here.problem.noise, here.columns.residual)
     return found.gain > max(SURE * found.sigma, PRACTICAL)
 
 

@@ -171,8 +171,9 @@ def compared(
     With d the change that the effect makes of them, |r|^2 falls by -2 (r + d).d + d.d. Its standard error has two bounds from above, and
     the smaller is taken. In the one r + d, what is left, is noise: that of 2 (r + d).d, from the correlation of the noise (`noise` applies
     it to columns (n, k); None: independent) or from what groups of rows show, whichever is larger. `left` (n,) is what a fit of all rows
-    with the effect leaves, nothing but noise where the model is complete; without it r + d stands for that, which holds too much where
-    the effect is predicted imperfectly. The other is the scatter of the gain between groups, which holds how unevenly the effect shows in the test.
+    with the effect leaves, nothing but noise where the model is complete; without it r + d stands for that, which scatters more where
+    the effect is predicted imperfectly. The other is the scatter of the gain between groups, which holds how unevenly the effect shows
+    in the test.
     """
     used = np.isfinite(before) & np.isfinite(after)
     without, with_effect = before[used] ** 2, after[used] ** 2

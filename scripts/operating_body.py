@@ -1,6 +1,7 @@
 """Virtual full-field tests for the operating figures: fields of a body with a planted effect, and the loop on a coarser model of it.
 
-The data come from a finer mesh and half the time steps, with noise of both cameras; the fit knows nothing of what was planted.
+The data come from a finer mesh and half the time steps, with noise of both cameras and of the load
+cell, whose record is smoothed as any other; the fit knows nothing of what was planted.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.experiment import Specimen
+from thermofit.core.experiment import ForceRecord, Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import job
 from thermofit.core.study import Study
@@ -26,10 +27,12 @@ from thermofit.diagnose.trace import traced
 from thermofit.fem.history import History
 from thermofit.fem.march import Loading
 from thermofit.identify.discretisation import discretised
+from thermofit.identify.force_error import with_force_error
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.instruments import Instruments
 from thermofit.identify.joint import Joint, joint_settings, station_names
+from thermofit.measure.force import smooth_force
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.stations import INFRARED
 
@@ -40,7 +43,7 @@ TRUTH = {
     **{"beta": 0.8, "alpha_air": 15.0, "alpha_clamp": 400.0, "theta_air": 297.4, "theta_clamp": 296.7, "theta_ref": 296.7},
 }
 FREE = ("E", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
-NOISE = {"u": 0.002, "theta": 0.025}
+NOISE = {"u": 0.002, "theta": 0.025, "force": 4.0}
 STUDY = """
 name: operating-body
 experiment: raw
@@ -101,7 +104,7 @@ def _blank_test() -> Measured:
     steps = LoadSteps(t, force, np.zeros(len(t)))
     every = {"displacement": steps, "temperature": steps, "all": steps}
     u, theta = _blank("u", NOISE["u"], 2, "mm"), _blank("theta", NOISE["theta"], 1, "K")
-    observed = force_observation(t, steps, 4.0)
+    observed = force_observation(t, steps, NOISE["force"])
     return Measured(SPECIMEN, TRUTH["theta_air"], TRUTH["theta_clamp"], u, theta, observed, every, 4.0, phases)
 
 
@@ -122,13 +125,24 @@ def measured(study: Study, planted: dict[str, float], seed: int) -> Measured:
     u = look.predicted("u", history, parameters) + NOISE["u"] * random.normal(size=blank.displacement.value.shape)
     theta = look.predicted("theta", history, parameters) + NOISE["theta"] * random.normal(size=blank.temperature.value.shape)
     air, clamp = (TRUTH[name] + 0.1 * random.normal() for name in ("theta_air", "theta_clamp"))
+    loaded = _recorded(random)
     return replace(
         blank,
+        force=force_observation(t, loaded, NOISE["force"]),
+        steps=dict.fromkeys(blank.steps, loaded),
         theta_air=air,
         theta_clamp=clamp,
         displacement=replace(blank.displacement, value=u),
         temperature=replace(blank.temperature, value=theta),
     )
+
+
+def _recorded(random: np.random.Generator) -> LoadSteps:
+    """The load as the identification knows it: a noisy record of the load cell, smoothed."""
+    t, force, _ = programme()
+    time = np.arange(0.0, t[-1] + 0.05, 0.1)
+    smooth = smooth_force(ForceRecord(time, np.interp(time, t, force) + NOISE["force"] * random.normal(size=len(time)), None))
+    return LoadSteps(t, smooth.evaluate(t), np.zeros(len(t)), None, smooth.error_modes(t))
 
 
 def _joint(study: Study, data: Measured) -> Joint:
@@ -147,9 +161,10 @@ def closed(study: Study, data: Measured, folder: Path) -> Closed:
     joint, task = _joint(study, data), job(Path(tempfile.mkdtemp(dir=folder)), "operating", {}, {})
     staged, _ = JointFit(study, joint.settings, joint.model, task, 2 * JOINT_EVALUATIONS, parts=joint)(base, "stages")
     found = discretised(joint, staged)
-    refit = JointFit(study, joint.settings, found.joint.model, task, parts=found.joint)
+    joint = with_force_error(found.joint, found.history, staged)
+    refit = JointFit(study, joint.settings, joint.model, task, parts=joint)
     parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
-    case = _case(found.joint, data, parameters, found.largest_strain)
+    case = _case(joint, data, parameters, found.largest_strain)
     return close_loop(case, fit, refit, study.diagnosis.max_effects, found.left)
 
 
@@ -157,4 +172,5 @@ def detectable(study: Study) -> dict[str, float]:
     """Smallest amplitude of every effect that passes the threshold, at the truth."""
     data, truth = measured(study, {}, 1), Parameters.of(TRUTH, FREE)
     found = discretised(_joint(study, data), truth)
-    return {s.effect: s.detectable for s in traced(_case(found.joint, data, truth, found.largest_strain)).ranking.scores}
+    joint = with_force_error(found.joint, found.history, truth)
+    return {s.effect: s.detectable for s in traced(_case(joint, data, truth, found.largest_strain)).ranking.scores}

@@ -27,6 +27,7 @@ from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
 from thermofit.identify.discretisation import discretised
+from thermofit.identify.force_error import with_force_error
 from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
 from thermofit.identify.model import StageModel
@@ -152,16 +153,17 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
     found = discretised(Joint(study, data, settings, size), base)
+    joint = with_force_error(found.joint, found.history, base)
     return _Joint(
         settings,
         base.with_free(free),
-        found.joint.model,
+        joint.model,
         lambda _: found.left,
         found.largest_strain,
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
         size,
-        found.joint,
+        joint,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.core.study_section import MeshSize
+from thermofit.fem.history import History
 from thermofit.identify.inputs import temperature_of
 from thermofit.identify.joint import Joint
 from thermofit.identify.prediction import Errors
@@ -27,12 +28,17 @@ REMAINS = 0.5
 
 @dataclass(frozen=True)
 class Discretised:
-    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, and the largest
-    Lambda of the run that told it."""
+    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, and the run
+    that told it, with its points."""
 
     joint: Joint
     left: np.ndarray
-    largest_strain: float
+    history: History
+
+    @property
+    def largest_strain(self) -> float:
+        """Largest Lambda of the run."""
+        return max(float(p.accumulated.max()) for p in self.history.points)
 
 
 def finer_mesh(size: MeshSize) -> MeshSize:
@@ -57,5 +63,4 @@ def discretised(joint: Joint, parameters: Parameters) -> Discretised:
         with_error = replace(with_error, force=seen(data.force))
     model = joint.model
     left = model.assemble(coarse) - model.assemble({name: coarse[name] - REMAINS * error[name] for name in coarse})
-    strain = max(float(p.accumulated.max()) for p in history.points)
-    return Discretised(replace(joint, data=with_error), np.append(left, np.zeros(len(model.priors))), strain)
+    return Discretised(replace(joint, data=with_error), np.append(left, np.zeros(len(model.priors))), history)

@@ -18,8 +18,8 @@ from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
 from thermofit.fem.history import History
-from thermofit.identify.channels import FIELDS, comparisons_of
-from thermofit.identify.forward import Run, march_settings, run_of, sampler
+from thermofit.identify.channels import FIELDS, comparisons_of, field_of
+from thermofit.identify.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
@@ -27,6 +27,7 @@ from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.identify.prediction import Errors
+from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -69,6 +70,17 @@ class Joint:
     data: Measured
     settings: StageSettings
     size: MeshSize
+    force_error: Mapping[str, np.ndarray] | None = None
+    """Fields "u" and "theta" (n_t, n_s, n_c, k) that k modes of the error of the prescribed force make, each of unit variance."""
+
+    @property
+    def steps(self) -> LoadSteps:
+        """The load steps through all that is observed."""
+        return self._steps(self._observations(heat=True))
+
+    def sampler_of(self, name: str) -> Sampler:
+        """The sampler of an observed field at the steps of the coupled run."""
+        return self.prediction.instruments.samplers[name]
 
     @cached_property
     def run(self) -> Run:
@@ -151,8 +163,19 @@ class Joint:
         observations = prediction.instruments.observations
         own = self.settings.model_copy(update={"channels": {c: self.settings.channels[c] for c in channels}})
         comparisons = comparisons_of(own, observations, self.study, self.data)
+        if self.force_error is not None:
+            comparisons = tuple(self._blurred(c, observations) for c in comparisons)
         priors = priors_of(self.data, self.settings.free)
         return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
+
+    def _blurred(self, comparison: Comparison, observations: Mapping[str, FieldObservation]) -> Comparison:
+        """A comparison with the error of the prescribed force in its noise, where that acts on what it compares."""
+        name = field_of(comparison)
+        if self.force_error is None or name not in self.force_error:
+            return comparison
+        right = np.zeros_like(observations[name].value)
+        columns = [comparison.slope(right, mode) for mode in np.moveaxis(self.force_error[name], -1, 0)]
+        return comparison.blurred(np.stack(columns, axis=1))
 
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:

@@ -129,7 +129,8 @@ def table_5_6(place: Place) -> list[str]:
             (min(abs(share) for share in away.values()) > 0.1, ", ".join(f"{name} {signed(share)}" for name, share in away.items())),
             (True, ", ".join(f"{name} {signed(share)}" for name, share in printed.items())),
             Why(
-                "The virtual material was given the thesis's optimum, so that this follows; section 5.4 shows where such an optimum comes from."
+                "The virtual material was given the thesis's optimum, so that this follows; section 5.4 shows where such an optimum "
+                "comes from."
             ),
         ),
     ]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import thesis_figures as figures
+from thesis_54_scaling import COOLING, SCALES, best_of, capacity_sentence, scaling
 from thesis_agreement import Compared, Why, listed, passes, same_answer, same_word, signed
 from thesis_before import before, foreseen
 from thesis_printed import LITERATURE, TABLE_5_8, TABLE_5_10, TABLE_5_11, TABLE_5_13, TABLE_5_14, TABLE_5_15, Values
@@ -27,22 +28,15 @@ from thesis_runs import Place
 from thesis_tables import misfit, of_f, starts_table
 
 from thermofit.core.artefact import Record
-from thermofit.core.experiment import CELSIUS
 from thermofit.diagnose.figures_curves import stress_stretch_figure
 from thermofit.diagnose.figures_maps import residual_maps
 from thermofit.diagnose.tables import table
 
 TITLE = "Section 5.4: model dependency"
 MONOTONIC = {1: "exp1-models", 2: "exp1-model-2"}
-COOLING = {1: "exp2-model-1", 2: "exp2"}
-COUPLED = "exp2-model-1-coupled"
-"""Model 1 with cooling again, with the thermal stage fully coupled instead of one-way."""
-COUPLED_MESH = "3 x 20 x 1"
 FILMS = "exp3-model-1"
 """Model 1 on the data of experiment 3, with known film coefficients."""
 RATIOS = ("alpha_exp", "kappa", "c0")
-ROOM = CELSIUS + 24.0
-"""Temperature at which the heat capacity at constant pressure is stated, K."""
 
 
 def statements(place: Place) -> list[Statement]:
@@ -167,7 +161,8 @@ def _mechanics_agree(place: Place) -> list[Compared]:
                 percent(apart[1]),
                 Why(
                     "",
-                    "The closed form of both laws of hardening is one; a backward Euler update of model 2 saturates later and returns H_exp "
+                    "The closed form of both laws of hardening is one; a backward Euler update of model 2 saturates later and returns "
+                    "H_exp "
                     "too high (option plastic_integration).",
                 ),
             )
@@ -215,12 +210,6 @@ def without_cooling(place: Place, pages: Path) -> list[str]:
     ]
 
 
-SCALES = (
-    "With jaws as an ideal heat sink and no exchange with the air every term of (4.20) carries one of alpha_exp, kappa, c0 and beta as a "
-    "factor, so that a common factor changes no temperature."
-)
-
-
 def valley_agrees(record: Record, verify: Record) -> list[Compared]:
     """Valley of model 1 without cooling: kind, ratios, objective, verification."""
     printed = {name: _spread([row[name] / row["beta"] for row in TABLE_5_10]) for name in RATIOS}
@@ -247,14 +236,15 @@ def valley_agrees(record: Record, verify: Record) -> list[Compared]:
 
 
 NEITHER = (
-    "The virtual material has a dissipation that grows with the strain, which the constant one of model 1 cannot follow; how much it misses "
+    "The virtual material has a dissipation that grows with the strain, which the constant one of model 1 cannot follow; how much it "
+    "misses "
     "depends on this virtual material, not on the thesis's."
 )
 
 
 def _optimum_agrees(record: Record, verify: Record, printed: Values, near_literature: bool) -> list[Compared]:
     """One optimum of model 2: uniqueness, verification, and whether it lies near the literature (all within 15 %)."""
-    best = _best(record)
+    best = best_of(record)
     off, theirs = ({name: row[name] / LITERATURE[name] - 1.0 for name in RATIOS} for row in (best, printed))
     shown = [", ".join(f"{name} {100.0 * share:+.0f} %" for name, share in shares.items()) for shares in (off, theirs)]
     near = max(abs(share) for share in off.values()) < NEAR
@@ -267,8 +257,10 @@ def _optimum_agrees(record: Record, verify: Record, printed: Values, near_litera
             (near_literature, shown[1]),
             Why(
                 "",
-                "The virtual material is that of Table 5.15, near the literature. Where its optimum lies without cooling depends on how the "
-                "dissipation of the virtual material differs from that of model 2 during loading, which is not known of the thesis's material.",
+                "The virtual material is that of Table 5.15, near the literature. Where its optimum lies without cooling depends on how "
+                "the "
+                "dissipation of the virtual material differs from that of model 2 during loading, which is not known of the thesis's "
+                "material.",
             ),
         ),
     ]
@@ -280,23 +272,6 @@ NEAR = 0.15
 
 def _spread(values: list[float]) -> float:
     return (max(values) - min(values)) * len(values) / sum(values)
-
-
-def capacity_sentence() -> str:
-    """Drift of c0/beta along the thesis's own valley, and what is constant instead: c0 + 9 K alpha_exp^2 theta."""
-    plain, whole = [row["c0"] / row["beta"] for row in TABLE_5_10], [_effective(row) / row["beta"] for row in TABLE_5_10]
-    return (
-        "The thesis's search is fully coupled, where heating at zero stress needs c0 + 9 K alpha_exp^2 theta: that sum over beta is what "
-        "the "
-        f"temperatures fix. Its own Table 5.10 shows it: c0/beta differs by {percent((max(plain) - min(plain)) / min(plain))} and falls "
-        f"with "
-        f"beta, (c0 + 9 K alpha_exp^2 theta)/beta differs by {percent((max(whole) - min(whole)) / min(whole))}."
-    )
-
-
-def _effective(row: Mapping[str, float], modulus: float = 67913.0, ratio: float = 0.35) -> float:
-    """Heat capacity at zero stress c0 + 9 K alpha_exp^2 theta, mJ/(mm^3 K)."""
-    return row["c0"] + 9.0 * modulus / (3.0 * (1.0 - 2.0 * ratio)) * row["alpha_exp"] ** 2 * ROOM
 
 
 def with_cooling(place: Place, pages: Path) -> list[str]:
@@ -345,52 +320,12 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
 
 
 ENDS = (
-    "Cooling adds no term of another kind: section 5.4.3 of the thesis says so of any dissipation proportional to beta. The thesis's optimum lies "
-    "where c0 has reached zero and 9 K alpha_exp^2 theta is the whole heat capacity, which is where such a valley ends when the search is fully "
+    "Cooling adds no term of another kind: section 5.4.3 of the thesis says so of any dissipation proportional to beta. The thesis's "
+    "optimum lies "
+    "where c0 has reached zero and 9 K alpha_exp^2 theta is the whole heat capacity, which is where such a valley ends when the search "
+    "is fully "
     "coupled; its own bound on c0, not the cooling, then makes it one point. The next table compares the ratios."
 )
-
-
-def scaling(place: Place) -> list[str]:
-    """What the temperatures of the cooled test fix of model 1: ratios to beta, here and in the thesis."""
-    rows = {
-        "here, one-way": _best(place.record(COOLING[1], "gridsearch")),
-        "thesis, Table 5.14 (c0 = 0 for << 1)": {"c0": 0.0, **TABLE_5_14[1]},
-        "thesis, Table 5.15 (model 2)": TABLE_5_15,
-    }
-    rows |= {f"here, fully coupled, start {label}": row for label, row in coupled_optima(place).items()}
-    lines = []
-    for label, row in rows.items():
-        # One-way, the deformation is that of the first parameters: c0 alone heats.
-        capacity = row["c0"] if "one-way" in label else _effective(row)
-        parts = (1e6 * row["alpha_exp"], row["kappa"], capacity)
-        lines.append([label, *(f"{part / row['beta']:.4g}" for part in parts), f"{row['beta']:.3g}", f"{row['c0']:.3g}"])
-    heads = ["", "alpha_exp/beta in 1e-6/K", "kappa/beta in mW/(mm K)", "(c0 + 9 K alpha_exp^2 theta)/beta in mJ/(mm^3 K)", "beta", "c0"]
-    return [table(heads, lines), coupled_sentence(place)]
-
-
-def coupled_sentence(place: Place) -> str:
-    """Where the fully coupled searches of model 1 end, said from their records."""
-    record = place.record(COUPLED, "gridsearch")
-    best = _best(record)
-    share = 1.0 - best["c0"] / _effective(best)
-    return (
-        f"Fully coupled, as the thesis searches (on a mesh of {COUPLED_MESH}, because every evaluation is a coupled run), the program says: "
-        f"{record.summary['verdict']}. At its best optimum 9 K alpha_exp^2 theta is {percent(share)} of the heat capacity; in Table 5.14 it is all "
-        "of it."
-    )
-
-
-def coupled_optima(place: Place) -> dict[str, Mapping[str, float]]:
-    """Optimum of every fully coupled search of model 1 with cooling."""
-    starts = place.record(COUPLED, "gridsearch").summary["starts"]
-    return {"ABCD"[i]: start["optimum"] for i, start in enumerate(starts) if not start["failed"]}
-
-
-def _best(record: Record) -> Mapping[str, float]:
-    best = min((start for start in record.summary["starts"] if not start["failed"]), key=lambda start: start["f"])
-    optimum: Mapping[str, float] = best["optimum"]
-    return optimum
 
 
 def known_films(place: Place) -> list[str]:

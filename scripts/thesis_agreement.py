@@ -1,4 +1,4 @@
-"""Does a result agree with the thesis? The answer is computed, and the reason is chosen by it: nothing here is written before the result."""
+"""Does a result agree with the thesis? The answer is computed, and the reason is chosen by it: none is written before the result."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class Compared:
     def line(self) -> str:
         """As an item of a list."""
         reason = self.why.agrees if self.agrees else self.why.differs
-        return f"- **{'Agrees' if self.agrees else 'Differs'}**: {self.what}: here {self.here}; thesis {self.thesis}.{' ' + reason if reason else ''}"
+        word = "Agrees" if self.agrees else "Differs"
+        return f"- **{word}**: {self.what}: here {self.here}; thesis {self.thesis}." + (f" {reason}" if reason else "")
 
 
 def listed(*found: Compared) -> str:
@@ -96,8 +97,8 @@ def noise_or_not(record: Record, truth: Mapping[str, float]) -> Why:
     text = (
         f"The largest deviation in standard errors is {size:.1f} ({name}), as noise makes it."
         if size < 3.0
-        else f"{name} is off by {size:.0f} standard errors, which know the noise only: the rest is not noise. The virtual material was computed "
-        "on another mesh and with other time steps than it is identified with."
+        else f"{name} is off by {size:.0f} standard errors, which know the noise only: the rest is not noise. The virtual material was "
+        "computed on another mesh and with other time steps than it is identified with."
     )
     return Why(text, text)
 

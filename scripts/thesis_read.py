@@ -83,6 +83,11 @@ def optima(record: Record, names: Sequence[str]) -> np.ndarray:
     return np.array([[start["optimum"][name] for name in names] for start in solved_starts(record)])
 
 
+def uniqueness(record: Record) -> str:
+    """The program's word for what the starts say."""
+    return str(record.summary["uniqueness"])
+
+
 def spread(record: Record) -> dict[str, float]:
     """(largest - smallest)/best of every parameter over all starts; DataError where a start failed."""
     if len(solved_starts(record)) < len(record.summary["starts"]):

@@ -17,10 +17,15 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.fem.history import History
 from thermofit.identify.forward import Sampler
-from thermofit.identify.joint import Joint
+from thermofit.identify.inputs import LoadSteps
+from thermofit.identify.joint import ForceModes, Joint
 
 _LEAST = 1e-7
 """Part of the largest force by which it changes at least in a step that tells a tangent."""
+_COLD = 1e-3
+"""Excess temperature over the air, K, below which its decay says nothing."""
+_TELLS = 1e-3
+"""Part of the largest mode's effect below which a mode is left out."""
 
 
 @dataclass(frozen=True)
@@ -50,33 +55,40 @@ def tangents(history: History, force: np.ndarray) -> Tangents:
     return Tangents(step, of)
 
 
-def displacement_modes(history: History, force: np.ndarray, modes: np.ndarray, look: Sampler) -> np.ndarray:
-    """Displacements (n_t, n_s, 2, k) mm at the observed times that modes (n_steps, k) N of the error of the force (n_steps,) N make."""
-    u, change = look.operator.displacement(history.u), np.diff(force)
-    out = np.zeros((len(look.index), *u.shape[1:], modes.shape[1]))
-    for i, step, k in _observed(look, tangents(history, force)):
-        out[i] = ((u[k + 1] - u[k]) / change[k])[:, :, None] * modes[step]
-    return out
+def displacement_modes(history: History, steps: LoadSteps, look: Sampler) -> ForceModes:
+    """What the error of the force makes of the displacements at the observed times; `steps` are those of the history."""
+    u, change = look.operator.displacement(history.u), np.diff(steps.force)
+    tangent, at = np.zeros((len(look.index), *u.shape[1:])), np.zeros(len(look.index), dtype=int)
+    for i, step, k in _observed(look, tangents(history, steps.force)):
+        tangent[i], at[i] = (u[k + 1] - u[k]) / change[k], step
+    return _telling(tangent, at, steps)
 
 
-def temperature_modes(joint: Joint, history: History, modes: np.ndarray, parameters: Parameters) -> np.ndarray:
-    """Temperatures (n_t, n_s, 1, k) K at the observed times that modes (n_steps, k) N of the error of the force make."""
-    look, force = joint.sampler_of("theta"), joint.steps.at(history.time).force
-    mesh, operator = joint.run.body.mesh, look.operator
-    volume = joint.run.body.data.volume
-    found, change = tangents(history, force), np.diff(force)
+def temperature_modes(joint: Joint, history: History, steps: LoadSteps, parameters: Parameters) -> ForceModes:
+    """What the error of the force makes of the temperatures at the observed times; `steps` are those of the history."""
+    look, change = joint.sampler_of("theta"), np.diff(steps.force)
+    body, operator = joint.run.body, look.operator
     accumulated = np.array([p.accumulated for p in history.points])
-    grown = np.einsum("neq,eq->n", np.diff(accumulated, axis=0), volume) * joint.run.body.symmetry
+    grown = np.einsum("neq,eq->n", np.diff(accumulated, axis=0), body.data.volume) * body.symmetry
     heat = np.array([b.dissipated for b in history.balance])
-    plastic = operator.temperature(_at_nodes(accumulated, mesh.hexes, mesh.n_nodes))[:, :, 0]
+    plastic = operator.temperature(_at_nodes(accumulated, body.mesh.hexes, body.mesh.n_nodes))[:, :, 0]
     warm = operator.temperature(history.theta)[:, :, 0] - parameters["theta_air"]
-    out = np.zeros((len(look.index), plastic.shape[1], 1, modes.shape[1]))
-    for i, step, k in _observed(look, found):
+    tangent, at = np.zeros((len(look.index), plastic.shape[1], 1)), np.zeros(len(look.index), dtype=int)
+    for i, step, k in _observed(look, tangents(history, steps.force)):
         released = heat[k] / grown[k] / parameters["c0"] * (plastic[k + 1] - plastic[k]) / change[k]
         then, now = warm[step], warm[look.index[i]]
-        left = np.clip(np.divide(now, then, out=np.ones_like(now), where=np.abs(then) > 1e-3), 0.0, 1.0) if look.index[i] > step else 1.0
-        out[i, :, 0] = (released * left)[:, None] * modes[step]
-    return out
+        left = np.clip(np.divide(now, then, out=np.ones_like(now), where=np.abs(then) > _COLD), 0.0, 1.0)
+        tangent[i, :, 0], at[i] = released * (left if look.index[i] > step else 1.0), step
+    return _telling(tangent, at, steps)
+
+
+def _telling(tangent: np.ndarray, at: np.ndarray, steps: LoadSteps) -> ForceModes:
+    """Modes of the errors at the steps `at` (n_t,), turned so that the first tell most, without those that tell next to nothing."""
+    assert steps.error is not None
+    modes = steps.error[at]
+    size = np.sqrt(np.mean(tangent**2, axis=(1, 2)))
+    _, s, turned = np.linalg.svd(size[:, None] * modes, full_matrices=False)
+    return ForceModes(tangent, modes @ turned[s > _TELLS * max(float(s[0]), np.finfo(float).tiny)].T)
 
 
 def _observed(look: Sampler, found: Tangents) -> Iterator[tuple[int, int, int]]:
@@ -101,7 +113,7 @@ def with_force_error(joint: Joint, history: History, parameters: Parameters) -> 
     steps = joint.steps.at(history.time)
     if steps.error is None or joint.study.force.drives != "force":
         return joint
-    found = {"u": displacement_modes(history, steps.force, steps.error, joint.sampler_of("u"))}
+    found = {"u": displacement_modes(history, steps, joint.sampler_of("u"))}
     if joint.data.temperature is not None:
-        found["theta"] = temperature_modes(joint, history, steps.error, parameters)
+        found["theta"] = temperature_modes(joint, history, steps, parameters)
     return replace(joint, force_error=found)

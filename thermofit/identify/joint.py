@@ -63,6 +63,18 @@ def priors_of(data: Measured, free: Sequence[str]) -> tuple[Prior, ...]:
 
 
 @dataclass(frozen=True)
+class ForceModes:
+    """Field that errors of the prescribed force make: `tangent` (n_t, n_s, n_c) per N, `modes` (n_t, k) N, each of unit variance."""
+
+    tangent: np.ndarray
+    modes: np.ndarray
+
+    def field(self, k: int) -> np.ndarray:
+        """The field (n_t, n_s, n_c) of one mode."""
+        return self.tangent * self.modes[:, k, None, None]
+
+
+@dataclass(frozen=True)
 class Joint:
     """The joint stage of a study on a mesh, whole and by the two fields that hardly act on each other."""
 
@@ -70,8 +82,8 @@ class Joint:
     data: Measured
     settings: StageSettings
     size: MeshSize
-    force_error: Mapping[str, np.ndarray] | None = None
-    """Fields "u" and "theta" (n_t, n_s, n_c, k) that k modes of the error of the prescribed force make, each of unit variance."""
+    force_error: Mapping[str, ForceModes] | None = None
+    """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
 
     @property
     def steps(self) -> LoadSteps:
@@ -174,7 +186,8 @@ class Joint:
         if self.force_error is None or name not in self.force_error:
             return comparison
         right = np.zeros_like(observations[name].value)
-        columns = [comparison.slope(right, mode) for mode in np.moveaxis(self.force_error[name], -1, 0)]
+        found = self.force_error[name]
+        columns = [comparison.slope(right, found.field(k)) for k in range(found.modes.shape[1])]
         return comparison.blurred(np.stack(columns, axis=1))
 
 

@@ -205,5 +205,7 @@ class JointFit:
             def follow(evaluation: object, residual: object) -> None:
                 advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
 
-            fit = change.converted(minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow)))
+            # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
+            method = "trust-region" if model.one_way and settings.method == "least-squares" else settings.method
+            fit = change.converted(minimise(problem, method, options, Hooks(store=store, on_evaluation=follow)))
         return start.with_vector(fit.x), fit

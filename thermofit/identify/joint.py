@@ -127,7 +127,7 @@ class Joint:
             return None
         kept = keeping_points(self.run)
         held = held_run(kept.body, kept(parameters), kept.settings)
-        return self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
+        return replace(self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels), one_way=True)
 
     def shown(self, parameters: Parameters) -> tuple[History, Errors]:
         """A coupled run that keeps its points, and its error fields. NumericsError where it fails."""

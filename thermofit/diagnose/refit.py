@@ -41,7 +41,9 @@ PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
 NEGLIGIBLE = 3e-5
-"""Fall of the mean square that ends a joint fit: a thirtieth of the least that is worth an effect."""
+"""Fall of the mean square that ends a fit of one of the fields: a hundredth of the least that is worth an effect."""
+SETTLED = 0.5
+"""Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
 
 def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name: str) -> Parameters:
@@ -153,7 +155,7 @@ class JointFit:
         ends = []
         for turn, begin in enumerate((start, start.replace(**first))):
             try:
-                there, fit = self._minimised(begin.with_free(thermal), model, f"{label} temperatures {turn}", HEAT_EVALUATIONS)
+                there, fit = self._minimised(begin.with_free(thermal), model, f"{label} temperatures {turn}", HEAT_EVALUATIONS, NEGLIGIBLE)
             except NumericsError:
                 continue
             ends.append((fit.f, turn, there))
@@ -188,17 +190,17 @@ class JointFit:
                 return float("inf"), begin
 
             start = profiled(at, start[name], name)
-        return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS)[0]
+        return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE)[0]
 
     def _minimised(
-        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float = NEGLIGIBLE
+        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None
     ) -> tuple[Parameters, FitResult]:
-        """The optimum of one model, up to a negligible fall of the mean square."""
+        """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given."""
         settings = self.settings.model_copy(update={"free": start.free})
         problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        least = max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
+        least = SETTLED if negligible is None else max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:
 

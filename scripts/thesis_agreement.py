@@ -46,7 +46,7 @@ def listed(*found: Compared) -> str:
 
 def signed(share: float) -> str:
     """A relative change in %."""
-    return f"{100.0 * share:+.2g} %"
+    return f"{100.0 * share:+.0f} %" if abs(share) >= 0.1 else f"{100.0 * share:+.2g} %"
 
 
 def same_sign(what: str, here: float, thesis: float, why: Why = NOTHING, least: float = 0.0) -> Compared:

@@ -20,7 +20,8 @@ def record_before(place: Place, run: str) -> Record:
 def before(place: Place, run: str) -> str:
     """The verdict before the test, as a sentence of a page."""
     record = record_before(place, run)
-    remarks = [text for text in record.summary["remarks"] if " moves " in text]
+    # Along a valley the optimum may be anywhere: how far an error moves it says nothing.
+    remarks = [text for text in record.summary["remarks"] if " moves " in text and record.summary["kind"] == "unique"]
     return " ".join([f"Before any data the program says: {record.summary['verdict']}.", *(f"{text}." for text in remarks)])
 
 

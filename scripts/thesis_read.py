@@ -130,4 +130,4 @@ def squared_error(record: Record, channel: str = "dtheta") -> float:
 
 def percent(share: float) -> str:
     """A share as text in %."""
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.0f} %" if abs(share) >= 0.1 else f"{100.0 * share:.2g} %"

@@ -63,8 +63,16 @@ _FOUR = (
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.5}",
     "{alpha_exp: 12.0e-6, kappa: 400.0, c0: 1.22, beta: 0.5}",
 )
+_WIDE = (
+    "parameters.alpha_exp={start: 23.0e-6, bounds: [1.0e-6, 1.0e-3]}",
+    "parameters.kappa={start: 200.0, bounds: [10.0, 1.0e4]}",
+    "parameters.c0={start: 2.43, bounds: [0.01, 30.0]}",
+    "parameters.beta={start: 1.0, bounds: [0.0, 50.0]}",
+)
+"""The bounds of experiment 2: model 1 ends far from the material."""
 _KNOWN_FILMS = (
     "model=1",
+    *_WIDE,
     *_fixed(alpha_air=14.72, alpha_clamp=236.30),
     f"stages.thermal.free=[{', '.join(_THERMAL)}]",
     f"gridsearch.starts=[{', '.join(_FOUR)}]",

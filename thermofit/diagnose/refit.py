@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +16,14 @@ from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
-from thermofit.effects.catalogue import effect
+from thermofit.effects.catalogue import effect_of_param
 from thermofit.fem.history import History
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.joint import Joint
-from thermofit.identify.known_motion import felt_by_temperatures, keeping_points
+from thermofit.identify.joint_several import JointSeveral
+from thermofit.identify.known_motion import felt_by_temperatures
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
 from thermofit.material.composition import FACTORS, SUMS
@@ -78,8 +79,13 @@ Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Lambda, its rate in 1/s and the increment of Lambda at points that flow, each (n,)."""
 
 
-def flow_of(history: History) -> Flow:
-    """Where and how fast a history that kept its points flows."""
+def flow_of(histories: Sequence[History]) -> Flow:
+    """Where and how fast histories that kept their points flow."""
+    found = [_flow(history) for history in histories]
+    return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found]), np.concatenate([f[2] for f in found])
+
+
+def _flow(history: History) -> Flow:
     accumulated = np.array([p.accumulated for p in history.points])
     grown = np.diff(accumulated, axis=0)
     rate = grown / np.diff(history.time)[:, None, None]
@@ -89,14 +95,14 @@ def flow_of(history: History) -> Flow:
 
 def _scaled(start: Parameters, name: str, factor: float) -> Parameters:
     """The same with the amplitude of the effect of an exponent that many times as far off neutral."""
-    p = effect(name.partition(".")[0]).amplitude
+    p = effect_of_param(name).amplitude
     return start.replace(**{p.name: float(np.clip(p.neutral + factor * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
 def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int) -> Parameters:
     """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
     before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
-    added, moved = effect(name.partition(".")[0]), start.replace(**{name: value})
+    added, moved = effect_of_param(name), start.replace(**{name: value})
     if added.slot not in (*SUMS, *FACTORS) or not len(flow[0]):
         return moved
     law, p = law_of(start, model), added.amplitude
@@ -117,7 +123,7 @@ class JointFit:
     job: Job
     at_most: int = REFIT_EVALUATIONS
     """Most evaluations of all together."""
-    parts: Joint | None = None
+    parts: Joint | JointSeveral | None = None
     """Where displacements and temperatures can be fitted on their own: both are, before all together."""
 
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
@@ -149,7 +155,7 @@ class JointFit:
         model = self.parts.heat(start)
         if model is None or not thermal:
             return start
-        first = {name: start_of(self.study.parameters[name]) for name in thermal if name in self.study.parameters}
+        first = {name: start_of(given) for name in thermal if (given := self.study.setting(name)) is not None}
         ends = []
         for turn, begin in enumerate((start, start.replace(**first))):
             try:
@@ -168,7 +174,7 @@ class JointFit:
         assert self.parts is not None
         exponents = tuple(name for name in mechanical if param(name).scan)
         others = tuple(name for name in mechanical if name not in exponents)
-        flow = flow_of(keeping_points(self.parts.run)(start)) if exponents else None
+        flow = flow_of(self.parts.histories(start)) if exponents else None
         for name in exponents:
             tried = 0
 

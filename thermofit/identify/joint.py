@@ -17,6 +17,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
+from thermofit.fem.history import History
 from thermofit.identify.channels import FIELDS, comparisons_of
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
@@ -102,6 +103,10 @@ class Joint:
         kept = keeping_points(self.run)
         held = held_run(kept.body, kept(parameters), kept.settings)
         return self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
+
+    def histories(self, parameters: Parameters) -> tuple[History, ...]:
+        """The coupled run, with its points kept."""
+        return (keeping_points(self.run)(parameters),)
 
     def scored(
         self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]

@@ -148,17 +148,19 @@ def proof_beyond(seen: System, name: str, block: np.ndarray, beyond: Sequence[Be
 
 
 def _told(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
-    """What held-out tests say of a change; None where it is so small there that even a true one could not be told from none."""
+    """What held-out tests say of a change; None where it is so small there that noise alone would hide a true one: then r + d, what is
+    left, is noise, and the fall of the square sum is d.d, with the standard error 2 sqrt(d.C d)."""
     at = np.cumsum([0, *(len(b.residual) for b in beyond)])
 
     def noise(v: np.ndarray) -> np.ndarray:
         parts = [v[a:e] if b.noise is None else b.noise(v[a:e]) for b, a, e in zip(beyond, at[:-1], at[1:], strict=True)]
         return np.concatenate(parts)
 
-    found = compared(before, after, stacked([b.rows for b in beyond]), len(beyond), noise)
     change = after - before
-    if float(change @ change) / float(before @ before) <= max(SURE * found.sigma, PRACTICAL):
+    doubt = 2.0 * float(change @ noise(change[:, None])[:, 0]) ** 0.5
+    if float(change @ change) <= max(SURE * doubt, PRACTICAL * float(before @ before)):
         return None
+    found = compared(before, after, stacked([b.rows for b in beyond]), len(beyond), noise)
     return replace(found, on=", ".join(b.name for b in beyond))
 
 

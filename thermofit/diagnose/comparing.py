@@ -54,6 +54,8 @@ class Contender:
     model: StageModel
     residual: np.ndarray
     columns: np.ndarray
+    failures: tuple[str, ...] = ()
+    """Starts that failed on the way, in words."""
 
 
 def candidate_study(study: Study, candidate: Candidate) -> Study:
@@ -116,12 +118,13 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
     settings = settings_of(own, data, free)
     model = joint_of(own, data, settings, base)
     keyed = replace(task, config={**task.config, "candidate": {"name": name, **candidate.model_dump(mode="json")}})
+    joint = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))
     try:
-        parameters, fit = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))(base, name)
+        parameters, fit = joint(base, name)
     except NumericsError as error:
         raise NumericsError(f"candidate '{name}': {error}") from error
     residual, columns = model.linearised(parameters, free)
-    return Contender(name, own, parameters, fit, model, residual, columns)
+    return Contender(name, own, parameters, fit, model, residual, columns, tuple(joint.failures))
 
 
 def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | JointSeveral | None:

@@ -14,6 +14,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import held_out_words
 from thermofit.diagnose.loop import Closed, Trial, before_after, channel_rms, ranking_rows
 from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
@@ -92,7 +93,8 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
 
 
 def _common(found: Prepared, here: Traced) -> dict[str, Any]:
-    size = found.size
+    size, counts, failures = found.size, merged_counts(found.fit), list(dict.fromkeys(found.refit.failures))
+    settled = [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"]
     return {
         "trustworthy": found.fit.converged,
         "channels": channels_of(here),
@@ -101,8 +103,9 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "held_out": held_out_words(here),
         "threshold": here.ranking.threshold,
         "unfelt": list(here.ranking.unfelt),
-        "evaluations": dict(merged_counts(found.fit)),
-        "remarks": [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"],
+        "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
+        "failed_starts": failures,
+        "remarks": [*settled, *failed_in_words(failures)],
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -113,6 +113,14 @@ def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int
     return moved.replace(**{p.name: float(np.clip(p.neutral + share * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
+def failed_in_words(failures: Sequence[str]) -> list[str]:
+    """A remark on starts that failed: how many, and the first of them; the record holds all."""
+    if not failures:
+        return []
+    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
+    return [f"{len(failures)} of the starts of refits failed and the others were used: {failures[0]}{more}"]
+
+
 @dataclass(frozen=True)
 class JointFit:
     """Minimises the objective of a joint model; evaluations are kept beside the artefact of `job` until that is written."""
@@ -125,6 +133,8 @@ class JointFit:
     """Most evaluations of all together."""
     parts: Joint | JointSeveral | None = None
     """Where displacements and temperatures can be fitted on their own: both are, before all together."""
+    failures: list[str] = field(default_factory=list)
+    """Starts at which a model failed while others went on, each in words: they are counted and named in the record."""
 
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
@@ -158,9 +168,11 @@ class JointFit:
         first = {name: start_of(given) for name in thermal if (given := self.study.setting(name)) is not None}
         ends = []
         for turn, begin in enumerate((start, start.replace(**first))):
+            name = f"{label} temperatures {turn}"
             try:
-                there, fit = self._minimised(begin.with_free(thermal), model, f"{label} temperatures {turn}", HEAT_EVALUATIONS)
-            except NumericsError:
+                there, fit = self._minimised(begin.with_free(thermal), model, name, HEAT_EVALUATIONS)
+            except NumericsError as error:
+                self.failures.append(f"{name}: the start failed ({error})")
                 continue
             ends.append((fit.f, turn, there))
         return min(ends)[2].with_free(start.free) if ends else start
@@ -188,7 +200,8 @@ class JointFit:
                         there, fit = self._minimised(
                             _scaled(begin, name, stronger), model, f"{label} {name} {tried}.{turn}", PART_EVALUATIONS, COARSELY
                         )
-                    except NumericsError:
+                    except NumericsError as error:
+                        self.failures.append(f"{label}, {name} = {value:.3g}, amplitude times {stronger:g}: the start failed ({error})")
                         continue
                     return fit.f, there
                 return float("inf"), begin

@@ -96,6 +96,7 @@ def test_held_out_experiment_is_predicted(chain: dict[str, Any], path: Path) -> 
     _, fitted = call("validate", path, "--set", "experiments.third.fit_own=[alpha_air]")
     assert any("fitted on its own data" in text for text in fitted["remarks"])
     assert fitted["channels"]["dtheta@third"]["chi2_reduced"] < found["channels"]["dtheta@third"]["chi2_reduced"]
+    assert not list((path.parent / "run").glob(".validate*")), "what a fit kept goes when the record is there"
 
 
 def test_a_change_of_the_model_is_proved_on_the_held_out_experiment(chain: dict[str, Any], path: Path) -> None:

@@ -26,8 +26,7 @@ from thermofit.diagnose.structure import named_phases
 from thermofit.diagnose.trace import traced
 from thermofit.fem.history import History
 from thermofit.fem.march import Loading
-from thermofit.identify.discretisation import discretised
-from thermofit.identify.force_error import with_force_error
+from thermofit.identify.discretisation import corrected
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.instruments import Instruments
@@ -117,7 +116,9 @@ def _recorded(random: np.random.Generator) -> LoadSteps:
 
 def _case(joint: Joint, data: Measured, parameters: Parameters, largest_strain: float) -> Case:
     spans = named_phases(data.phases)
-    return Case(joint.model, parameters, slots_of("body", INFRARED), spans, station_names(), False, joint.scored, largest_strain)
+    return Case(
+        joint.model, parameters, slots_of("body", INFRARED), spans, station_names(), scored=joint.scored, largest_strain=largest_strain
+    )
 
 
 @dataclass(frozen=True)
@@ -165,8 +166,8 @@ class Fields:
         base = base.replace(theta_air=data.theta_air, theta_clamp=data.theta_clamp, theta_ref=TRUTH["theta_ref"])
         joint, task = self._joint(study, data), job(Path(tempfile.mkdtemp(dir=folder)), "operating", {}, {})
         staged, _ = JointFit(study, joint.settings, joint.model, task, 2 * JOINT_EVALUATIONS, parts=joint)(base, "stages")
-        found = discretised(joint, staged)
-        joint = with_force_error(found.joint, found.history, staged)
+        found = corrected(joint, staged)
+        joint = found.joint
         refit = JointFit(study, joint.settings, joint.model, task, parts=joint)
         parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
         case = _case(joint, data, parameters, found.largest_strain)
@@ -175,9 +176,8 @@ class Fields:
     def detectable(self, study: Study) -> dict[str, float]:
         """Smallest amplitude of every effect that passes the threshold, at the truth."""
         data, truth = self.measured(study, {}, 1), Parameters.of(TRUTH, FREE)
-        found = discretised(self._joint(study, data), truth)
-        joint = with_force_error(found.joint, found.history, truth)
-        return {s.effect: s.detectable for s in traced(_case(joint, data, truth, found.largest_strain)).ranking.scores}
+        found = corrected(self._joint(study, data), truth)
+        return {s.effect: s.detectable for s in traced(_case(found.joint, data, truth, found.largest_strain)).ranking.scores}
 
 
 SMALL = Fields(MeshSize(n_x=3, n_y=20, n_z=1), MeshSize(n_x=5, n_y=36, n_z=2))

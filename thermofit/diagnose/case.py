@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thermofit.core.parameters import Param, Parameters
+from thermofit.core.parameters import AT, Param, Parameters
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
@@ -16,6 +17,9 @@ from thermofit.identify.channels import field_of
 from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
 from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
+
+if TYPE_CHECKING:
+    from thermofit.diagnose.elsewhere import Elsewhere
 
 ON_POINT = ("linear_hardening", "thermal_expansion")
 """Effects of the base law that a coupon feels."""
@@ -41,9 +45,17 @@ class Case:
     """True where a run costs next to nothing: exponents are scanned when effects are ranked, not only when one is tried."""
     scored: Scored | None = None
     """Residual, Jacobian by names and columns along directions of the heat equation, where the driver tells the two fields apart."""
-
+    elsewhere: tuple[Elsewhere, ...] = ()
+    """Held-out tests, which no fit sees."""
+    placed: Rows | None = None
+    """Where the rows of the residual are from; None: what `rows_of` says."""
     largest_strain: float = 0.1
     """Largest Lambda of the test, of which strains that are tried are shares."""
+
+    @property
+    def rows(self) -> Rows:
+        """Where the rows of the residual are from."""
+        return rows_of(self.model, self.spans) if self.placed is None else self.placed
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -95,7 +107,8 @@ def _tried_of(p: Param, case: Case) -> tuple[float, ...]:
     """Values to try for one Param: those of its scan, or the shares of the test that they are."""
     if not p.scan_of:
         return p.scan
-    first, last = min(s.t0 for s in case.spans), max(s.t1 for s in case.spans)
+    own = [s for s in case.spans if s.experiment == p.name.partition(AT)[2]] or case.spans
+    first, last = min(s.t0 for s in own), max(s.t1 for s in own)
     begin = first if p.scan_of == "time" else 0.0
     whole = case.largest_strain if p.scan_of == "strain" else last - first
     return tuple(float(np.clip(begin + share * whole, p.lower, p.upper)) for share in p.scan)

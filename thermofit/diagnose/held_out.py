@@ -11,6 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+SURE = 2.0
+"""Standard errors by which held-out error has to fall."""
+PRACTICAL = 3e-3
+"""Least relative fall of the held-out mean square that is worth an effect."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -91,6 +96,19 @@ class Proof:
     gain: float
     sigma: float
     folds: int
+    on: str = ""
+    """The held-out tests that say so; empty: rows of the fitted ones."""
+
+    @property
+    def convinces(self) -> bool:
+        """True where the held-out error falls by more than its uncertainty, and by what is worth an effect."""
+        return self.gain > max(SURE * self.sigma, PRACTICAL)
+
+    @property
+    def words(self) -> str:
+        """By how much the held-out error falls."""
+        where = f" on {self.on}" if self.on else ""
+        return f"held-out error{where} falls by {100 * self.gain:.2f} % +- {100 * self.sigma:.2f} %"
 
 
 Noise = Callable[[np.ndarray], np.ndarray]

@@ -15,6 +15,7 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.core.study_section import MeshSize
 from thermofit.fem.history import History
+from thermofit.identify.force_error import with_force_error
 from thermofit.identify.inputs import temperature_of
 from thermofit.identify.joint import Joint
 from thermofit.identify.prediction import Errors
@@ -64,3 +65,9 @@ def discretised(joint: Joint, parameters: Parameters) -> Discretised:
     model = joint.model
     left = model.assemble(coarse) - model.assemble({name: coarse[name] - REMAINS * error[name] for name in coarse})
     return Discretised(replace(joint, data=with_error), np.append(left, np.zeros(len(model.priors))), history)
+
+
+def corrected(joint: Joint, parameters: Parameters) -> Discretised:
+    """The joint problem that knows the errors of its mesh and of its prescribed force at given parameters; errors as `discretised`."""
+    found = discretised(joint, parameters)
+    return replace(found, joint=with_force_error(found.joint, found.history, parameters))

@@ -135,6 +135,10 @@ class Joint:
         history = whole(parameters)
         return history, self._looking_at(whole, whole, self._observations(heat=True)).of(history, parameters)
 
+    def histories(self, parameters: Parameters) -> tuple[History, ...]:
+        """The coupled run, with its points kept."""
+        return (keeping_points(self.run)(parameters),)
+
     def scored(
         self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

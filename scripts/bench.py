@@ -50,6 +50,7 @@ SECTIONS: dict[str, Callable[[Options, Limits], Part]] = {
     "start": bench_start.measure,
     "chain": bench_chain.measure,
     "nelder-mead": bench_chain.measure_nelder_mead,
+    "search": bench_chain.measure_search,
 }
 """Sections in the order of the document."""
 

@@ -150,6 +150,30 @@ def measure_nelder_mead(options: Options, limits: Limits) -> Part:
     return Part(f"Nelder-Mead beside least squares, experiment 3, {mesh}", tuple(rows), (target,), remarks)
 
 
+def measure_search(options: Options, limits: Limits) -> Part:
+    """A grid search of ten starts of six thermal parameters in two processes beside one identification of them, on the coarse mesh."""
+    chain = chain_of(options, "coarse")
+    chain.prepare()
+    for stage in STAGES[:-1]:
+        checked(run_child(chain.command(f"identify-{stage}", "--json"), cwd=ROOT), f"identify-{stage}")
+    one = chain.identify(STAGES[-1])
+    search = run_child(chain.command("gridsearch", "--jobs", "2", "--force", "--json"), cwd=ROOT)
+    checked(search, "gridsearch")
+    found = json.loads(search.stdout)
+    starts, counts = len(found["starts"]), found["evaluations"]
+    note = f"CPU {search.cpu:.1f} s, {search.cpu / one.cpu:.2f} identifications; {counts['forward']} forward runs"
+    rows = (
+        Row("identify-thermal (wall)", one.wall, _note(one)),
+        Row(f"gridsearch of {starts} starts, two processes (wall)", search.wall, note),
+    )
+    targets = (
+        at_most("gridsearch on two cores, in identifications, wall", search.wall / one.wall, 4.0, ""),
+        at_most("gridsearch on two cores, in identifications, half its CPU time", 0.5 * search.cpu / one.cpu, 4.0, ""),
+    )
+    mesh = "small mesh (quick)" if options.quick else "coarse mesh"
+    return Part(f"Grid search of experiment 3, {mesh}", rows, targets, (f"gridsearch: {found['verdict']}.",))
+
+
 def _note(run: StageRun) -> str:
     counts = ", ".join(f"{value:.4g} {name}" for name, value in run.counts.items())
     return f"CPU {run.cpu:.1f} s, {run.peak / 1e6:.0f} MB; evaluations: {counts}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import operating_body as body
@@ -22,8 +21,8 @@ from thermofit.measure.stations import INFRARED
 def measure(options: Options, limits: Limits) -> Part:
     """CPU seconds of a forward run of both fields, of the same with the fitted parameters, and of the score of the whole catalogue."""
     study, size = _study(), MeshSize(**dict(zip(("n_x", "n_y", "n_z"), options.mesh, strict=True)))
-    data = body.measured(study, {}, 1)
-    joint = replace(Joint(study, data, joint_settings(study, body.FREE, data), body.FIT_MESH), size=size)
+    data = body.SMALL.measured(study, {}, 1)
+    joint = Joint(study, data, joint_settings(study, body.FREE, data), size)
     parameters = Parameters.of(body.TRUTH, body.FREE)
     case = Case(joint.model, parameters, slots_of("body", INFRARED), named_phases(data.phases), station_names(), scored=joint.scored)
     # A joint model does not repeat its last run: a parameter that is moved by nothing that matters asks for another.
@@ -31,7 +30,7 @@ def measure(options: Options, limits: Limits) -> Part:
     forward = cpu(lambda: joint.model.residual(parameters.replace(E=parameters["E"] + 1e-3 * next(numbers))), options.repeat)
     fitted = cpu(lambda: joint.model.linearised(parameters, body.FREE), options.repeat)
     whole = cpu(lambda: linearised(case), options.repeat)
-    columns = sum(len(e.amplitudes) * (len(scans(e, case.spans)) if acts_in_heat(e) else 1) for e in case.dormant())
+    columns = sum(len(e.amplitudes) * (len(scans(e, case)) if acts_in_heat(e) else 1) for e in case.dormant())
     rows = (
         Row("forward run of both fields", forward, f"{len(data.displacement.time)} steps"),
         Row(f"the same with {len(body.FREE)} fitted parameters", fitted, f"{fitted / forward:.2f} forward runs"),

@@ -1,8 +1,9 @@
 """Operating figures of the diagnosis: plant effects in virtual data, run the loop without telling it, count what it says.
 
-Two drivers: coupon records (`operating_point`) and full fields on a body (`operating_body`), whose data come from another discretisation
-than the fit uses. Amplitudes are 1, 3 and 10 times the smallest that the programme can detect. Every run is kept in a file of JSON lines,
-so that the study resumes where it was stopped; seeds are in it. `--write` only writes docs/operating_figures.md from what is kept.
+Coupon records (`operating_point`), full fields on a small body, and a handful of full fields of the full mesh (`operating_body`); data come
+from another discretisation than the fit uses. Amplitudes are 1, 3 and 10 times the smallest that the programme can detect. Every run is
+kept in a file of JSON lines, so that the study resumes where it was stopped; seeds are in it. `--write` only writes
+docs/operating_figures.md from what is kept.
 """
 
 from __future__ import annotations
@@ -14,8 +15,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Any, Protocol, cast
 
 import numpy as np
 import operating_body
@@ -29,26 +29,45 @@ from thermofit.effects.catalogue import effect
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "runs" / "operating_figures.jsonl"
-AMPLITUDES = (1.0, 3.0, 10.0)
+AMPLITUDES = (3.0, 10.0, 1.0)
 PAIRED = 6.0
+
+
+class Tests(Protocol):
+    """Virtual tests of one kind."""
+
+    @property
+    def STUDY(self) -> str:
+        """The study of the fit."""
+
+    def detectable(self, study: Study) -> dict[str, float]:
+        """Smallest amplitude of every effect that can be detected."""
+
+    def measured(self, study: Study, planted: dict[str, float], seed: int) -> Any:
+        """A test with planted Params."""
+
+    def closed(self, study: Study, data: Any, folder: Path) -> Closed:
+        """The loop on a test."""
 
 
 @dataclass(frozen=True)
 class Driver:
-    """One driver: its module, seeds of runs with nothing planted, seeds of the others, effects, pairs."""
+    """One driver: its tests, seeds of runs with nothing planted, seeds of the others, effects, pairs, and multiples of the smallest
+    amplitude."""
 
-    module: ModuleType
+    module: Tests
     nulls: tuple[int, ...]
     seeds: tuple[int, ...]
     effects: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...]
+    amplitudes: tuple[float, ...] = AMPLITUDES
 
 
 DRIVERS = {
     "point": Driver(
-        operating_point,
-        tuple(range(100, 140)),
-        tuple(range(4)),
+        cast(Tests, operating_point),
+        tuple(range(300, 340)),
+        tuple(range(10, 14)),
         (
             *("second_hardening", "rate_logarithmic", "thermal_softening", "yield_plateau", "stored_energy", "backstress_first"),
             *("elastic_degradation", "linear_hardening", "ir_drift", "ir_gain", "ir_clock", "ir_lag"),
@@ -56,15 +75,16 @@ DRIVERS = {
         (("backstress_first", "stored_energy"), ("rate_logarithmic", "ir_clock"), ("elastic_degradation", "ir_drift")),
     ),
     "body": Driver(
-        operating_body,
-        tuple(range(200, 220)),
-        tuple(range(2)),
+        operating_body.SMALL,
+        tuple(range(400, 420)),
+        tuple(range(10, 12)),
         (
             *("rate_logarithmic", "thermal_softening", "lamp", "air_drift", "clamp_drift", "initial_gradient", "latent_heat"),
             *("ir_drift", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending"),
         ),
         (("rate_logarithmic", "lamp"), ("lamp", "ir_clock"), ("rate_logarithmic", "ir_lag")),
     ),
+    "full": Driver(operating_body.FULL, (500, 501), (20,), ("rate_logarithmic", "lamp", "latent_heat"), (), (3.0,)),
 }
 
 
@@ -97,7 +117,7 @@ def run_one(driver: Driver, study: Study, folder: Path, planted: dict[str, float
 def plan(name: str, driver: Driver, smallest: dict[str, float]) -> list[dict[str, Any]]:
     """All runs of a driver: nothing planted, every effect at every amplitude, pairs."""
     runs: list[dict[str, Any]] = [{"driver": name, "kind": "none", "planted": {}, "times": 0.0, "seed": seed} for seed in driver.nulls]
-    for planted, times in ((e, t) for e in driver.effects for t in AMPLITUDES):
+    for planted, times in ((e, t) for t in driver.amplitudes for e in driver.effects):
         if planted in smallest:
             p = effect(planted).amplitude
             value = p.neutral + np.sign(p.probe or 1.0) * times * smallest[planted]

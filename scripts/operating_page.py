@@ -16,6 +16,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 Run = dict[str, Any]
+KINDS = {
+    "point": "coupon records",
+    "body": "full fields on a small body",
+    "full": "full fields of the full mesh, fitted on the coarse one",
+}
 
 
 def named_first(run: Run) -> bool:
@@ -76,7 +81,7 @@ def write(runs: list[Run], folder: Path) -> None:
     for driver in dict.fromkeys(r["driver"] for r in runs):
         lines += [
             "",
-            f"## {'Coupon records' if driver == 'point' else 'Full fields'}",
+            f"## {KINDS[driver].capitalize()}",
             "",
             *_table([r for r in sound if r["driver"] == driver]),
         ]
@@ -135,11 +140,11 @@ def _table(runs: list[Run]) -> list[str]:
 
 def _plot(runs: list[Run], path: Path) -> None:
     figure, axes = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
-    for driver, marker in (("point", "o"), ("body", "s")):
+    for driver, marker in (("point", "o"), ("body", "s"), ("full", "^")):
         own = [r for r in runs if r["driver"] == driver and "+" not in r["kind"]]
         times = sorted({r["times"] for r in own})
         shares = [np.mean([bool(r["accepted"]) if t == 0.0 else named(r, r["kind"]) for r in own if r["times"] == t]) for t in times]
-        axes.plot([max(t, 0.3) for t in times], shares, marker=marker, label="coupon records" if driver == "point" else "full fields")
+        axes.plot([max(t, 0.3) for t in times], shares, marker=marker, label=KINDS[driver])
     axes.set_xscale("log")
     axes.set_xticks([0.3, 1.0, 3.0, 10.0], ["none", "1", "3", "10"])
     axes.set_xlabel("planted amplitude / smallest detectable")

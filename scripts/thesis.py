@@ -8,7 +8,6 @@ A run that was stopped goes on where it was: finished stages are fresh, long one
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ import thesis_54
 import thesis_55
 from thesis_figures import styled
 from thesis_read import Statement
-from thesis_runs import MESHES, ROOT, SECTIONS, Place, chosen, execute, place_of
+from thesis_runs import COST, MESHES, ROOT, SECTIONS, Place, chosen, cpu_of, execute, note_total, place_of
 from thesis_tables import document
 
 from thermofit.core.atomic import replacing
@@ -34,11 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parse(arguments)
     place = place_of(given.runs, given.mesh)
     sections = [SECTIONS[name] for name in given.experiments or SECTIONS]
-    begin = (time.perf_counter(), _children())
     try:
         if not given.pages_only:
-            execute(chosen(sections), place, given.jobs, lambda line: print(line, flush=True))
-            print(f"{time.perf_counter() - begin[0]:.0f} s, CPU {_children() - begin[1]:.0f} s")
+            carry_out(sections, place, given.jobs)
         for section in sections:
             for statement in write(section, place, given.pages):
                 print(f"{section} {'holds         ' if statement.holds else 'DOES NOT HOLD '} {statement.text} ({statement.measured})")
@@ -46,6 +43,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     return 0
+
+
+def carry_out(sections: Sequence[str], place: Place, jobs: int) -> None:
+    """Carry out the runs of the sections, and keep how long that took."""
+    runs, begin = chosen(sections), time.perf_counter()
+    anew = not any((place.dir_of(run.name) / COST).exists() for run in runs)
+    spent = cpu_of(runs, place)
+    execute(runs, place, jobs, lambda line: print(line, flush=True))
+    wall, cpu = time.perf_counter() - begin, cpu_of(runs, place) - spent
+    note_total(place, {"sections": " ".join(sections), "from_nothing": anew, "jobs": jobs, "wall_s": wall, "cpu_s": cpu})
+    print(f"{wall / 60.0:.1f} min, CPU time {cpu / 60.0:.1f} min")
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -70,12 +78,6 @@ def write(section: str, place: Place, pages: Path) -> list[Statement]:
     with replacing(pages / f"section-{section.replace('.', '-')}.md", durable=False) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return found
-
-
-def _children() -> float:
-    """CPU time of finished child processes in s."""
-    spent = os.times()
-    return spent.children_user + spent.children_system
 
 
 if __name__ == "__main__":

@@ -83,6 +83,11 @@ def optima(record: Record, names: Sequence[str]) -> np.ndarray:
     return np.array([[start["optimum"][name] for name in names] for start in solved_starts(record)])
 
 
+def uniqueness(record: Record) -> str:
+    """The program's word for what the starts say."""
+    return str(record.summary["uniqueness"])
+
+
 def spread(record: Record) -> dict[str, float]:
     """(largest - smallest)/best of every parameter over all starts; DataError where a start failed."""
     if len(solved_starts(record)) < len(record.summary["starts"]):
@@ -125,4 +130,4 @@ def squared_error(record: Record, channel: str = "dtheta") -> float:
 
 def percent(share: float) -> str:
     """A share as text in %."""
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.0f} %" if abs(share) >= 0.1 else f"{100.0 * share:.2g} %"

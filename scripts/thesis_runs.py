@@ -6,6 +6,8 @@ fresh, or make them anew where a setting concerns them.
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import subprocess
 import sys
@@ -14,14 +16,17 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from thermofit.core.artefact import Record, open_record
+from thermofit.core.atomic import replacing
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
 from thermofit.core.staging import artefact_path
 
 ROOT = Path(__file__).resolve().parents[1]
-LOG = "log.txt"
+LOG, COST, TOTAL = "log.txt", "cost.json", "total.json"
+"""Beside the artefacts of a run: output, time of every command; beside the runs: time of every call of the script."""
 _DONE = (0, 5)
 """Exit codes after which a run goes on: 5 says that an answer is not trustworthy, which is what some runs are to show."""
 _WHOLE = (("run", "--all", "--until", "verify"),)
@@ -50,15 +55,24 @@ AIR = (296.70, 296.80, 297.00, 297.20, 297.30, 297.50, 297.60, 297.80)
 _MODEL_1 = ("model=1", "parameters.beta={start: 1.0, bounds: [0.0, 50.0]}")
 """The bounds (4.25) of beta are those of model 2."""
 _MODEL_2 = ("model=2", "parameters.beta={start: 1.0, bounds: [0.0, 6.92]}")
-_COUPLED = ("stages.thermal.coupling=full", "stages.thermal.max_evaluations=60")
+_COUPLED = ("mesh={n_x: 3, n_y: 20, n_z: 1}", "stages.thermal.coupling=full", "stages.thermal.max_evaluations=60")
+"""Every evaluation is a coupled run: on a rough mesh, four starts take as long as one on the coarse one."""
 _FOUR = (
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 1.0}",
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.1}",
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.5}",
     "{alpha_exp: 12.0e-6, kappa: 400.0, c0: 1.22, beta: 0.5}",
 )
+_WIDE = (
+    "parameters.alpha_exp={start: 23.0e-6, bounds: [1.0e-6, 1.0e-3]}",
+    "parameters.kappa={start: 200.0, bounds: [10.0, 1.0e4]}",
+    "parameters.c0={start: 2.43, bounds: [0.01, 30.0]}",
+    "parameters.beta={start: 1.0, bounds: [0.0, 50.0]}",
+)
+"""The bounds of experiment 2: model 1 ends far from the material."""
 _KNOWN_FILMS = (
     "model=1",
+    *_WIDE,
     *_fixed(alpha_air=14.72, alpha_clamp=236.30),
     f"stages.thermal.free=[{', '.join(_THERMAL)}]",
     f"gridsearch.starts=[{', '.join(_FOUR)}]",
@@ -66,6 +80,54 @@ _KNOWN_FILMS = (
 """Model 1 with the film coefficients of Table 5.19 and the starts of Table 5.9."""
 _SEARCH = (("identify-thermal",), ("gridsearch",))
 _THERMAL_ONLY = (("identify-thermal",), ("verify",))
+_BEFORE = (("identifiability", "--a-priori"),)
+
+
+def _assumed(**values: float) -> str:
+    """The material that an analysis before the test assumes; what the studies add for their virtual material is not foreseen."""
+    return "simulate.truth={" + ", ".join(f"{name}: {value!r}" for name, value in values.items()) + "}"
+
+
+_ISOTHERMAL = {"alpha_air": 0.0, "alpha_clamp": 1.0e8}
+_ONE = _assumed(
+    E=67913.0, nu=0.35, M_y0=131.13, M_yinf=297.97, H_exp=10.62, F=0.37, alpha_exp=23.0e-6, kappa=200.0, c0=2.43, beta=0.8,
+    theta_air=297.40, theta_clamp=296.25, **_ISOTHERMAL,
+)  # fmt: skip
+_TWO = _assumed(
+    E=67026.0, nu=0.36, M_y0=129.28, M_yinf=293.36, H_exp=10.97, F=0.37, alpha_exp=23.0e-6, kappa=200.0, c0=2.43, beta=0.8,
+    theta_air=297.65, theta_clamp=296.95, **_ISOTHERMAL,
+)  # fmt: skip
+"""Literature values of the alloy, and a share of the plastic work of about 0.8."""
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """An analysis before a test: the run that it speaks of, its study and settings."""
+
+    of: str
+    section: str
+    study: str
+    settings: tuple[str, ...] = ()
+    stage: str = "thermal"
+
+    @property
+    def run(self) -> Run:
+        """As a run of its own, on a rough mesh: a plan needs no other."""
+        name = f"before-{self.of}" + ("" if self.stage == "thermal" else f"-{self.stage}")
+        command = (*_BEFORE[0], "--stage", self.stage)
+        return Run(name, self.section, self.study, ("mesh={n_x: 3, n_y: 20, n_z: 1}", *self.settings), "", (command,))
+
+
+PLANS = (
+    _Plan("exp1", "5.3", "exp1.yaml", ("stages.elastic.channels={u: {}}",), "elastic"),
+    _Plan("exp1", "5.3", "exp1.yaml"),
+    _Plan("exp1-models", "5.4", "exp1-models.yaml", (_ONE,)),
+    _Plan("exp1-model-2", "5.4", "exp1-models.yaml", (*_MODEL_2, _ONE)),
+    _Plan("exp2-model-1", "5.4", "exp2.yaml", (*_MODEL_1, _TWO)),
+    _Plan("exp2", "5.4", "exp2.yaml", (_TWO,)),
+    _Plan("exp3-model-1", "5.4", "exp3.yaml", ("model=1", f"stages.thermal.free=[{', '.join(_THERMAL)}]")),
+    _Plan("exp3", "5.5", "exp3.yaml"),
+)
 RUNS = (
     Run("exp3", "5.5", "exp3.yaml"),
     Run("exp1-models", "5.4", "exp1-models.yaml"),
@@ -83,7 +145,8 @@ RUNS = (
         (*_fixed(alpha_exp=23.0e-6, kappa=200.0, c0=2.43), "stages.thermal.free=[beta, alpha_air, alpha_clamp]"), "exp3", _THERMAL_ONLY,
     ),
     Run("exp3-model-1", "5.4", "exp3.yaml", _KNOWN_FILMS, "exp3", _SEARCH),
-    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("identify-thermal",),)),
+    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch",),)),
+    *(plan.run for plan in PLANS),
 )  # fmt: skip
 """In the order in which they begin: the longest first, and every run behind the one that it takes over."""
 MESHES = {
@@ -176,12 +239,40 @@ def _call(run: Run, place: Place, command: Sequence[str], log: object) -> None:
     name, *options = command
     line = [sys.executable, "-m", "thermofit.cli", name, str(ROOT / "configs" / run.study), "--run-dir", str(place.dir_of(run.name))]
     line += [part for setting in settings for part in ("--set", setting)] + options
-    status = subprocess.run(line, stdout=log, stderr=subprocess.STDOUT, check=False).returncode  # type: ignore[call-overload]
+    begin = time.perf_counter()
+    process = subprocess.Popen(line, stdout=log, stderr=subprocess.STDOUT)  # type: ignore[call-overload]
+    # Of this child alone: the sum over all children would hold those that run beside it.
+    _, code, spent = os.wait4(process.pid, 0)
+    status = process.returncode = os.waitstatus_to_exitcode(code)
+    _note(place.dir_of(run.name) / COST, {"command": name, "wall_s": time.perf_counter() - begin, "cpu_s": spent.ru_utime + spent.ru_stime})
     if status not in _DONE:
         path = place.dir_of(run.name) / LOG
         lines = path.read_text(encoding="utf-8").strip().splitlines() or ["no output"]
         kind: dict[int, type[ThermofitError]] = {2: StudyError, 3: DataError}
         raise kind.get(status, NumericsError)(f"run '{run.name}', {name}: {lines[-1].removeprefix('error: ')}; see {path}")
+
+
+def _note(path: Path, entry: dict[str, float | str | bool]) -> None:
+    """Add an entry to a list on disk."""
+    known = noted(path)
+    with replacing(path, durable=False) as temporary:
+        temporary.write_text(json.dumps([*known, entry], indent=1), encoding="utf-8")
+
+
+def noted(path: Path) -> list[dict[str, Any]]:
+    """The entries of a list on disk; empty where there is none."""
+    entries: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    return entries
+
+
+def cpu_of(runs: Sequence[Run], place: Place) -> float:
+    """CPU time in s that the commands of the runs have taken so far, those that were stopped included."""
+    return sum(float(entry["cpu_s"]) for run in runs for entry in noted(place.dir_of(run.name) / COST))
+
+
+def note_total(place: Place, entry: dict[str, float | str | bool]) -> None:
+    """Keep how long a whole call took."""
+    _note(place.folder / TOTAL, entry)
 
 
 def base_of(run: Run) -> Run:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 
 from thesis_printed import Values
-from thesis_read import SIZES, Statement, cell, free_names, headings, left_over, per_datum, percent, squared_error, value
-from thesis_runs import Place
+from thesis_read import SIZES, Statement, cell, free_names, headings, left_over, per_datum, squared_error, value
+from thesis_runs import TOTAL, Place, noted
 
 from thermofit.core.artefact import Record
 from thermofit.diagnose.tables import table
@@ -26,13 +27,6 @@ def identified(record: Record, printed: Values, truth: Record) -> str:
             [SIZES[name][1], cell(name, p.start), cell(name, p.value) + flag, sigma, cell(name, true), off, cell(name, printed.get(name))]
         )
     return table(["parameter", "start", "identified", "standard error", "virtual material", "deviation", "thesis"], lines)
-
-
-def largest_deviation(record: Record, truth: Record) -> str:
-    """The parameter that is farthest from the virtual material, and by how much."""
-    off = {name: record.parameters[name].value / value(truth, name) - 1.0 for name in free_names(record)}
-    worst = max(off, key=lambda name: abs(off[name]))
-    return f"{percent(abs(off[worst]))} ({worst})"
 
 
 def misfit(record: Record, channel: str) -> str:
@@ -87,6 +81,18 @@ def document(title: str, place: Place, parts: Sequence[str], statements: Sequenc
     head = (
         f"Written by `make thesis MESH={place.mesh}`. The data are virtual: files of force, image correlation and infrared camera with "
         "noise, rigid-body motion, compliance and slip of the machine and a turned camera, computed on a mesh of "
-        f"{made} elements and identified from the files on {size}. The thesis's own measurements are not public."
+        f"{made} elements and identified from the files on {size}. The thesis's own measurements are not public. {_time_of(place)}"
     )
     return "\n\n".join([f"# {title}", head, "## What was found", "\n".join(s.line for s in statements), *parts]) + "\n"
+
+
+def _time_of(place: Place) -> str:
+    """How long the last call from nothing took, or that there was none."""
+    calls = [entry for entry in noted(place.folder / TOTAL) if entry["from_nothing"]]
+    if not calls:
+        return "The runs behind this page were made in several goes."
+    last, cores = calls[-1], os.cpu_count()
+    return (
+        f"All runs behind section(s) {', '.join(last['sections'].split())} were made from nothing in {last['wall_s'] / 60.0:.1f} minutes, "
+        f"{last['jobs']} at a time, with {last['cpu_s'] / 60.0:.1f} minutes of CPU time, on a machine of {cores} cores."
+    )

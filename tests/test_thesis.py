@@ -173,3 +173,57 @@ def test_starts_of_a_valley_are_told_from_one_optimum(scripts: Any, tmp_path: Pa
     text = tables.starts_table(record, scripts("thesis_printed").TABLE_5_10, ("kappa",))
     assert "| 2 | 40.000 | 200.00 | 4.0000 | 2.0000 | 100.00 | 1.00000 |" in text
     assert "| thesis 4 | 18.970 | 65.49 | 2.4600 | 0.7500 | 87.32 | f 8.76 K^2 |" in text
+
+
+def test_agreement_is_computed_and_chooses_the_reason(scripts: Any) -> None:
+    agreement = scripts("thesis_agreement")
+    why = agreement.Why("one reason", "another reason")
+    for here, word, reason in ((-0.2, "Agrees", "one reason"), (0.2, "Differs", "another reason")):
+        line = agreement.same_sign("E by", here, -0.14, why).line
+        assert line.startswith(f"- **{word}**: E by: here {100 * here:+.2g} %; thesis -14 %.") and line.endswith(reason)
+    assert agreement.same_size("E", -0.2, -0.14).agrees and not agreement.same_size("E", -0.3, -0.14).agrees
+    assert not agreement.same_size("E", 0.14, -0.14).agrees
+    assert agreement.same_word("uniqueness", "valley", "valley").agrees and not agreement.same_word("uniqueness", "unique", "valley").agrees
+    assert "no (0.3)" in agreement.same_answer("x", (False, "0.3"), (True, "0.1")).line
+    curve = [1.0, 2.0, 3.0]
+    assert agreement.same_place("f", (curve, [2, 1, 3]), (curve, [2, 1, 3]), why).agrees
+    assert not agreement.same_place("f", (curve, [2, 1, 3]), (curve, [3, 2, 1]), why).agrees
+
+
+def test_no_verdict_is_written_before_the_result() -> None:
+    """A page may say that something agrees or differs only through the comparison that computes it."""
+    for path in (ROOT / "scripts").glob("thesis_5*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert not any(word in text for word in ("Agrees", "Differs")), path.name
+
+
+def test_values_and_noise_decide_what_is_said_of_deviations(scripts: Any, tmp_path: Path) -> None:
+    agreement = scripts("thesis_agreement")
+    record = searched(tmp_path, [{"kappa": 101.0, "beta": 1.0}])
+    assert agreement.same_values("both", record, {"kappa": 100.0, "beta": 1.0}, 0.02).agrees
+    found = agreement.same_values("both", record, {"kappa": 90.0, "beta": 1.0}, 0.02, agreement.noise_or_not(record, {"kappa": 90.0}))
+    assert not found.agrees and "(kappa)" in found.line and "is not noise" in found.line
+    assert "as noise makes it" in agreement.noise_or_not(record, {"kappa": 100.0}).agrees
+
+
+def test_every_search_is_foreseen_by_an_analysis_before_the_test(scripts: Any) -> None:
+    runs = scripts("thesis_runs")
+    names = {run.name for run in runs.RUNS}
+    searched_runs = {"exp1", "exp3", *scripts("thesis_54").SEARCHED}
+    assert {f"before-{name}" for name in searched_runs} | {"before-exp1-elastic"} <= names
+    assert all("--a-priori" in run.commands[0] and not run.after for run in runs.RUNS if run.name.startswith("before-"))
+
+
+def test_time_of_a_run_is_kept_with_it(scripts: Any, tmp_path: Path) -> None:
+    runs, tables = scripts("thesis_runs"), scripts("thesis_tables")
+    place = runs.place_of(tmp_path, "coarse")
+    run = runs.Run("a", "5.3", "exp1.yaml")
+    place.dir_of("a").mkdir(parents=True)
+    for cpu in (2.0, 3.0):
+        runs._note(place.dir_of("a") / runs.COST, {"command": "run", "wall_s": 4.0, "cpu_s": cpu})
+    assert runs.cpu_of([run], place) == 5.0
+    assert "in several goes" in tables.document("t", place, [], [])
+    runs.note_total(place, {"sections": "5.3 5.4", "from_nothing": True, "jobs": 2, "wall_s": 120.0, "cpu_s": 180.0})
+    assert "5.3, 5.4 were made from nothing in 2.0 minutes, 2 at a time, with 3.0 minutes of CPU time" in tables.document(
+        "t", place, [], []
+    )

@@ -73,6 +73,28 @@ def test_model_1_without_cooling_ends_in_a_valley_of_constant_ratios(place: Any)
     assert "kappa/beta" in record.summary["verdict"]
 
 
+def test_model_1_with_cooling_is_unique_only_where_something_sets_the_scale(place: Any) -> None:
+    """With ideal jaws every term of its heat balance has one of four factors, with cooling as without; a known film has none."""
+    assert place.record("exp2-model-1", "gridsearch").summary["uniqueness"] == "valley"
+    record = place.record("exp3-model-1", "gridsearch")
+    assert record.summary["uniqueness"] == "unique"
+    assert width(optima(place, "exp3-model-1", ("alpha_exp", "kappa", "c0", "beta"))).max() < 1e-3
+
+
+@pytest.mark.parametrize("run", ["exp1", "exp1-models", "exp1-model-2", "exp2-model-1", "exp2", "exp3-model-1", "exp3"])
+def test_verdict_is_foreseen_before_any_data(place: Any, run: str) -> None:
+    foreseen = place.record(f"before-{run}", "identifiability-a-priori").summary
+    assert foreseen["kind"] == place.record(run, "gridsearch").summary["uniqueness"]
+    if foreseen["kind"] == "valley":
+        assert all(ratio in foreseen["verdict"] for ratio in ("alpha_exp/beta", "kappa/beta", "c0/beta"))
+
+
+def test_reactions_and_softening_are_foreseen_before_any_data(place: Any, scripts: Any) -> None:
+    before, five = scripts("thesis_before"), scripts("thesis_55")
+    assert before.moved_by(place, "before-exp1-elastic", before.MOTION)["E"] < -0.01
+    assert all(before.foreseen_reaction(place, cause, five.STRONG, five.WEAK).holds for cause in (before.AIR, before.JAWS))
+
+
 def test_relative_displacements_recover_what_plain_ones_soften(place: Any) -> None:
     rows = {row["measure"]: row for row in place.record("exp1", "identify-elastic").summary["side_by_side"]}
     true = place.record("exp1", "simulate").parameters["E"].value

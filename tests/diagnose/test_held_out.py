@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from thermofit.diagnose.held_out import Rows, held_out_residual, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import Rows, compared, held_out_residual, proof, split_by_blocks, split_by_phase
 
 N_T, N_S = 60, 50
 
@@ -71,6 +71,24 @@ def test_an_effect_is_proved_only_where_it_is(size: float) -> None:
         assert np.mean([g for g, _ in gains]) == pytest.approx(0.5 * size**2 / (1.0 + 0.5 * size**2), rel=0.2)
 
 
+def test_the_standard_error_is_that_of_the_gain_over_repeats() -> None:
+    """An effect that the fitted parameters nearly take up, predicted imperfectly in every fold, at three times what can be detected."""
+    here = rows()
+    split = split_by_blocks(here, (10, 5), (2.0, 0.6))
+    t = here.time / 100.0
+    fitted = np.stack([np.ones(len(t)), t, t**2, np.sin(7.0 * t)], axis=1)
+    effect = np.exp(-3.0 * t)[:, None]
+    beyond = effect - fitted @ np.linalg.lstsq(fitted, effect, rcond=None)[0]
+    size, gains = 8.0 / float(np.linalg.norm(beyond)), []
+    for seed in range(200):
+        residual = np.random.default_rng(seed).normal(size=len(t)) - size * effect[:, 0]
+        found = proof(residual, (fitted, effect), here, split, (free(4), free(1)))
+        gains.append((found.gain, found.sigma))
+    gain, sigma = np.array(gains).T
+    assert 0.8 < sigma.mean() / gain.std() < 1.25, (sigma.mean(), gain.std())
+    assert np.mean(gain > 2.0 * sigma) > 0.95
+
+
 def test_a_parameter_stays_within_its_room_and_the_others_step_anew() -> None:
     """As a bounded least squares of the rows that are seen."""
     random, here = np.random.default_rng(7), rows()
@@ -82,3 +100,16 @@ def test_a_parameter_stays_within_its_room_and_the_others_step_anew() -> None:
     held, seen = split.held_out[1], ~(split.held_out[1] | split.buffer[1])
     expected = lsq_linear(columns[seen], -residual[seen], bounds=room, tol=1e-14).x
     assert found[held] == pytest.approx(residual[held] + columns[held] @ expected, abs=1e-6)
+
+
+def test_standard_error_of_a_gain_is_the_smaller_of_its_bounds() -> None:
+    """Where structure stays, the scatter between groups; where the effect shows in one place alone, the noise."""
+    here, random = rows(), np.random.default_rng(3)
+    noise = random.normal(size=len(here.time))
+    even = compared(noise + 3.0, noise + 1.0, here, 5)
+    assert even.gain == pytest.approx(0.8, abs=0.02) and even.sigma < 0.03
+    begin = here.time < 100.0 / 12.0
+    change = np.where(begin, -3.0, 0.0)
+    uneven = compared(noise - change, noise, here, 5)
+    expected = 2.0 * float(np.sqrt(change @ change)) / float(np.sum((noise - change) ** 2))
+    assert uneven.sigma == pytest.approx(expected, rel=0.4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Param, declare, param
@@ -133,3 +134,15 @@ def test_two_fitted_effects_that_look_alike_are_named() -> None:
     apart = np.concatenate([fitted, s, random.normal(size=(N, 1))], axis=1)
     assert indistinguishable(apart, {"one": [P], "two": [P + 1]}) is None
     assert indistinguishable(apart, {"one": [P]}) is None
+
+
+def test_what_was_tried_besides_raises_the_threshold() -> None:
+    """Other values of an exponent are chances to fit by luck: forty directions more ask for as much as forty effects would."""
+    random, fitted, dormant = problem()
+    residual = random.normal(size=N)
+    tried = tuple(random.normal(size=(N, 1)) for _ in range(40))
+    alone = ranked(Columns(residual, fitted, dormant))
+    scanned = ranked(Columns(residual, fitted, dormant, also_tried=tried))
+    count = len(dormant) + len(tried)
+    assert scanned.threshold == pytest.approx(norm.isf(0.5 * (1.0 - 0.95 ** (1.0 / count))), rel=0.01)
+    assert scanned.threshold > alone.threshold + 0.6 and [s.z for s in scanned.scores] == [s.z for s in alone.scores]

@@ -15,9 +15,15 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_stages import StageSettings
+from thermofit.diagnose.case import Case, scans, slots_of
+from thermofit.diagnose.experiments import joined_rows, spans_of
+from thermofit.effects.catalogue import effect
+from thermofit.identify.joint import THERMOCOUPLE
+from thermofit.identify.joint_several import joint_several, known_in
 from thermofit.identify.model import StageModel, stage_model
 from thermofit.identify.several import Part, Several, expanded, free_in, joined, own_names, seen_by, several_model, several_start
 from thermofit.identify.solve import solve
+from thermofit.measure.stations import INFRARED
 
 OTHER = {"alpha_air": 40.0, "alpha_clamp": 900.0, "theta_air": 300.0, "theta_clamp": 295.5, "theta_ref": 295.5}
 TWO = (
@@ -151,3 +157,63 @@ def test_a_model_without_exact_derivatives_says_so() -> None:
     alone = stage_model(part.study, part.data, part.study.stage("thermal"), Parameters.of(TRUTH), SIZE, (0.0, 40.0, ""))
     whole = joined({"first": alone, "second": StageModel(alone.errors, alone.comparisons, alone.observations, "slow")})
     assert whole.linearise is None and whole.remark == "second: slow"
+
+
+NAMES = ("c0", "alpha_air@first", "theta_air@first", "theta_clamp@second", "ir_gain.gain@second")
+DIRECTIONS = (
+    ("stored_energy.slope", {}),
+    ("air_drift.rate@second", {"air_drift.time@second": 20.0}),
+    ("lamp.absorbed@first", {"lamp.start@first": 12.0}),
+)
+
+
+def test_joint_stage_of_several_is_that_of_each() -> None:
+    """Residual, Jacobian and columns along the heat equation: rows of data, then of priors; each test feels what is its own."""
+    both = case()
+    joint = joint_several(both, data(), NAMES, SIZE)
+    base = Parameters.of({**TRUTH, "c0": 2.3, **{f"{n}@second": v for n, v in OTHER.items()}}, NAMES)
+    residual, jacobian, along = joint.scored(base, NAMES, DIRECTIONS)
+    plain, columns = joint.model.linearised(base, NAMES)
+    assert [p.name for p in joint.model.priors] == ["theta_air@first", "theta_clamp@second"]
+    np.testing.assert_allclose(residual, plain, atol=1e-6)
+    np.testing.assert_allclose(jacobian, columns, atol=1e-5 * np.abs(columns).max())
+    n = sum(c.n for c in joint.parts["first"].model.comparisons)
+    whole = sum(c.n for c in joint.model.comparisons)
+    felt = [(bool(along[:n, k].any()), bool(along[n:whole, k].any())) for k in range(3)]
+    assert felt == [(True, True), (False, True), (True, False)] and not along[whole:].any()
+    second = joint.parts["second"]
+    alone = second.scored(seen_by(base, "second"), (), [("air_drift.rate", {"air_drift.time": 20.0})])[2]
+    np.testing.assert_allclose(along[n:whole, 1], alone[: whole - n, 0])
+
+
+def test_a_common_parameter_meets_the_prior_of_every_test() -> None:
+    joint = joint_several(case("shared: [theta_air]\n" + THERMAL), data(), ("theta_air",), SIZE)
+    base = Parameters.of(TRUTH, ("theta_air",))
+    _, columns = joint.model.linearised(base, ("theta_air",))
+    assert [p.name for p in joint.model.priors] == ["theta_air@first", "theta_air@second"]
+    np.testing.assert_allclose(columns[-2:, 0], 1.0 / THERMOCOUPLE)
+
+
+def test_effects_of_boundary_and_instruments_are_those_of_one_test() -> None:
+    known = {e.name: e for e in known_in(data(), lambda hot: slots_of("body", INFRARED if hot else ()))}
+    assert {"rate_logarithmic", "ir_drift@first", "ir_drift@second", "lamp@second", "thermal_expansion"} <= set(known)
+    assert not {"ir_drift", "rate_logarithmic@first", "lamp"} & set(known)
+    assert known["lamp@second"].names == ("lamp.absorbed@second", "lamp.start@second")
+    assert effect("lamp@second").amplitude.unit == "mW/mm^2"
+
+
+def test_rows_of_two_tests_keep_apart() -> None:
+    joint = joint_several(case(), data(), NAMES, SIZE)
+    spans = spans_of(data())
+    rows = joined_rows({name: part.model for name, part in joint.parts.items()}, spans)
+    assert len(rows.time) == len(joint.model.residual(Parameters.of({**TRUTH, **{f"{n}@second": v for n, v in OTHER.items()}}, NAMES)))
+    names = [c.channel for c in joint.model.comparisons]
+    for k, name in enumerate(names):
+        own = rows.channel == k
+        assert own.sum() == joint.model.comparisons[k].n
+        assert {spans[p].experiment for p in np.unique(rows.phase[own])} == {name.partition("@")[2]}
+    first = np.isin(rows.channel, [k for k, name in enumerate(names) if name.endswith("@first")])
+    data_rows = rows.channel >= 0
+    assert rows.time[first].max() < rows.time[data_rows & ~first].min() and np.all(rows.phase[~data_rows] == -1)
+    here = Case(joint.model, Parameters.of(TRUTH), (), spans, frozenset())
+    assert scans(effect("lamp@second"), here)[1]["lamp.start@second"] == pytest.approx(40.0 * param("lamp.start").scan[0])

@@ -110,7 +110,7 @@ def test_optimum_counts_and_record(tmp_path: Path) -> None:
     case, counted = study(tmp_path), Counted(wall_model(comparisons(), OBSERVATIONS))
     found = solved(case, counted)
     fit = found.fit
-    assert fit.converged and fit.algorithm == "trust-region, exact derivatives"
+    assert fit.converged and fit.algorithm == "gauss-newton, exact derivatives"
     assert found.covariance is not None and found.covariance.identifiable
     truth = WALL_TRUTH.with_free(WALL_NAMES).vector()
     assert (np.abs(fit.x - truth) < 4.0 * found.covariance.sigma).all()

@@ -82,6 +82,30 @@ def test_noise_of_the_residual_is_unit_variance_and_correlated_as_claimed(scheme
     assert abs(np.trace(measured) / comparison.n - 1.0) < 0.06
 
 
+@pytest.mark.parametrize("kind", ["white", "correlated"])
+def test_errors_of_what_is_prescribed_are_whitened(kind: str) -> None:
+    """cov = C + A A^T of the residual, C the correlation of the cameras' noise: after it 1, or what `noise` says."""
+    seen = displacement(lost=False)
+    plain = rigid_free(seen) if kind == "white" else neighbour_differences(seen, RelativeScheme("neighbour"))
+    random = np.random.default_rng(4)
+    fields = 0.01 * random.normal(size=(3, *seen.value.shape))
+    columns = np.stack([plain.residual(f) for f in fields], axis=1)
+    blurred = plain.blurred(columns)
+    made = np.array(
+        [
+            blurred.residual(seen.sigma * random.normal(size=seen.value.shape) + np.tensordot(random.normal(size=3), fields, 1))
+            for _ in range(4000)
+        ]
+    )
+    before = np.array([plain.residual(seen.sigma * random.normal(size=seen.value.shape)) for _ in range(4000)])
+    identity = np.eye(plain.n)
+    expected = np.cov(before.T) if blurred.noise is None else blurred.noise(identity)
+    assert np.linalg.norm(columns) > 10.0
+    assert np.abs(np.cov(made.T) - expected).max() < 0.15
+    direction = random.normal(size=seen.value.shape)
+    assert blurred.slope(fields[0], direction) == pytest.approx(blurred.residual(direction))
+
+
 def test_temperature_change_refers_to_the_mean_before_loading() -> None:
     observation = temperature()
     reference = np.array([True, True, False, False])

@@ -170,6 +170,16 @@ def test_smooth_force_is_near_the_truth(truth: Truth, rounded: Truth, knee: str,
     assert np.mean(np.abs(error) < 3.0 * smooth.sigma(smooth.time)) > 0.97
 
 
+def test_modes_of_the_error_make_its_standard_error(smoothed: SmoothForce) -> None:
+    """And errors at neighbouring times hang together, as those of a smooth curve do."""
+    t = np.linspace(smoothed.time[0], smoothed.time[-1], 400)
+    modes = smoothed.error_modes(t)
+    assert np.sqrt(np.sum(modes**2, axis=1)) == pytest.approx(smoothed.sigma(t), rel=1e-3, abs=1e-3 * smoothed.noise)
+    assert modes.shape[1] < 100
+    together = np.sum(modes[1:] * modes[:-1], axis=1) / (smoothed.sigma(t)[1:] * smoothed.sigma(t)[:-1])
+    assert np.median(together) > 0.5
+
+
 def test_mean_force_at_the_knee_is_not_biased(rounded: Truth) -> None:
     times = np.arange(0.0, 25.0, 0.1)
     true = np.interp(times, rounded.time, rounded.force)

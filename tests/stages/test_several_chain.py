@@ -71,8 +71,12 @@ def test_chain_finds_one_material_and_two_boundaries(chain: dict[str, Any], path
     assert {"E", "M_y0", "c0", "alpha_air@first", "alpha_air@second"} <= set(found) and "alpha_air" not in found
     rows = {row["name"]: row for row in chain["table"]}
     assert rows["alpha_air@second"]["true"] == 40.0 and rows["alpha_air@first"]["true"] == 14.7
-    for name, within in (("E", 0.02), ("M_y0", 0.02), ("c0", 0.05), ("beta", 0.05)):
-        assert abs(rows[name]["deviation"]) < within, rows[name]
+    for name in ("E", "M_y0"):
+        assert abs(rows[name]["deviation"]) < 0.02, rows[name]
+    for name in ("c0", "beta"):
+        # Fourteen frames tell the scale of the thermal parameters to 2 %; interpolation to the nodes alone moves it by 1.6 %.
+        assert rows[name]["sigma"] < 0.03 * rows[name]["true"], rows[name]
+        assert abs(rows[name]["value"] - rows[name]["true"]) < 3.0 * rows[name]["sigma"], rows[name]
     apart = found["alpha_air@second"]["value"] - found["alpha_air@first"]["value"]
     assert apart > 3.0 * np.hypot(found["alpha_air@second"]["sigma"], found["alpha_air@first"]["sigma"])
     assert {"du@first", "du@second", "dtheta@second"} <= set(chain["channels"]) and "du@third" not in chain["channels"]
@@ -92,6 +96,7 @@ def test_held_out_experiment_is_predicted(chain: dict[str, Any], path: Path) -> 
     _, fitted = call("validate", path, "--set", "experiments.third.fit_own=[alpha_air]")
     assert any("fitted on its own data" in text for text in fitted["remarks"])
     assert fitted["channels"]["dtheta@third"]["chi2_reduced"] < found["channels"]["dtheta@third"]["chi2_reduced"]
+    assert not list((path.parent / "run").glob(".validate*")), "what a fit kept goes when the record is there"
 
 
 def test_a_change_of_the_model_is_proved_on_the_held_out_experiment(chain: dict[str, Any], path: Path) -> None:
@@ -108,7 +113,9 @@ def test_a_change_of_the_model_is_proved_on_the_held_out_experiment(chain: dict[
 
 
 def test_compare_fits_candidates_on_all_experiments(chain: dict[str, Any], path: Path) -> None:
-    _, found = call("compare", path, "--set", "compare={model-1: {model: 1}}")
+    """The held-out test with its own film coefficient given: that of the fitted ones would be twice as large and hide the difference."""
+    own = ("--set", "experiments.third.parameters={alpha_air: 14.7}")
+    _, found = call("compare", path, "--set", "compare={model-1: {model: 1}}", *own)
     rows = {row["model"]: row for row in found["models"]}
     assert set(rows) == {"tiny", "model-1"} and found["held_out"] == "experiments third, which no fit has seen"
     assert rows["model-1"]["fitted"] == rows["tiny"]["fitted"]

@@ -74,8 +74,8 @@ def _trials(console: Console, rounds: Any) -> None:
 def _before_after(console: Console, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
     out = _table("rms error", ("channel", "noise", "fit before", "fit after", "held out before", "held out after"))
     for channel, floor in before["floor"].items():
-        cells = [floor, before["fit"][channel], after["fit"][channel], before["held_out"][channel], after["held_out"][channel]]
-        out.add_row(channel, *(f"{value:.4g}" for value in cells))
+        cells = [floor, *(error[kind].get(channel) for kind in ("fit", "held_out") for error in (before, after))]
+        out.add_row(channel, *("-" if value is None else f"{value:.4g}" for value in cells))
     console.print(out)
 
 

@@ -29,8 +29,8 @@ class Param:
     scan: tuple[float, ...] = ()
     """Values tried for a Param that cannot be felt while its effect is off (an exponent, a time); empty for an amplitude."""
     scan_of: str = ""
-    """What the values of `scan` are shares of: "time" of the time between begin and end of the test (a moment), "duration" of its length;
-    empty: they are values."""
+    """What the values of `scan` are shares of: "time" of the time between begin and end of the test (a moment), "duration" of its length,
+    "strain" of the largest plastic strain Lambda; empty: they are values."""
     logarithmic: bool = False
     """True where the order of magnitude is what is known: it is fitted by its logarithm."""
 

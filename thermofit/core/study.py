@@ -36,6 +36,8 @@ class Study(Sections):
     """Folder of artefacts and figures, absolute."""
     virtual: bool
     """True where the raw folder is to be made by `simulate`."""
+    overrides: tuple[str, ...] = ()
+    """Keys that the command line has set, as key=value."""
 
     @property
     def mesh_size(self) -> MeshSize:
@@ -170,7 +172,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     source = Path(path)
     tree = _read_tree(source)
     for override in overrides:
-        _override(tree, override)
+        set_key(tree, override)
     declare_effects(tree, source)
     try:
         # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
@@ -185,7 +187,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     else:
         raw = path_from(source.parent, file.experiment, f"{source}: key 'experiment'")
     sections = {name: getattr(file, name) for name in Sections.model_fields}
-    return Study(**sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file))
+    return Study(
+        **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file), overrides=tuple(overrides)
+    )
 
 
 def _is_virtual(file: StudyFile) -> bool:
@@ -275,8 +279,8 @@ def _read_tree(source: Path) -> dict[str, Any]:
     return tree
 
 
-def _override(tree: dict[str, Any], override: str) -> None:
-    """Set one dotted key of the tree to a YAML value."""
+def set_key(tree: dict[str, Any], override: str) -> None:
+    """Set one dotted key of the tree of a study file to a YAML value. StudyError where that is not understood."""
     key, equals, text = override.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):

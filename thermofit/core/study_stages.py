@@ -94,7 +94,7 @@ class StageSettings(Section):
     window: Window
     """`auto`: the elastic range, found from the data; `all`; or [t0, t1] in s."""
     method: Method = "least-squares"
-    """`least-squares`: `trust-region` where derivatives are exact, else `gauss-newton`; the others are NLopt's, without derivatives."""
+    """`least-squares`: `gauss-newton`; `trust-region`: scipy's; the others are NLopt's, without derivatives."""
     coupling: Literal["full", "one-way"] = "full"
     max_evaluations: Count = 2000
     tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-5

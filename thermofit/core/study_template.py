@@ -66,7 +66,7 @@ parameters:
 ## weight: sigma (1/sigma^2), balanced, value (2.25), max (2.26), a number, or {x: 5, y: 1} for u and du. Besides: window: {x: .., y: ..,
 ## t: [[t0, t1]]} that is kept, mask: [{x: .., y: ..}, {centre: .., radius: ..}, {polygon: ..}, {t: ..}] that is left out.
 ## window: auto (elastic range, from the data), all, or [t0, t1] in s. coupling: full or one-way.
-## method: least-squares (chooses trust-region or gauss-newton), nelder-mead (the thesis), bobyqa, sbplx, cobyla.
+## method: least-squares (= gauss-newton), trust-region, nelder-mead (the thesis), bobyqa, sbplx, cobyla.
 stages:
   elastic:
     free: [E, nu]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thermofit.core.parameters import Param, Parameters
+from thermofit.core.parameters import AT, Param, Parameters
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
@@ -17,6 +18,9 @@ from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
 from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
 from thermofit.material.law import law_of
+
+if TYPE_CHECKING:
+    from thermofit.diagnose.elsewhere import Elsewhere
 
 ON_POINT = ("linear_hardening", "thermal_expansion")
 """Effects of the base law that a coupon feels."""
@@ -44,6 +48,17 @@ class Case:
     """True where a run costs next to nothing: exponents are scanned when effects are ranked, not only when one is tried."""
     scored: Scored | None = None
     """Residual, Jacobian by names and columns along directions of the heat equation, where the driver tells the two fields apart."""
+    elsewhere: tuple[Elsewhere, ...] = ()
+    """Held-out tests, which no fit sees."""
+    placed: Rows | None = None
+    """Where the rows of the residual are from; None: what `rows_of` says."""
+    largest_strain: float = 0.1
+    """Largest Lambda of the test, of which strains that are tried are shares."""
+
+    @property
+    def rows(self) -> Rows:
+        """Where the rows of the residual are from."""
+        return rows_of(self.model, self.spans) if self.placed is None else self.placed
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -83,21 +98,23 @@ def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
     return Rows(np.concatenate(channel), np.concatenate(time), np.concatenate(xy), np.concatenate(phase))
 
 
-def scans(effect: Effect, spans: Sequence[Span]) -> tuple[dict[str, float], ...]:
+def scans(effect: Effect, case: Case) -> tuple[dict[str, float], ...]:
     """Sets of values to try for the Params of an effect that cannot be felt while it is off: every combination, the neutral one first."""
     tried = [p for p in effect.params if p.scan]
-    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(_tried_of(p, spans) for p in tried))]
+    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(_tried_of(p, case) for p in tried))]
     neutral = {p.name: p.neutral for p in tried}
     return (neutral, *(s for s in sets if s != neutral))
 
 
-def _tried_of(p: Param, spans: Sequence[Span]) -> tuple[float, ...]:
+def _tried_of(p: Param, case: Case) -> tuple[float, ...]:
     """Values to try for one Param: those of its scan, or the shares of the test that they are."""
     if not p.scan_of:
         return p.scan
-    first, last = min(s.t0 for s in spans), max(s.t1 for s in spans)
+    own = [s for s in case.spans if s.experiment == p.name.partition(AT)[2]] or case.spans
+    first, last = min(s.t0 for s in own), max(s.t1 for s in own)
     begin = first if p.scan_of == "time" else 0.0
-    return tuple(float(np.clip(begin + share * (last - first), p.lower, p.upper)) for share in p.scan)
+    whole = case.largest_strain if p.scan_of == "strain" else last - first
+    return tuple(float(np.clip(begin + share * whole, p.lower, p.upper)) for share in p.scan)
 
 
 def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:
@@ -149,7 +166,7 @@ def linearised(case: Case) -> Linearised:
     felt = {e.name: _felt(e) for e in coupled}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))
-    directions = [(name, values) for e in heated for values in scans(e, case.spans) for name in _felt(e)]
+    directions = [(name, values) for e in heated for values in scans(e, case) for name in _felt(e)]
     there = case.parameters.replace(**tiny)
     if case.scored is None:
         residual, columns = case.model.linearised(there, names)
@@ -161,7 +178,7 @@ def linearised(case: Case) -> Linearised:
     blocks = {effect: (group, columns[:, [at[name] for name in group]]) for effect, group in felt.items()}
     scanned, k = {}, 0
     for e in heated:
-        width, count = len(_felt(e)), len(scans(e, case.spans))
+        width, count = len(_felt(e)), len(scans(e, case))
         scanned[e.name] = tuple(along[:, k + n * width : k + (n + 1) * width] for n in range(count))
         blocks[e.name] = (_felt(e), scanned[e.name][0])
         k += width * count

@@ -15,12 +15,13 @@ from thermofit.core.study import Study
 from thermofit.core.study_literature import Candidate
 from thermofit.core.study_stages import StageSettings
 from thermofit.diagnose.case import Case, rows_of
+from thermofit.diagnose.experiments import joined_rows, spans_of, stacked
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held_out_residual
-from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, diagnosis_mesh
+from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, diagnosis_mesh, unseen_coupons
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.structure import named_phases
 from thermofit.diagnose.trace import information, room_of, split_of
-from thermofit.diagnose.unseen import predicting, stacked, unseen
+from thermofit.diagnose.unseen import predicting, unseen
 from thermofit.diagnose.verification import STANDS_OUT, fitted_parameters, identified_stages
 from thermofit.diagnose.worth import Criteria, criteria, independent, least, mean_squares
 from thermofit.effects.catalogue import effect
@@ -29,8 +30,9 @@ from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model
 from thermofit.identify.inputs import Measured, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings
-from thermofit.identify.model import StageModel
-from thermofit.identify.several import Part, Several, expanded, several_model
+from thermofit.identify.joint_several import JointSeveral, joint_several
+from thermofit.identify.model import StageModel, needs_drive
+from thermofit.identify.several import Several, expanded
 from thermofit.identify.stage import Data, data_of, start_of
 
 _FIRST = 0.1
@@ -52,6 +54,8 @@ class Contender:
     model: StageModel
     residual: np.ndarray
     columns: np.ndarray
+    failures: tuple[str, ...] = ()
+    """Starts that failed on the way, in words."""
 
 
 def candidate_study(study: Study, candidate: Candidate) -> Study:
@@ -100,12 +104,8 @@ def joint_of(study: Study, data: Data, settings: StageSettings, base: Parameters
     size = diagnosis_mesh(study)
     if isinstance(data, Measured):
         return joint_model(study, data, settings, size)
-
-    def make(part: Part, own: StageSettings, _: Parameters) -> StageModel:
-        here = joint_settings(study, own.free, part.data)
-        return joint_model(part.study.model_copy(update={"model": study.model}), part.data, here, size)
-
-    return several_model(data, settings, base, make)
+    needs_drive(study, settings.channels)
+    return joint_several(study, data, settings.free, size).model
 
 
 def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contender:
@@ -118,16 +118,19 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
     settings = settings_of(own, data, free)
     model = joint_of(own, data, settings, base)
     keyed = replace(task, config={**task.config, "candidate": {"name": name, **candidate.model_dump(mode="json")}})
+    joint = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))
     try:
-        parameters, fit = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))(base, name)
+        parameters, fit = joint(base, name)
     except NumericsError as error:
         raise NumericsError(f"candidate '{name}': {error}") from error
     residual, columns = model.linearised(parameters, free)
-    return Contender(name, own, parameters, fit, model, residual, columns)
+    return Contender(name, own, parameters, fit, model, residual, columns, tuple(joint.failures))
 
 
-def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | None:
-    """Where displacements and temperatures of one body can be approached on their own."""
+def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | JointSeveral | None:
+    """Where displacements and temperatures of bodies can be approached on their own."""
+    if isinstance(data, Several):
+        return joint_several(study, data, settings.free, diagnosis_mesh(study))
     return Joint(study, data, settings, diagnosis_mesh(study)) if isinstance(data, Measured) else None
 
 
@@ -180,11 +183,13 @@ def _held_out(study: Study, contenders: Sequence[Contender]) -> tuple[tuple[np.n
     first = contenders[0]
     data = data_of(study)
     if isinstance(data, Several):
-        spans = tuple(s for part in data.parts for s in named_phases(part.data.phases))
+        spans = spans_of(data)
+        joint = joint_several(first.study, data, first.parameters.free, diagnosis_mesh(first.study))
+        rows = joined_rows({name: part.model for name, part in joint.parts.items()}, spans)
     else:
         spans = coupon_spans(data) if isinstance(data, CouponData) else named_phases(data.phases)
+        rows = rows_of(first.model, spans)
     case = Case(first.model, first.parameters, (), spans, frozenset(), isinstance(data, CouponData))
-    rows = rows_of(first.model, spans)
     clock = replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
     split = split_of(case, clock, information(first.columns), study.diagnosis.held_out)
     return tuple(_predicted(c, split) for c in contenders), rows, split.by
@@ -199,7 +204,7 @@ def _records(contenders: Sequence[Contender], names: Sequence[str]) -> tuple[tup
     out, rows = [], None
     for c in contenders:
         data = coupon_data(c.study, held_out=True)
-        model = coupon_model(c.study, data, settings_of(c.study, data, c.parameters.free), c.parameters)
+        model = unseen_coupons(c.study, data, settings_of(c.study, data, c.parameters.free), c.parameters)
         rows = rows_of(model, coupon_spans(data))
         out.append(model.residual(c.parameters))
     assert rows is not None

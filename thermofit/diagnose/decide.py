@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import NAMES, Parameters
+from thermofit.core.parameters import NAMES, Parameters, bare_name
 from thermofit.diagnose.case import TINY, slots_of
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced
@@ -138,7 +138,7 @@ def _usual(here: Traced) -> Usual:
 
 
 def _noise(here: Traced) -> tuple[float, float]:
-    found = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in here.case.model.comparisons}
+    found = {bare_name(c.channel): float(np.sqrt(np.mean(c.sigma**2))) for c in here.case.model.comparisons}
     return found.get("stress", STRESS), found.get("dtheta", found.get("theta", TEMPERATURE))
 
 

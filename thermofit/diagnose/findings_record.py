@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,10 @@ from thermofit.core.artefact import Dataset, ParameterResult
 from thermofit.core.parameters import param
 from thermofit.core.study import Study
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.elsewhere import held_out_words
 from thermofit.diagnose.loop import Closed, Trial, before_after, channel_rms, ranking_rows
 from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
@@ -92,17 +93,19 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
 
 
 def _common(found: Prepared, here: Traced) -> dict[str, Any]:
-    size = found.size
+    size, counts, failures = found.size, merged_counts(found.fit), list(dict.fromkeys(found.refit.failures))
+    settled = [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"]
     return {
         "trustworthy": found.fit.converged,
         "channels": channels_of(here),
         "lack_of_fit": lack_of_fit(here, found.numerical),
         "mesh": [size.n_x, size.n_y, size.n_z],
-        "held_out": here.split.by,
+        "held_out": held_out_words(here),
         "threshold": here.ranking.threshold,
         "unfelt": list(here.ranking.unfelt),
-        "evaluations": dict(merged_counts(found.fit)),
-        "remarks": [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"],
+        "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
+        "failed_starts": failures,
+        "remarks": [*settled, *failed_in_words(failures)],
     }
 
 
@@ -117,6 +120,7 @@ def _trial(trial: Trial) -> dict[str, Any]:
         "estimate": estimate,
         "held_out_gain": None if trial.proof is None else trial.proof.gain,
         "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
+        "held_out_on": None if trial.proof is None else trial.proof.on or "rows of the fitted data",
         "accepted": trial.refused == "",
         "remark": trial.refused,
         "exponents": trial.exponents,
@@ -141,7 +145,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
 
 
 def _verdict(closed: Closed, table: dict[str, Any]) -> str:
-    errors = _errors(table, closed.first.case.channels)
+    errors = _errors(table)
     if not closed.accepted:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
     families = {t.score.effect: t.score.family for r in closed.rounds for t in r.trials}
@@ -162,9 +166,9 @@ def _estimates(closed: Closed, name: str) -> str:
     return ", ".join(parts)
 
 
-def _errors(table: dict[str, Any], channels: Sequence[str]) -> str:
+def _errors(table: dict[str, Any]) -> str:
     parts = []
-    for c in channels:
+    for c in table["before"]["held_out"]:
         floor = table["before"]["floor"][c]
         before, after = (table[word]["held_out"][c] / floor for word in ("before", "after"))
         parts.append(f"held-out {c} {before:.3f} -> {after:.3f} times the noise")

@@ -11,6 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+SURE = 2.0
+"""Standard errors by which held-out error has to fall."""
+PRACTICAL = 3e-3
+"""Least relative fall of the held-out mean square that is worth an effect."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -91,6 +96,19 @@ class Proof:
     gain: float
     sigma: float
     folds: int
+    on: str = ""
+    """The held-out tests that say so; empty: rows of the fitted ones."""
+
+    @property
+    def convinces(self) -> bool:
+        """True where the held-out error falls by more than its uncertainty, and by what is worth an effect."""
+        return self.gain > max(SURE * self.sigma, PRACTICAL)
+
+    @property
+    def words(self) -> str:
+        """By how much the held-out error falls."""
+        where = f" on {self.on}" if self.on else ""
+        return f"held-out error{where} falls by {100 * self.gain:.2f} % +- {100 * self.sigma:.2f} %"
 
 
 Noise = Callable[[np.ndarray], np.ndarray]
@@ -104,10 +122,7 @@ def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split, r
     A parameter that the step would take beyond its `room` stays at the end of it, and the others step anew.
     """
     out = np.full(len(residual), np.nan)
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    scaled = columns / size
-    ends = (np.full(len(size), -np.inf), np.full(len(size), np.inf)) if room is None else (room[0] * size, room[1] * size)
+    scaled, ends = _scaled(columns, room)
     gram, right = scaled.T @ scaled, scaled.T @ residual
     for held, near in zip(split.held_out, split.buffer, strict=True):
         hidden = held | near
@@ -115,6 +130,20 @@ def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split, r
         step = _bounded_step(gram - a.T @ a, right - a.T @ residual[hidden], ends)
         out[held] = residual[held] + scaled[held] @ step
     return out
+
+
+def left_residual(residual: np.ndarray, columns: np.ndarray, room: Room | None = None) -> np.ndarray:
+    """Residual (n,) after the step that all rows ask for, within its room."""
+    scaled, ends = _scaled(columns, room)
+    return np.asarray(residual + scaled @ _bounded_step(scaled.T @ scaled, scaled.T @ residual, ends))
+
+
+def _scaled(columns: np.ndarray, room: Room | None) -> tuple[np.ndarray, Room]:
+    """Columns of unit length, and the room of steps along them."""
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    ends = (np.full(len(size), -np.inf), np.full(len(size), np.inf)) if room is None else (room[0] * size, room[1] * size)
+    return columns / size, ends
 
 
 def _bounded_step(gram: np.ndarray, right: np.ndarray, ends: Room) -> np.ndarray:
@@ -147,17 +176,22 @@ def proof(
     (fitted, effect), (room, own) = columns, rooms
     both = (np.append(room[0], own[0]), np.append(room[1], own[1]))
     before = held_out_residual(residual, fitted, split, room)
-    after = held_out_residual(residual, np.concatenate([fitted, effect], axis=1), split, both)
-    return compared(before, after, rows, len(split.held_out), noise)
+    whole = np.concatenate([fitted, effect], axis=1)
+    after = held_out_residual(residual, whole, split, both)
+    return compared(before, after, rows, len(split.held_out), noise, left_residual(residual, whole, both))
 
 
-def compared(before: np.ndarray, after: np.ndarray, rows: Rows, folds: int, noise: Noise | None = None) -> Proof:
+def compared(
+    before: np.ndarray, after: np.ndarray, rows: Rows, folds: int, noise: Noise | None = None, left: np.ndarray | None = None
+) -> Proof:
     """Proof from held-out residuals (n,) without and with an effect, nan in rows that were never held out.
 
     With d the change that the effect makes of them, |r|^2 falls by -2 (r + d).d + d.d. Its standard error has two bounds from above, and
     the smaller is taken. In the one r + d, what is left, is noise: that of 2 (r + d).d, from the correlation of the noise (`noise` applies
-    it to columns (n, k); None: independent) or from what groups of rows show, whichever is larger; it holds too much where the effect is
-    predicted imperfectly. The other is the scatter of the gain between groups, which holds how unevenly the effect shows in the test.
+    it to columns (n, k); None: independent) or from what groups of rows show, whichever is larger. `left` (n,) is what a fit of all rows
+    with the effect leaves, nothing but noise where the model is complete; without it r + d stands for that, which scatters more where
+    the effect is predicted imperfectly. The other is the scatter of the gain between groups, which holds how unevenly the effect shows
+    in the test.
     """
     used = np.isfinite(before) & np.isfinite(after)
     without, with_effect = before[used] ** 2, after[used] ** 2
@@ -165,7 +199,7 @@ def compared(before: np.ndarray, after: np.ndarray, rows: Rows, folds: int, nois
     spread = change if noise is None else noise(change[:, None])[:, 0]
     groups = groups_of(rows, used)
     count = int(groups.max()) + 1
-    sums = np.bincount(groups, (after[used] * change[used]), count)
+    sums = np.bincount(groups, (after if left is None else left)[used] * change[used], count)
     variance = max(float(change @ spread), count / max(count - 1, 1) * float(sums @ sums))
     total = float(without.sum())
     channel = rows.channel[used]

@@ -11,10 +11,11 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
+from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_rms
 from thermofit.diagnose.held_out import Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.score import Score, ranked
-from thermofit.diagnose.trace import OVER_NUMERICAL, PRACTICAL, SURE, Traced, best_scan, room_of, traced
+from thermofit.diagnose.trace import OVER_NUMERICAL, Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 
@@ -129,7 +130,7 @@ def _tried(
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
     chosen = here.settings.get(score.effect)
-    if chosen is None and len(scans(effect(score.effect), here.case.spans)) > 1:
+    if chosen is None and len(scans(effect(score.effect), here.case)) > 1:
         chosen, block = best_scan(here.case, here.problem, effect(score.effect))
         alone = replace(here.problem, dormant={score.effect: (here.problem.dormant[score.effect][0], block)})
         score = replace(ranked(alone).scores[0], family=score.family)
@@ -164,7 +165,9 @@ def _judged(
     parameters, after = refitted
     names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
-    proof = compared(held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.noise)
+    ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
+    inside = compared(*ends, here.rows, folds, here.problem.noise, there.columns.residual)
+    proof = proof_of_refit(here, there, score.effect) or inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
     refused = _refusal(score.effect, estimate, sigma, proof, after)
@@ -205,8 +208,8 @@ def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float
     """Why a refitted effect is not accepted, empty where it is."""
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
-    if proof.gain <= max(SURE * proof.sigma, PRACTICAL):
-        return f"held-out error falls by {100 * proof.gain:.2f} % +- {100 * proof.sigma:.2f} % only"
+    if not proof.convinces:
+        return f"{proof.words} only"
     amplitude = effect(name).amplitude
     own = [p for p in effect(name).params if not p.scan]
     if all(abs(estimate[p.name] - p.neutral) <= AWAY * sigma[p.name] for p in own):
@@ -232,10 +235,9 @@ def _still_needed(here: Traced, name: str) -> bool:
     own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
     low, high = _room(here)
     room = (np.delete(low, own), np.delete(high, own))
-    found = compared(
-        held_out_residual(residual, fitted, here.split, room), held_out_of(here), here.rows, len(here.split.held_out), here.problem.noise
-    )
-    return found.gain > max(SURE * found.sigma, PRACTICAL)
+    ends, folds = (held_out_residual(residual, fitted, here.split, room), held_out_of(here)), len(here.split.held_out)
+    found = compared(*ends, here.rows, folds, here.problem.noise, here.columns.residual)
+    return (proof_of_need(here, name, (residual, fitted), room) or found).convinces
 
 
 def _without(here: Traced, name: str, refit: Refit, numerical: np.ndarray | None, how: str) -> tuple[Traced, FitResult]:
@@ -261,10 +263,12 @@ def before_after(first: Traced, last: Traced) -> dict[str, dict[str, dict[str, f
     table: dict[str, dict[str, dict[str, float]]] = {}
     for word, here in (("before", first), ("after", last)):
         fit, held = channel_rms(here, here.columns.residual), channel_rms(here, held_out_of(here))
+        unseen, noise = unseen_rms(here)
+        floor = floors | noise
         table[word] = {
-            "fit": {c: v * floors[c] for c, v in fit.items()},
-            "held_out": {c: v * floors[c] for c, v in held.items()},
-            "floor": floors,
+            "fit": {c: v * floor[c] for c, v in fit.items()},
+            "held_out": {c: v * floor[c] for c, v in (held | unseen).items()},
+            "floor": floor,
         }
     return table
 
@@ -286,6 +290,7 @@ def ranking_rows(here: Traced, accepted: Sequence[str] = ()) -> list[dict[str, A
                 "detectable": s.detectable,
                 "held_out_gain": None if proved is None else proved.gain,
                 "held_out_sigma": None if proved is None else proved.sigma,
+                "held_out_on": None if proved is None else proved.on or "rows of the fitted data",
                 "accepted": s.effect in accepted,
                 "remark": here.why_not(s),
             }

@@ -9,26 +9,34 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.artefact import open_record
-from thermofit.core.errors import StudyError, UntrustworthyError
-from thermofit.core.parameters import Parameters
+from thermofit.core.errors import UntrustworthyError
+from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.elsewhere import Elsewhere
+from thermofit.diagnose.experiments import joined_rows, spans_of
+from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.diagnose.structure import Span, named_phases
+from thermofit.diagnose.unseen import bodies_elsewhere, records_elsewhere
 from thermofit.diagnose.verification import identified_stages
-from thermofit.effects.catalogue import BASE, Effect, effects
+from thermofit.effects.catalogue import Effect, effect_of_param
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model, offsets
+from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
-from thermofit.identify.inputs import INTERPOLATE, measured, start_parameters, with_identified
-from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings, station_names
-from thermofit.identify.model import StageModel
+from thermofit.identify.discretisation import corrected
+from thermofit.identify.inputs import measured, start_parameters, with_identified
+from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
+from thermofit.identify.joint_several import JointSeveral, joint_several, known_in
+from thermofit.identify.model import StageModel, needs_drive
+from thermofit.identify.several import expanded, interpolate_paths, seen_by, several, several_start
+from thermofit.identify.stage import data_paths
 from thermofit.measure.stations import INFRARED
 
 SECTIONS = (
@@ -36,13 +44,12 @@ SECTIONS = (
 )
 JOINT_EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up."""
-FINER = 1.5
-"""Refinement of the mesh by which the error of the discretisation is measured."""
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A case at the optimum of the joint fit, how to fit again, and the error (n,) of the discretisation in its residual."""
+    """A case at the optimum of the joint fit, how to fit again, and the error (n,) of the discretisation that is left in its
+    residual."""
 
     case: Case
     fit: FitResult
@@ -56,19 +63,15 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
 
     StudyError where a record is missing (names its command); UntrustworthyError where a fit has not converged.
     """
-    if study.fitted:
-        others = ", ".join(study.fitted[1:]) or "the others"
-        raise StudyError(
-            f"{study.source.name}: {name} traces the residual of one fitted experiment, but {len(study.fitted)} are fitted under "
-            f"'experiments'; name the one as 'experiment' and set held_out: true for {others}"
-        )
     stages = identified_stages(study)
-    inputs: dict[str, Path] = {name: artefact_path(study.run_dir, name) for name in (INTERPOLATE, *stages)}
+    inputs: dict[str, Path] = {**data_paths(study), **interpolate_paths(study, study.held_out)}
+    inputs |= {stage: artefact_path(study.run_dir, stage) for stage in stages}
     for stage in stages:
         record = open_record(artefact_path(study.run_dir, stage))
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
-    return job(study.run_dir, name, study.config_of(*SECTIONS), inputs), stages
+    sections = (*SECTIONS, *(("experiments", "shared") if study.experiments else ()))
+    return job(study.run_dir, name, study.config_of(*sections), inputs), stages
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:
@@ -86,11 +89,15 @@ class _Joint:
     settings: StageSettings
     base: Parameters
     model: StageModel
-    finer: Callable[[], tuple[StageModel, float]]
+    numerical: Callable[[Parameters], np.ndarray]
+    """Error (n,) of the discretisation that is left in the residual at given parameters."""
+    largest_strain: float
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
     size: MeshSize
-    parts: Joint | None = None
+    parts: Joint | JointSeveral | None = None
+    rows: Rows | None = None
+    elsewhere: tuple[Elsewhere, ...] = ()
 
 
 def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
@@ -99,7 +106,7 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
     scores are those after a joint step of all fitted parameters in any case.
     """
-    joint = _coupon(study, stages) if study.coupon is not None else _body(study, stages)
+    joint = _coupon(study, stages) if study.coupon is not None else _several(study, stages) if study.fitted else _body(study, stages)
     _refuse_one_family(study, joint)
     _refuse_few(joint.model.residual(joint.base), joint)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
@@ -107,10 +114,10 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     if not fit.converged:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
-    case = Case(joint.model, parameters, joint.known, joint.spans, station_names(), study.coupon is not None, scored)
-    finer, share = joint.finer()
-    error = (joint.model.residual(parameters) - finer.residual(parameters)) / share
-    return Prepared(case, fit, refit, error, joint.size)
+    instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
+    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain)
+    case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
 
 
 def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
@@ -132,8 +139,10 @@ def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
 def _refuse_one_family(study: Study, joint: _Joint) -> None:
     """UntrustworthyError where the study frees two effects that the test cannot tell apart; the mechanisms of the base law are left out."""
     free = joint.base.free
-    own = {e.name: [k for k, n in enumerate(free) if n in {p.name for p in e.amplitudes}] for e in effects() if e.slot not in BASE}
-    own = {name: columns for name, columns in own.items() if columns}
+    own: dict[str, list[int]] = {}
+    for k, n in enumerate(free):
+        if "." in bare_name(n) and not param(n).scan:
+            own.setdefault(effect_of_param(n).name, []).append(k)
     if len(own) < 2:
         return
     _, fitted = joint.model.linearised(joint.base, free)
@@ -146,22 +155,50 @@ def _refuse_one_family(study: Study, joint: _Joint) -> None:
 
 
 def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
-    """Fields on a body. The error of the mesh is of second order: a mesh finer by r differs by 1 - 1/r^2 of it."""
+    """Fields on a body, with the error of the mesh at the optimum of the stages taken into the data."""
     data = measured(study)
     base, _ = with_identified(study, start_parameters(study, data), stages)
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
-    finer = MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
-    joint = Joint(study, data, settings, size)
+    found = corrected(Joint(study, data, settings, size), base)
     return _Joint(
         settings,
         base.with_free(free),
-        joint.model,
-        lambda: (joint_model(study, data, settings, finer), 1.0 - FINER**-2),
+        found.joint.model,
+        lambda _: found.left,
+        found.largest_strain,
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
         size,
+        found.joint,
+        elsewhere=bodies_elsewhere(study, size, free, base),
+    )
+
+
+def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
+    """Fields on several bodies that share their material."""
+    data = several(study)
+    base, _ = with_identified(study, several_start(study, data), stages)
+    free = expanded(study.diagnosis.free or (*joint_free(study), *NUISANCES), data)
+    size = diagnosis_mesh(study)
+    plain, spans = joint_several(study, data, free, size), spans_of(data)
+    first = next(iter(plain.parts.values()))
+    needs_drive(study, first.settings.channels)
+    found = {name: corrected(part, seen_by(base, name)) for name, part in plain.parts.items()}
+    joint = JointSeveral({name: one.joint for name, one in found.items()})
+    left = joint.stacked({name: one.left for name, one in found.items()})
+    return _Joint(
+        first.settings.model_copy(update={"free": free}),
+        base.with_free(free),
+        joint.model,
+        lambda _: left,
+        max(one.largest_strain for one in found.values()),
+        known_in(data, lambda hot: slots_of("body", INFRARED if hot else ())),
+        spans,
+        size,
         joint,
+        joined_rows({name: part.model for name, part in joint.parts.items()}, spans),
+        bodies_elsewhere(study, size, free, base),
     )
 
 
@@ -171,16 +208,36 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
     base, _ = with_identified(study, start_parameters(study, data), stages)
     settings = coupon_joint_settings(study, data)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
+    model, finer = (coupon_model(of, data, settings, base) for of in (study, fine))
+    run = coupon_run(study, data, settings.free)
     hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
     return _Joint(
         settings,
         base.with_free(settings.free),
-        coupon_model(study, data, settings, base),
-        lambda: (coupon_model(fine, data, settings, base), 0.5),
+        model,
+        lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
+        max(float(run.history(base, test).accumulated.max()) for test in data.tests),
         slots_of("point", SENSOR if hot else ()),
         coupon_spans(data),
         MeshSize(n_x=1, n_y=1, n_z=1),
+        elsewhere=_unseen_records(study, settings, base),
     )
+
+
+def _unseen_records(study: Study, settings: StageSettings, base: Parameters) -> tuple[Elsewhere, ...]:
+    """Held-out records of coupons."""
+    data = coupon_data(study, held_out=True)
+    if not data.tests:
+        return ()
+    hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
+    model = unseen_coupons(study, data, settings, base)
+    return (records_elsewhere([t.name for t in data.tests], model, slots_of("point", SENSOR if hot else ()), coupon_spans(data)),)
+
+
+def unseen_coupons(study: Study, data: CouponData, settings: StageSettings, base: Parameters) -> StageModel:
+    """Model of held-out records, each with the air that was measured beside it."""
+    own = settings.model_copy(update={"free": tuple(n for n in settings.free if n != "theta_air")})
+    return coupon_model(study, data, own, base)
 
 
 def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:

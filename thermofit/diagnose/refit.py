@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,13 +16,14 @@ from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
-from thermofit.effects.catalogue import effect
+from thermofit.effects.catalogue import effect_of_param
 from thermofit.fem.history import History
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.joint import Joint
-from thermofit.identify.known_motion import felt_by_temperatures, keeping_points
+from thermofit.identify.joint_several import JointSeveral
+from thermofit.identify.known_motion import felt_by_temperatures
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
 from thermofit.material.composition import FACTORS, SUMS
@@ -41,7 +42,9 @@ PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
 NEGLIGIBLE = 3e-5
-"""Fall of the mean square that ends a joint fit: a thirtieth of the least that is worth an effect."""
+"""Fall of the mean square that ends a fit of one of the fields: a hundredth of the least that is worth an effect."""
+SETTLED = 0.5
+"""Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
 
 def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name: str) -> Parameters:
@@ -78,8 +81,13 @@ Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Lambda, its rate in 1/s and the increment of Lambda at points that flow, each (n,)."""
 
 
-def flow_of(history: History) -> Flow:
-    """Where and how fast a history that kept its points flows."""
+def flow_of(histories: Sequence[History]) -> Flow:
+    """Where and how fast histories that kept their points flow."""
+    found = [_flow(history) for history in histories]
+    return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found]), np.concatenate([f[2] for f in found])
+
+
+def _flow(history: History) -> Flow:
     accumulated = np.array([p.accumulated for p in history.points])
     grown = np.diff(accumulated, axis=0)
     rate = grown / np.diff(history.time)[:, None, None]
@@ -89,14 +97,14 @@ def flow_of(history: History) -> Flow:
 
 def _scaled(start: Parameters, name: str, factor: float) -> Parameters:
     """The same with the amplitude of the effect of an exponent that many times as far off neutral."""
-    p = effect(name.partition(".")[0]).amplitude
+    p = effect_of_param(name).amplitude
     return start.replace(**{p.name: float(np.clip(p.neutral + factor * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
 def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int) -> Parameters:
     """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
     before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
-    added, moved = effect(name.partition(".")[0]), start.replace(**{name: value})
+    added, moved = effect_of_param(name), start.replace(**{name: value})
     if added.slot not in (*SUMS, *FACTORS) or not len(flow[0]):
         return moved
     law, p = law_of(start, model), added.amplitude
@@ -105,6 +113,14 @@ def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int
     old, new = ((s - off) * np.sqrt(flow[2]) for s in strength)
     share = float(new @ old) / max(float(new @ new), 1e-300)
     return moved.replace(**{p.name: float(np.clip(p.neutral + share * (start[p.name] - p.neutral), p.lower, p.upper))})
+
+
+def failed_in_words(failures: Sequence[str]) -> list[str]:
+    """A remark on starts that failed: how many, and the first of them; the record holds all."""
+    if not failures:
+        return []
+    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
+    return [f"{len(failures)} of the starts of refits failed and the others were used: {failures[0]}{more}"]
 
 
 @dataclass(frozen=True)
@@ -117,8 +133,10 @@ class JointFit:
     job: Job
     at_most: int = REFIT_EVALUATIONS
     """Most evaluations of all together."""
-    parts: Joint | None = None
+    parts: Joint | JointSeveral | None = None
     """Where displacements and temperatures can be fitted on their own: both are, before all together."""
+    failures: list[str] = field(default_factory=list)
+    """Starts at which a model failed while others went on, each in words: they are counted and named in the record."""
 
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
@@ -149,12 +167,14 @@ class JointFit:
         model = self.parts.heat(start)
         if model is None or not thermal:
             return start
-        first = {name: start_of(self.study.parameters[name]) for name in thermal if name in self.study.parameters}
+        first = {name: start_of(given) for name in thermal if (given := self.study.setting(name)) is not None}
         ends = []
         for turn, begin in enumerate((start, start.replace(**first))):
+            name = f"{label} temperatures {turn}"
             try:
-                there, fit = self._minimised(begin.with_free(thermal), model, f"{label} temperatures {turn}", HEAT_EVALUATIONS)
-            except NumericsError:
+                there, fit = self._minimised(begin.with_free(thermal), model, name, HEAT_EVALUATIONS, NEGLIGIBLE)
+            except NumericsError as error:
+                self.failures.append(f"{name}: the start failed ({error})")
                 continue
             ends.append((fit.f, turn, there))
         return min(ends)[2].with_free(start.free) if ends else start
@@ -168,7 +188,7 @@ class JointFit:
         assert self.parts is not None
         exponents = tuple(name for name in mechanical if param(name).scan)
         others = tuple(name for name in mechanical if name not in exponents)
-        flow = flow_of(keeping_points(self.parts.run)(start)) if exponents else None
+        flow = flow_of(self.parts.histories(start)) if exponents else None
         for name in exponents:
             tried = 0
 
@@ -182,28 +202,31 @@ class JointFit:
                         there, fit = self._minimised(
                             _scaled(begin, name, stronger), model, f"{label} {name} {tried}.{turn}", PART_EVALUATIONS, COARSELY
                         )
-                    except NumericsError:
+                    except NumericsError as error:
+                        self.failures.append(f"{label}, {name} = {value:.3g}, amplitude times {stronger:g}: the start failed ({error})")
                         continue
                     return fit.f, there
                 return float("inf"), begin
 
             start = profiled(at, start[name], name)
-        return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS)[0]
+        return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE)[0]
 
     def _minimised(
-        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float = NEGLIGIBLE
+        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None
     ) -> tuple[Parameters, FitResult]:
-        """The optimum of one model, up to a negligible fall of the mean square."""
+        """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given."""
         settings = self.settings.model_copy(update={"free": start.free})
         problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
-        least = max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
+        least = SETTLED if negligible is None else max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:
 
             def follow(evaluation: object, residual: object) -> None:
                 advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
 
-            fit = change.converted(minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow)))
+            # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
+            method = "trust-region" if model.one_way and settings.method == "least-squares" else settings.method
+            fit = change.converted(minimise(problem, method, options, Hooks(store=store, on_evaluation=follow)))
         return start.with_vector(fit.x), fit

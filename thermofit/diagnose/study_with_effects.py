@@ -7,18 +7,26 @@ from typing import Any
 
 import yaml
 
-from thermofit.core.study import Study
+from thermofit.core.parameters import AT, param
+from thermofit.core.study import Study, set_key
 from thermofit.diagnose.loop import Closed
 from thermofit.effects.catalogue import effect
+from thermofit.identify.several import own_names
+
+_FILES = (("experiment",), ("effects",), ("experiments", "*", "experiment"), ("geometry", "file"), ("necking", "file"))
+_RECORDS = ("coupon", "records", "*", "file")
+"""Keys that name files relative to the study."""
 
 
 def study_text(study: Study, closed: Closed) -> str:
     """YAML of the study; an effect's Params stand fixed at what was found, so that every stage and `verify` run with it."""
     tree: dict[str, Any] = yaml.safe_load(study.source.read_text(encoding="utf-8"))
+    for text in study.overrides:
+        set_key(tree, text)
     tree["name"] = f"{study.name}-with-effects"
-    tree.pop("run_dir", None)
-    if tree.get("experiment"):
-        tree["experiment"] = str(study.experiment)
+    tree["run_dir"] = str(study.run_dir / "with-effects")
+    for key in (*_FILES, _RECORDS):
+        _absolute(tree, key, study.source.parent)
     parameters = dict(tree.get("parameters") or {})
     found = closed.last.case.parameters
     for name in found.free:
@@ -28,9 +36,38 @@ def study_text(study: Study, closed: Closed) -> str:
         else:
             parameters[name] = value
     tree["parameters"] = parameters
+    _predicted_without(tree, study, closed)
     lines = [f"# Made by close-loop from {study.source.name}. Effects added: {', '.join(closed.accepted) or 'none'}."]
     lines += [f"#   {name}: {effect(name).formula} ({effect(name).source})" for name in closed.accepted]
     return "\n".join(lines) + "\n" + yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
+
+
+def _absolute(tree: Any, key: tuple[str, ...], folder: Path) -> None:
+    """Make the paths under a key (* for every entry) absolute; those with variables or ~ mean the same from anywhere."""
+    first, rest = key[0], key[1:]
+    entries = list(tree) if isinstance(tree, dict) else list(range(len(tree))) if isinstance(tree, list) else []
+    for entry in entries if first == "*" else [e for e in entries if e == first]:
+        value = tree[entry]
+        if rest:
+            _absolute(value, rest, folder)
+        elif isinstance(value, list):
+            tree[entry] = [_from(folder, text) for text in value]
+        elif isinstance(value, str):
+            tree[entry] = _from(folder, value)
+
+
+def _from(folder: Path, text: str) -> str:
+    return text if text.startswith(("~", "${")) else str(folder.absolute() / text)
+
+
+def _predicted_without(tree: dict[str, Any], study: Study, closed: Closed) -> None:
+    """Held-out tests without the effects of boundary and instruments that the loop added: it has predicted them so."""
+    own = own_names(study)
+    added = [p for name in closed.accepted if AT not in name for p in effect(name).names if p in own]
+    for held in study.held_out if added else ():
+        given = tree["experiments"][held].setdefault("parameters", {})
+        for name in added:
+            given.setdefault(name, param(name).neutral)
 
 
 def write_study(study: Study, closed: Closed, path: Path) -> None:

@@ -8,19 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, rows_of, scans
+from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
+from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
-SURE = 2.0
-"""Standard errors by which held-out error has to fall."""
 OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
-PRACTICAL = 3e-3
-"""Least relative fall of the held-out mean square that is worth an effect."""
 _BLOCKS = (25, 5)
 _BUFFER_SHARE = 0.01
 
@@ -38,6 +35,8 @@ class Traced:
     problem: Columns
     settings: Mapping[str, dict[str, float]]
     """Values of exponents that were scanned, by effect."""
+    beyond: tuple[Beyond, ...] = ()
+    """The declared held-out tests at these parameters."""
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first."""
@@ -55,8 +54,8 @@ class Traced:
         proved = self.proofs.get(score.effect)
         if proved is None:
             return "weaker than others, not tried on held-out data"
-        if proved.gain <= max(SURE * proved.sigma, PRACTICAL):
-            return f"held-out error falls by {100 * proved.gain:.2f} % +- {100 * proved.sigma:.2f} %: not enough"
+        if not proved.convinces:
+            return f"{proved.words}: not enough"
         return ""
 
 
@@ -97,7 +96,7 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     UntrustworthyError where the data do not suffice; NumericsError where the run fails.
     """
     found = linearised(case)
-    rows = rows_of(case.model, case.spans)
+    rows = case.rows
     if split is None:
         split = split_of(case, _by_sample(rows) if case.cheap else rows, information(found.fitted), how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
@@ -108,11 +107,14 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     ranking = ranked(columns)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
     own = room_of(case.parameters, case.parameters.free)
+    beyond = beyond_of(case, strongest, settings)
     proofs = {}
     for effect in strongest:
         names, block = columns.dormant[effect]
-        proofs[effect] = proof(found.residual, (found.fitted, block), rows, split, (own, room_of(case.parameters, names)), columns.noise)
-    return Traced(case, found, rows, split, ranking, proofs, columns, settings)
+        rooms = (own, room_of(case.parameters, names))
+        inside = proof(found.residual, (found.fitted, block), rows, split, rooms, columns.noise)
+        proofs[effect] = proof_beyond((found.residual, found.fitted), effect, block, beyond, rooms) or inside
+    return Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
 
 
 def room_of(parameters: Parameters, names: Sequence[str]) -> Room:
@@ -132,7 +134,7 @@ def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]
     """
     dormant = dict(columns.dormant)
     for effect in case.dormant():
-        if len(scans(effect, case.spans)) > 1 and (case.cheap or effect.name in known):
+        if len(scans(effect, case)) > 1 and (case.cheap or effect.name in known):
             settings[effect.name], block = best_scan(case, columns, effect, known.get(effect.name, ()))
             dormant[effect.name] = (dormant[effect.name][0], block)
     others = (block for name, blocks in known.items() for block in blocks if block is not dormant[name][1])
@@ -141,7 +143,7 @@ def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]]
 
 def best_scan(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[dict[str, float], np.ndarray]:
     """The values of an effect's exponents at which the predicted drop is largest, and its columns there; `known` at all of them."""
-    tried = scans(effect, case.spans)
+    tried = scans(effect, case)
     best, kept = -1.0, (tried[0], columns.dormant[effect.name][1])
     for k, values in enumerate(tried):
         block = known[k] if known else columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)

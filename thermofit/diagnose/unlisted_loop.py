@@ -10,7 +10,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.loop import Closed, Refit
-from thermofit.diagnose.trace import PRACTICAL, SURE, Traced, traced
+from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted, unlisted
 from thermofit.diagnose.unlisted_field import Field, field_of
 from thermofit.effects.catalogue import effect
@@ -53,7 +53,7 @@ def _resembles(closed: Closed, name: str, found: Unlisted, field: Field, numeric
     residual = here.columns.residual + here.columns.fitted[:, amplitudes] @ back
     alone = field_of((residual, np.delete(here.columns.fitted, own, axis=1)), field.basis, here.rows, here.split)
     gain = compared(alone.after, field.after, here.rows, len(here.split.held_out))
-    return gain.gain <= max(SURE * gain.sigma, PRACTICAL)
+    return not gain.convinces
 
 
 def _taken_back(closed: Closed, name: str, refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | None:

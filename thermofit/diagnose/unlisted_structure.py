@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermofit.core.parameters import bare_name
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.trace import OVER_NUMERICAL
@@ -115,7 +116,7 @@ def _shared(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, n
     """What correlation of the noise over time adds to v (n_b,): 1^T C 1 / n_b - 1."""
     at = 0
     for comparison in case.model.comparisons:
-        if at == own[0] and comparison.noise is not None and comparison.channel == "dtheta":
+        if at == own[0] and comparison.noise is not None and bare_name(comparison.channel) == "dtheta":
             found = np.empty(len(count))
             for b in range(len(count)):
                 one = (block == b).astype(float)

@@ -12,14 +12,14 @@ import importlib.util
 import pkgutil
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from thermofit.core.digest import effect_files
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Param, declare
+from thermofit.core.parameters import AT, Param, declare
 from thermofit.effects.base import BASE as BASE_EFFECTS
 
 MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
@@ -85,10 +85,20 @@ def effects(slots: tuple[str, ...] = SLOTS) -> tuple[Effect, ...]:
 
 
 def effect(name: str) -> Effect:
-    """The effect of that name; StudyError where there is none."""
-    if name not in _EFFECTS:
-        raise StudyError(f"effect '{name}' is not known; known are {', '.join(sorted(_EFFECTS))}")
-    return _EFFECTS[name]
+    """The effect of that name; <effect>@<experiment> is that of one experiment alone. StudyError where there is none."""
+    bare, at, experiment = name.partition(AT)
+    if bare not in _EFFECTS:
+        raise StudyError(f"effect '{bare}' is not known; known are {', '.join(sorted(_EFFECTS))}")
+    found = _EFFECTS[bare]
+    if not at:
+        return found
+    return replace(found, name=name, params=tuple(replace(p, name=f"{p.name}{AT}{experiment}") for p in found.params))
+
+
+def effect_of_param(name: str) -> Effect:
+    """The effect that a Param <effect>.<param>, or <effect>.<param>@<experiment>, belongs to. StudyError where there is none."""
+    bare, at, experiment = name.partition(AT)
+    return effect(f"{bare.partition('.')[0]}{at}{experiment}")
 
 
 def effect_of(module: ModuleType, name: str) -> Effect | None:

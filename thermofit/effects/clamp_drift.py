@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from thermofit.core.parameters import Param
+from thermofit.effects.air_drift import FORMULA, TIMES, boundary_temperature
 
+__all__ = ["FORMULA", "ON", "PARAMS", "SLOT", "SOURCE", "boundary_temperature"]
 SLOT = "boundary_temperature"
 ON = ("clamp",)
-_TIMES = (0.1, 0.5, 100.0)
 PARAMS = (
     Param("clamp_drift.rate", "K/s", 0.0, -0.5, 0.5, 1e-3, "drift of the jaws at the first time", probe=5e-3),
-    Param(
-        "clamp_drift.time",
-        "s",
-        1e5,
-        1.0,
-        1e7,
-        100.0,
-        "time constant with which the drift dies away",
-        scan=(0.1, 0.5, 100.0),
-        scan_of="duration",
-    ),
+    Param("clamp_drift.time", "s", 1e5, 1.0, 1e7, 100.0, "time constant with which the drift dies away", scan=TIMES, scan_of="duration"),
 )
-FORMULA = "theta_M += rate time (1 - exp(-(t - t_0) / time))"
 SOURCE = "jaws of a machine whose hydraulics warm up, or that take the heat of the specimen; first-order warming"
-
-
-def boundary_temperature(y: np.ndarray, time: float, elapsed: float, rate: float, constant: float) -> np.ndarray:
-    """Change of the temperature of the jaws since the first time, K: rate x elapsed far below the time constant."""
-    return np.asarray(-rate * constant * np.expm1(-elapsed / constant) + 0.0 * y)

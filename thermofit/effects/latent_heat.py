@@ -7,10 +7,11 @@ import numpy as np
 from thermofit.core.parameters import Param
 
 SLOT = "heat_source"
+_CENTRES = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 PARAMS = (
     Param("latent_heat.heat", "mJ/mm^3", 0.0, -1e5, 1e5, 20.0, "heat set free per unit of plastic strain", probe=50.0),
-    Param("latent_heat.centre", "1", 0.02, 0.0, 2.0, 0.01, "middle of the window of Lambda", scan=(0.005, 0.02, 0.05, 0.1)),
-    Param("latent_heat.width", "1", 0.02, 1e-4, 2.0, 0.01, "width of the window", scan=(0.01, 0.04)),
+    Param("latent_heat.centre", "1", 0.02, 0.0, 2.0, 0.01, "middle of the window of Lambda", scan=_CENTRES, scan_of="strain"),
+    Param("latent_heat.width", "1", 0.02, 1e-4, 2.0, 0.01, "width of the window", scan=(0.12, 0.3), scan_of="strain"),
 )
 FORMULA = "r += heat window(Lambda) dLambda/dt; int window dLambda = width"
 SOURCE = "strain-induced martensite, Olson and Cohen 1975, Metallurgical Transactions A 6; window with rounded ends"

@@ -21,12 +21,10 @@ LEAST_SQUARES: dict[str, Callable[[Evaluations, Settings], Ending]] = {
 METHODS: tuple[str, ...] = ("least-squares", *LEAST_SQUARES, *ALGORITHMS)
 
 
-def algorithm_of(problem: Problem, method: str) -> str:
-    """The algorithm behind a method: "least-squares" is the trust region with exact derivatives; with finite differences it is the
-    Gauss-Newton method that updates them, because each costs a forward run."""
-    if method != "least-squares":
-        return method
-    return "gauss-newton" if problem.linearise is None else "trust-region"
+def algorithm_of(method: str) -> str:
+    """The algorithm behind a method: "least-squares" is Gauss-Newton in a box. With exact derivatives its steps, which are exact within
+    the bounds, take a third of the runs of the trust region of scipy, whose scaling by the distance to the bounds bends them."""
+    return "gauss-newton" if method == "least-squares" else method
 
 
 def minimise(problem: Problem, method: str = "least-squares", settings: Settings | None = None, hooks: Hooks | None = None) -> FitResult:
@@ -37,7 +35,7 @@ def minimise(problem: Problem, method: str = "least-squares", settings: Settings
     """
     settings = Settings() if settings is None else settings
     evaluations = Evaluations(problem, hooks, settings.max_evaluations)
-    algorithm = algorithm_of(problem, method)
+    algorithm = algorithm_of(method)
     if algorithm in LEAST_SQUARES:
         ending = LEAST_SQUARES[algorithm](evaluations, settings)
         derivatives = "exact derivatives" if problem.linearise is not None else f"{settings.differences} differences"

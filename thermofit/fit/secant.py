@@ -1,4 +1,5 @@
-"""Bounded Gauss-Newton that saves forward runs: the Jacobian is updated by Broyden and recomputed only where that fails.
+"""Bounded Gauss-Newton that saves forward runs: without exact derivatives the Jacobian is updated by Broyden and recomputed only where
+that fails.
 
 Secant version of the damped Gauss-Newton method (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares
 Problems, 2nd ed., IMM, DTU, 2004, section 3.5) with a box as trust region: box and bounds are then one set of bounds of a
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import Step, bounded_step, reached, reduce, unresolved
+from thermofit.fit.gauss_newton import Step, bounded_step, pinned, reached, reduce, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
@@ -21,6 +22,8 @@ from thermofit.fit.settings import Settings
 
 FIRST_RADIUS = 0.3
 """Half width of the first trust box in units of the scale."""
+FIRST_RADIUS_EXACT = 0.5
+"""The same with exact derivatives, which a longer step does not spoil."""
 BELIEVED = 0.5
 """Achieved over predicted drop below which an updated Jacobian is recomputed."""
 
@@ -43,7 +46,8 @@ class State:
 
 
 def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
-    """Minimise r.r within bounds; where the problem has exact derivatives, every trial is a linearised run and nothing is updated.
+    """Minimise r.r within bounds; where the problem has exact derivatives, every trial is a linearised run and nothing is updated, and
+    along directions in which the data say nothing the search stays where it is.
 
     A failed evaluation is rejected like one that raises f: the box shrinks to a quarter of the step. The limit of evaluations
     ends the search in any case. NumericsError if the start fails or a derivative cannot be had.
@@ -73,7 +77,7 @@ def _first(evaluations: Evaluations, settings: Settings) -> State:
     problem = evaluations.problem
     if problem.linearise is not None:
         residual, jacobian = evaluations.linearised(problem.start)
-        return State(to_scaled(problem, problem.start), residual, jacobian * problem.scale, FIRST_RADIUS)
+        return State(to_scaled(problem, problem.start), residual, pinned(jacobian * problem.scale, residual), FIRST_RADIUS_EXACT)
     residual = evaluations.residual(problem.start)
     given = problem.first_jacobian
     if given is not None and given.shape == (residual.size, len(problem.names)):
@@ -109,7 +113,10 @@ def _advance(evaluations: Evaluations, state: State, settings: Settings) -> Stat
     z = to_scaled(problem, x)
     ratio = (float(state.residual @ state.residual) - outcome.f) / step.drop if step.drop > 0.0 else -1.0
     exact = outcome.jacobian is not None
-    jacobian = outcome.jacobian * problem.scale if outcome.jacobian is not None else _update(state, z - state.z, outcome.residual)
+    if outcome.jacobian is not None:
+        jacobian = pinned(outcome.jacobian * problem.scale, outcome.residual)
+    else:
+        jacobian = _update(state, z - state.z, outcome.residual)
     if ratio > 1e-4:
         moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=exact)
         return moved if exact or ratio >= BELIEVED else _refresh(evaluations, moved, settings)

@@ -22,21 +22,29 @@ INTERPOLATE = "interpolate"
 
 @dataclass(frozen=True)
 class LoadSteps:
-    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where known, crosshead and DIC elongation mm (n,)."""
+    """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where known, crosshead and DIC elongation mm (n,), and
+    modes of the error of the smoothed force N (n, k): its covariance is error error^T."""
 
     time: np.ndarray
     force: np.ndarray
     crosshead: np.ndarray | None = None
     elongation: np.ndarray | None = None
+    error: np.ndarray | None = None
 
     def until(self, t_end: float) -> LoadSteps:
         """The steps up to t_end, which becomes the last one."""
         time = np.append(self.time[self.time < t_end - 1e-9], t_end)
 
+        return self.at(time)
+
+    def at(self, time: np.ndarray) -> LoadSteps:
+        """The same course at other times s (n,)."""
+
         def cut(value: np.ndarray | None) -> np.ndarray | None:
             return None if value is None else np.interp(time, self.time, value)
 
-        return LoadSteps(time, np.interp(time, self.time, self.force), cut(self.crosshead), cut(self.elongation))
+        error = None if self.error is None else np.stack([np.interp(time, self.time, mode) for mode in self.error.T], axis=1)
+        return LoadSteps(time, np.interp(time, self.time, self.force), cut(self.crosshead), cut(self.elongation), error)
 
 
 @dataclass(frozen=True)
@@ -114,7 +122,7 @@ def measured_of(record: Record) -> Measured:
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:
-    moved = [record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None for key in ("crosshead", "elongation")]
+    moved = [record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None for key in ("crosshead", "elongation", "force_error")]
     return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, *moved)
 
 

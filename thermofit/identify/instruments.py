@@ -89,9 +89,10 @@ class JointPrediction:
 
     def errors(self, parameters: Parameters) -> Errors:
         """Error fields of the parameters. NumericsError where the run fails."""
-        return self._errors(self.instruments.run(parameters), parameters)
+        return self.of(self.instruments.run(parameters), parameters)
 
-    def _errors(self, history: History, parameters: Parameters) -> Errors:
+    def of(self, history: History, parameters: Parameters) -> Errors:
+        """Error fields of a history of the parameters."""
         observed = self.instruments.observations
         return {name: self.instruments.predicted(name, history, parameters) - o.value for name, o in observed.items()}
 
@@ -110,7 +111,7 @@ class JointPrediction:
             out = np.zeros((*observation.value.shape, len(names)))
             self._fill(name, history, parameters, (names, of_body, slopes.of(name)), out)
             found[name] = out
-        return self._errors(history, parameters), found
+        return self.of(history, parameters), found
 
     def _fill(
         self,

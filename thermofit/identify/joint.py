@@ -17,14 +17,17 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
-from thermofit.identify.channels import FIELDS, comparisons_of
-from thermofit.identify.forward import Run, march_settings, run_of, sampler
+from thermofit.fem.history import History
+from thermofit.identify.channels import FIELDS, comparisons_of, field_of
+from thermofit.identify.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, station_names
 from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
+from thermofit.identify.prediction import Errors
+from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
 THERMOCOUPLE = 0.1
@@ -60,6 +63,18 @@ def priors_of(data: Measured, free: Sequence[str]) -> tuple[Prior, ...]:
 
 
 @dataclass(frozen=True)
+class ForceModes:
+    """Field that errors of the prescribed force make: `tangent` (n_t, n_s, n_c) per N, `modes` (n_t, k) N, each of unit variance."""
+
+    tangent: np.ndarray
+    modes: np.ndarray
+
+    def field(self, k: int) -> np.ndarray:
+        """The field (n_t, n_s, n_c) of one mode."""
+        return self.tangent * self.modes[:, k, None, None]
+
+
+@dataclass(frozen=True)
 class Joint:
     """The joint stage of a study on a mesh, whole and by the two fields that hardly act on each other."""
 
@@ -67,6 +82,17 @@ class Joint:
     data: Measured
     settings: StageSettings
     size: MeshSize
+    force_error: Mapping[str, ForceModes] | None = None
+    """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
+
+    @property
+    def steps(self) -> LoadSteps:
+        """The load steps through all that is observed."""
+        return self._steps(self._observations(heat=True))
+
+    def sampler_of(self, name: str) -> Sampler:
+        """The sampler of an observed field at the steps of the coupled run."""
+        return self.prediction.instruments.samplers[name]
 
     @cached_property
     def run(self) -> Run:
@@ -101,7 +127,17 @@ class Joint:
             return None
         kept = keeping_points(self.run)
         held = held_run(kept.body, kept(parameters), kept.settings)
-        return self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
+        return replace(self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels), one_way=True)
+
+    def shown(self, parameters: Parameters) -> tuple[History, Errors]:
+        """A coupled run that keeps its points, and its error fields. NumericsError where it fails."""
+        whole = keeping_points(self.run)
+        history = whole(parameters)
+        return history, self._looking_at(whole, whole, self._observations(heat=True)).of(history, parameters)
+
+    def histories(self, parameters: Parameters) -> tuple[History, ...]:
+        """The coupled run, with its points kept."""
+        return (keeping_points(self.run)(parameters),)
 
     def scored(
         self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
@@ -143,8 +179,20 @@ class Joint:
         observations = prediction.instruments.observations
         own = self.settings.model_copy(update={"channels": {c: self.settings.channels[c] for c in channels}})
         comparisons = comparisons_of(own, observations, self.study, self.data)
+        if self.force_error is not None:
+            comparisons = tuple(self._blurred(c, observations) for c in comparisons)
         priors = priors_of(self.data, self.settings.free)
         return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
+
+    def _blurred(self, comparison: Comparison, observations: Mapping[str, FieldObservation]) -> Comparison:
+        """A comparison with the error of the prescribed force in its noise, where that acts on what it compares."""
+        name = field_of(comparison)
+        if self.force_error is None or name not in self.force_error:
+            return comparison
+        right = np.zeros_like(observations[name].value)
+        found = self.force_error[name]
+        columns = [comparison.slope(right, found.field(k)) for k in range(found.modes.shape[1])]
+        return comparison.blurred(np.stack(columns, axis=1))
 
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:

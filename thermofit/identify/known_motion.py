@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, bare_name
 from thermofit.effects.catalogue import HEATING, Effect, effects
 from thermofit.fem.history import History
 from thermofit.fem.one_way import heat_problem, heat_run_rates
@@ -32,7 +32,7 @@ def acts_in_heat(effect: Effect) -> bool:
 def felt_by_temperatures(names: Sequence[str]) -> tuple[str, ...]:
     """Those of the named parameters that change temperatures, or what the infrared camera shows of them, on a motion that is known."""
     felt = thermal_names().union(*(e.names for e in effects(INFRARED)))
-    return tuple(name for name in names if name in felt)
+    return tuple(name for name in names if bare_name(name) in felt)
 
 
 def keeping_points(run: Run) -> Run:

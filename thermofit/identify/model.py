@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, bare_name
 from thermofit.core.study import Study
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import StageSettings
@@ -65,7 +65,7 @@ class StageModel:
         if self.linearise is None:
             raise ValueError("this model has no exact derivatives")
         errors, slopes = self.linearise(parameters, names)
-        of_priors = [[float(name == prior.name) / prior.sigma for name in names] for prior in self.priors]
+        of_priors = [[float(_is_of(prior, name, names)) / prior.sigma for name in names] for prior in self.priors]
         jacobian = self.with_priors(self.assemble_jacobian(errors, slopes), of_priors)
         return np.append(self.assemble(errors), self.departures(parameters)), jacobian
 
@@ -112,6 +112,11 @@ class StageModel:
             at += c.n
         out[at:] = scaled[at:]
         return size[:, None] * out
+
+
+def _is_of(prior: Prior, name: str, names: Sequence[str]) -> bool:
+    """True where a prior is one of that parameter; one of an experiment is one of the common parameter where that is free instead."""
+    return name == prior.name or (prior.name not in names and name == bare_name(prior.name))
 
 
 def steps_for(data: Measured, fields: set[str]) -> LoadSteps:

@@ -33,6 +33,9 @@ DIFFERENCE_STEP = 5e-6
 """Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""
 F_TOLERANCE = 0.01
 """Remaining drop of the objective in units of its variance at which a fit has converged: a tenth of a standard error."""
+COMPARED = 1e-4
+"""The same where optima are compared with one another: a hundredth of a standard error, so that starts on both sides of one optimum are
+told from two optima. Steps of Gauss and Newton contract so fast at the end that this is one more of them."""
 
 TURNS = 4
 """Most often that a one-way stage solves its mechanics."""
@@ -40,6 +43,8 @@ SETTLED = 0.1
 """Change of every parameter, in standard errors, below which the mechanics of a one-way stage need not be solved anew."""
 
 ModelOn = Callable[[MeshSize, Parameters], StageModel]
+Target = tuple[ModelOn, MeshSize, float]
+"""Model maker, mesh, and tolerance of the objective of one fit."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,8 @@ class Solved:
     remarks: tuple[str, ...]
 
 
-def solve(study: Study, settings: StageSettings, base: Parameters, model_on: ModelOn, job: Job) -> Solved:
-    """Minimise a stage's objective from `base`; on a fine mesh the optimum of the coarse mesh is the start.
+def solve(study: Study, settings: StageSettings, base: Parameters, model_on: ModelOn, job: Job, f_tolerance: float = F_TOLERANCE) -> Solved:
+    """Minimise a stage's objective from `base` to `f_tolerance`; on a fine mesh the optimum of the coarse mesh is the start.
 
     A one-way stage takes its mechanics from a coupled run with the parameters that it starts from; thermal strain in that run takes
     part in the heat balance (9 K alpha_exp^2 theta beside c0). So the mechanics is solved anew at the optimum until that settles.
@@ -71,10 +76,10 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
     fits: list[FitResult] = []
     scalable = study.geometry.shape != "file" and study.coupon is None
     if scalable and _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
-        _, coarse = _settled(study, settings, base, (model_on, coarse_size), job)
+        _, coarse = _settled(study, settings, base, (model_on, coarse_size, F_TOLERANCE), job)
         fits += coarse
         base = base.with_vector(coarse[-1].x)
-    model, fine = _settled(study, settings, base, (model_on, size), job, fits[-1].jacobian if fits else None)
+    model, fine = _settled(study, settings, base, (model_on, size, f_tolerance), job, fits[-1].jacobian if fits else None)
     fit, fits = fine[-1], fits + fine
     spread, remark = covariance_of(model, fit)
     restless = "" if _close(*fine[-2:]) else "the mechanics of the one-way stage has not settled: the optimum still moves with it"
@@ -82,7 +87,7 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
 
 
 def _settled(
-    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, jacobian: np.ndarray | None = None
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, jacobian: np.ndarray | None = None
 ) -> tuple[StageModel, list[FitResult]]:
     """Model and fits on one mesh; the last fit is the result. Several only where the model is one-way."""
     fits: list[FitResult] = []
@@ -129,15 +134,15 @@ def _elements(size: MeshSize) -> int:
 
 
 def _minimise(
-    study: Study, settings: StageSettings, base: Parameters, on: tuple[ModelOn, MeshSize], job: Job, start: tuple[np.ndarray | None, int]
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[np.ndarray | None, int]
 ) -> tuple[StageModel, FitResult]:
-    (model_on, size), (jacobian, turn) = on, start
+    (model_on, size, f_tolerance), (jacobian, turn) = on, start
     label = ("point" if study.coupon is not None else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")
     model = remembering(model_on(size, base))
     store = Checkpoint(job.path.parent / checkpoint_folder(job, label), evaluation_key(job, base))
     problem, change = stage_problem(study, settings, base, model, jacobian)
     options = Settings(
-        x_tolerance=settings.tolerance, f_tolerance=F_TOLERANCE, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
+        x_tolerance=settings.tolerance, f_tolerance=f_tolerance, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
     )
     with progress(f"{job.stage} {label}", None) as advance:
 

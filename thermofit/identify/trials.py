@@ -30,7 +30,7 @@ from thermofit.core.study_section import MeshSize
 from thermofit.identify.model import StageModel
 from thermofit.identify.outcome import made
 from thermofit.identify.several import feasible
-from thermofit.identify.solve import ModelOn, Solved, merged_counts, solve
+from thermofit.identify.solve import COMPARED, ModelOn, Solved, merged_counts, solve
 from thermofit.identify.stage import Ready, model_maker
 from thermofit.identify.variation import Change, response, varied
 
@@ -158,7 +158,7 @@ def _answer(common: Setup, keep: Job, given: Mapping[str, float], first: bool) -
         own = common.shared is None or other.reach == "data"
         models = other.wrap(model_maker(study, stage.settings, stage.data) if own else _models(common))
         start, remark = feasible(study, stage.data, stage.base)
-        solved = solve(study, stage.settings, start, models, keep)
+        solved = solve(study, stage.settings, start, models, keep, COMPARED)
         row = trial_summary(given, stage.base, solved, remark)
         if first and common.change is not None:
             row |= _response(common, stage, solved, models)

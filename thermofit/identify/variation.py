@@ -123,11 +123,7 @@ def _stepping(steps: LoadSteps, old: np.ndarray, new: np.ndarray) -> LoadSteps:
     gone = np.isin(np.round(steps.time, 6), np.round(old, 6))
     gone[[0, -1]] = False
     time = np.unique(np.round(np.concatenate([steps.time[~gone], new]), 9))
-
-    def at(value: np.ndarray | None) -> np.ndarray | None:
-        return None if value is None else np.interp(time, steps.time, value)
-
-    return LoadSteps(time, np.interp(time, steps.time, steps.force), at(steps.crosshead), at(steps.elongation))
+    return steps.at(time)
 
 
 def response(study: Study, stage: Ready, solved: Solved, models: ModelOn, change: Change) -> dict[str, float]:

@@ -63,6 +63,28 @@ class Comparison:
             along=None if along is None else lambda e, s: root * along(e, s),
         )
 
+    def blurred(self, columns: np.ndarray) -> Comparison:
+        """The same with noise of what is prescribed beside that of what is measured: `columns` (n, k) are the residuals that k independent
+        errors of unit variance make. The residual is whitened by (1 + columns columns^T)^(-1/2)."""
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        u, s = u[:, s > 1e-3], s[s > 1e-3]
+        shrunk, along, noise = 1.0 - 1.0 / np.sqrt(1.0 + s**2), self.along, self.noise
+
+        def white(r: np.ndarray) -> np.ndarray:
+            return np.asarray(r - (u * shrunk) @ (u.T @ r))
+
+        def correlated(v: np.ndarray) -> np.ndarray:
+            assert noise is not None
+            w = white(v)
+            return white(noise(w) + (u * s**2) @ (u.T @ w))
+
+        return replace(
+            self,
+            residual=lambda e: white(self.residual(e)),
+            noise=None if noise is None else correlated,
+            along=None if along is None else lambda e, direction: white(along(e, direction)),
+        )
+
 
 @dataclass(frozen=True)
 class RelativeScheme:

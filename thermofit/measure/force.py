@@ -70,6 +70,14 @@ class SmoothForce:
             variance = np.asarray(design.multiply(design @ self.covariance).sum(axis=1)).ravel()
         return _shaped(np.sqrt(np.maximum(np.asarray(variance), 0.0)), t)
 
+    def error_modes(self, t: np.ndarray | float) -> np.ndarray:
+        """Modes of the error of the smoothed force in N at times t s (n,), (n, k): its covariance is modes modes^T; those of less than a
+        thousandth of the largest are left out. DataError outside the record."""
+        design = self.curve.design(_within(self, t))
+        root = np.diag(np.sqrt(self.covariance)) if self.covariance.ndim == 1 else np.linalg.cholesky(self.covariance)
+        u, s, _ = np.linalg.svd(np.asarray(design @ root), full_matrices=False)
+        return np.asarray((u * s)[:, s > 1e-3 * s[0]])
+
 
 def _within(smooth: SmoothForce, t: np.ndarray | float) -> np.ndarray:
     """Times as a flat array, checked to be within the record (a rounding error beyond it is moved onto its end)."""

@@ -14,6 +14,7 @@ from thermofit.core.study import Study
 from thermofit.core.study_literature import Candidate
 from thermofit.diagnose.comparing import Contender, fitted, judged, parameter_table, table, verdict
 from thermofit.diagnose.prepared import SECTIONS
+from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.verification import identified_stages
 from thermofit.identify.several import interpolate_paths
 from thermofit.identify.solve import discard_checkpoints, merged_counts
@@ -78,7 +79,7 @@ def _made(study: Study, contenders: list[Contender]) -> Made:
         "fitted": parameter_table(found),
         "held_out": found.by,
         "evaluations": merged_counts(*(c.fit for c in contenders)),
-        "remarks": [f"held out: {found.by}", *bounds],
+        "remarks": [f"held out: {found.by}", *bounds, *(f"{c.name}: {text}" for c in contenders for text in failed_in_words(c.failures))],
     }
     datasets = {}
     for c, r in zip(contenders, found.held_out, strict=True):

@@ -197,6 +197,7 @@ def _force_datasets(
         steps = _refined(_merged(steps, times), numerics.steps_per_interval)
         datasets[f"steps/{name}/time"] = Dataset(steps, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(smooth.evaluate(steps), "N", ("step",))
+        datasets[f"steps/{name}/force_error"] = Dataset(smooth.error_modes(steps), "N", ("step", "mode"))
         if experiment.force.crosshead is not None:
             crosshead = np.interp(steps, experiment.force.time, experiment.force.crosshead)
             datasets[f"steps/{name}/crosshead"] = Dataset(crosshead, "mm", ("step",))

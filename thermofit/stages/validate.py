@@ -48,7 +48,8 @@ def run(study: Study, *, force: bool = False, prepare: Prepare | None = None) ->
         unseen = coupon_data(study, held_out=True)
         return produce(task, lambda: verified_coupons(study, unseen, parameters, stages, "valid"), force=force)
     outcome = produce(task, lambda: _make(study, parameters, stages, task), force=force)
-    discard_checkpoints(task)
+    for name in study.held_out:
+        discard_checkpoints(_own_job(task, name))
     return outcome
 
 
@@ -81,13 +82,18 @@ def _make(study: Study, parameters: Parameters, stages: tuple[str, ...], task: J
     return Made(datasets, {**summary, "evaluations": counts}, results)
 
 
+def _own_job(task: Job, name: str) -> Job:
+    """The job under which evaluations of the fit of a held-out experiment's own parameters are kept."""
+    return dataclasses.replace(task, stage=f"{NAME}{AT}{name}")
+
+
 def _own_fitted(study: Study, part: Part, base: Parameters, task: Job) -> tuple[Parameters, list[str]]:
     """The held-out experiment's own parameters fitted on its own data, where the study says so; the material stays as it is."""
     names = study.experiments[part.name].fit_own
     if not names:
         return base, []
     settings = joint_settings(part.study, names, part.data)
-    own = dataclasses.replace(task, stage=f"{NAME}{AT}{part.name}")
+    own = _own_job(task, part.name)
     solved = solve(part.study, settings, base, lambda size, _: joint_model(part.study, part.data, settings, size), own)
     values = ", ".join(f"{name} = {solved.parameters[name]:.4g}" for name in names)
     return solved.parameters, [f"{values} fitted on its own data, as fit_own says: these are no predictions"]

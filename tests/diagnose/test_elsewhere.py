@@ -1,0 +1,116 @@
+"""Proof on held-out tests inside the loop: what carries over to another test is judged there, what belongs to one test is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_loop import BASE, KNOWN, SIGMA, case_of, refitting
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.elsewhere import Carried, Elsewhere, held_out_words, predicted_beyond, unseen_rms
+from thermofit.diagnose.findings_record import _errors
+from thermofit.diagnose.loop import Closed, _still_needed, before_after, close_loop, ranking_rows
+from thermofit.diagnose.trace import traced
+
+DRIFT = {"ir_drift.rate": 1e-3}
+ALL = frozenset(e.name for e in KNOWN)
+
+
+def another(seed: int, judges: frozenset[str] = ALL, own: tuple[str, ...] = (), **planted: float) -> Elsewhere:
+    """A second test of the same specimen with noise of its own."""
+    here = case_of(seed, **planted)
+
+    def carried(free: Sequence[str]) -> Carried:
+        return tuple(free), np.eye(len(free))
+
+    def case(p: Parameters) -> Case:
+        return replace(here, parameters=p)
+
+    return Elsewhere("second", case, carried, judges, own)
+
+
+def started(test: Elsewhere | None, seed: int = 3, **planted: float) -> tuple[Case, object, object]:
+    """A case at the optimum of what it fits, its fit, and how to refit."""
+    case = case_of(seed, **planted)
+    refit = refitting(case.model)
+    parameters, fit = refit(case.parameters, "joint")
+    return replace(case, parameters=parameters, elsewhere=() if test is None else (test,)), fit, refit
+
+
+def closed(test: Elsewhere | None, seed: int = 3, **planted: float) -> Closed:
+    case, fit, refit = started(test, seed, **planted)
+    return close_loop(case, fit, refit, 3, None)  # type: ignore[arg-type]
+
+
+def test_an_effect_of_both_tests_is_proved_on_the_unseen_one() -> None:
+    found = closed(another(11, **DRIFT), **DRIFT)
+    trial = found.rounds[0].trials[0]
+    assert found.accepted == ("ir_drift",) and trial.proof is not None and trial.proof.on == "second"
+    assert found.first.proofs["ir_drift"].on == "second"
+    table = before_after(found.first, found.last)
+    before, after = (table[word]["held_out"]["theta@second"] for word in ("before", "after"))
+    assert after == pytest.approx(SIGMA, rel=0.05) and before > 1.2 * after
+    assert "theta@second" not in table["after"]["fit"] and "held-out theta@second" in _errors(table)
+    assert ranking_rows(found.first)[0]["held_out_on"] == "second" and held_out_words(found.last).startswith(
+        "second, which no fit has seen"
+    )
+
+
+def test_gain_on_the_unseen_test_is_that_of_the_refit() -> None:
+    """The linear proof before and the refit after say the same of the test that neither saw."""
+    test = another(11, **DRIFT)
+    found = closed(test, **DRIFT)
+    first, second = found.first, found.rounds[1].traced
+    model = test.case(BASE).model
+    for here in (first, second):
+        assert predicted_beyond(here) == pytest.approx(model.residual(here.case.parameters), abs=0.02)
+    mean = [float(np.mean(predicted_beyond(here) ** 2)) for here in (first, second)]
+    proof = found.rounds[0].trials[0].proof
+    assert proof is not None and proof.gain == pytest.approx(1.0 - mean[1] / mean[0], rel=1e-6)
+    assert first.proofs["ir_drift"].gain == pytest.approx(proof.gain, abs=0.02)
+
+
+def test_what_the_unseen_test_contradicts_is_refused() -> None:
+    """A drift in the fitted test alone, said to be one that every test has."""
+    found = closed(another(11), **DRIFT)
+    assert found.accepted == () and found.first.proofs["ir_drift"].on == "second"
+    row = next(r for r in ranking_rows(found.first) if r["effect"] == "ir_drift")
+    assert "on second falls by -" in row["remark"]
+
+
+def test_what_belongs_to_the_fitted_test_is_judged_there() -> None:
+    found = closed(another(11, ALL - {"ir_drift"}), **DRIFT)
+    trial = found.rounds[0].trials[0]
+    assert found.accepted == ("ir_drift",) and trial.proof is not None and trial.proof.on == ""
+    assert ranking_rows(found.first)[0]["held_out_on"] == "rows of the fitted data"
+
+
+def test_a_test_that_does_not_feel_an_effect_does_not_judge_it() -> None:
+    """An emissivity that no warming shows: the unseen test is one at rest."""
+    planted = {"ir_emissivity.slope": 2.0}
+    test = another(11)
+    still = replace(test, case=lambda p: test.case(p.replace(c0=1e6)))
+    found = closed(still, **planted)
+    proof = found.rounds[0].trials[0].proof
+    assert found.accepted == ("ir_emissivity",) and proof is not None and proof.on == ""
+
+
+def test_parameters_of_the_unseen_test_are_fitted_on_its_own_data() -> None:
+    planted = {"ir_drift.rate": 4e-3}
+    off, _, _ = started(another(11, **planted))
+    own, _, _ = started(another(11, own=("ir_drift.rate",), **planted))
+    assert unseen_rms(traced(off))[0]["theta@second"] > 3.0
+    assert unseen_rms(traced(own))[0]["theta@second"] == pytest.approx(1.0, rel=0.03)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_an_accepted_effect_is_kept_where_the_unseen_test_needs_it(there: bool) -> None:
+    """The backward check asks the unseen test too: what it shows is needed, what it does not show is not."""
+    found = closed(None, **DRIFT)
+    assert found.accepted == ("ir_drift",)
+    case = replace(found.last.case, elsewhere=(another(12, **(DRIFT if there else {})),))
+    assert _still_needed(traced(case), "ir_drift") is there

@@ -1,0 +1,219 @@
+"""Proof on experiments that no fit has seen, inside the loop: what the fitted parameters predict there, without and with an effect.
+
+A held-out test is a case of its own. Its rows are predicted by the parameters of the fit: the linearised models of both together say how
+the step of the fitted rows, alone or with an effect, changes the rows that are not seen. An effect of the material acts in every test
+and is proved there. One of the boundary or of the instruments belongs to the test that shows it, and another test says nothing of it;
+nor does one that hardly feels the effect: then the held-out rows of the fitted tests decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
+from thermofit.diagnose.experiments import stacked
+from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual
+from thermofit.effects.catalogue import effect
+from thermofit.measure.comparison import NoiseOperator
+
+if TYPE_CHECKING:
+    from thermofit.diagnose.trace import Traced
+
+Carried = tuple[tuple[str, ...], np.ndarray]
+"""Names there, and weights (n_there, n_fitted) with which the fitted parameters make them."""
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """A held-out test: the case that parameters of the fit make of it, how fitted names are carried there, the names of effects that it
+    can judge, and its own parameters that are fitted on its own data."""
+
+    name: str
+    case: Callable[[Parameters], Case]
+    carried: Callable[[Sequence[str]], Carried]
+    judges: frozenset[str]
+    own: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """A held-out test at an optimum: residual (m,), columns (m, p) of the fitted parameters and (m, k) of effects, rows, channels with
+    their noise, and what applies the correlation of it."""
+
+    name: str
+    residual: np.ndarray
+    fitted: np.ndarray
+    dormant: Mapping[str, np.ndarray]
+    rows: Rows
+    floors: Mapping[str, float]
+    noise: NoiseOperator | None
+
+
+Settings = Mapping[str, dict[str, float]]
+"""Values of the exponents of effects."""
+
+
+def beyond_of(case: Case, wanted: Sequence[str], settings: Settings) -> tuple[Beyond, ...]:
+    """The held-out tests of a case, with the columns of the wanted effects that each can judge. NumericsError names the test."""
+    out = []
+    for test in case.elsewhere:
+        try:
+            out.append(_beyond(test, case, [n for n in wanted if n in test.judges], settings))
+        except NumericsError as error:
+            raise NumericsError(f"held-out {test.name}: {error}") from error
+    return tuple(out)
+
+
+def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settings) -> Beyond:
+    names, weights = test.carried(case.parameters.free)
+    there = test.case(case.parameters)
+    own_names = (*names, *test.own)
+    there = replace(
+        there,
+        parameters=there.parameters.with_free(own_names),
+        known=tuple(effect(n) for n in wanted),
+        largest_strain=case.largest_strain,
+    )
+    found = linearised(there)
+    used = there.rows.channel >= 0
+    blocks = {name: _block(there, found, name, settings.get(name))[used] for name in wanted if name in found.dormant}
+    residual, fitted = found.residual[used], found.fitted[used]
+    basis, _ = np.linalg.qr(_unit(fitted[:, len(names) :]))
+
+    def judged(value: np.ndarray) -> np.ndarray:
+        """Without what the test's own parameters, fitted on its own data, take up."""
+        return np.asarray(value - basis @ (basis.T @ value))
+
+    rows = there.rows
+    own = Rows(rows.channel[used], rows.time[used], rows.xy[used], rows.phase[used])
+    floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in there.model.comparisons}
+    noisy = any(c.noise is not None for c in there.model.comparisons)
+    return Beyond(
+        test.name,
+        judged(residual),
+        judged(fitted[:, : len(names)] @ weights),
+        {name: judged(block) for name, block in blocks.items()},
+        own,
+        floors,
+        _noise_of(there, used) if noisy else None,
+    )
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
+
+
+def _noise_of(there: Case, used: np.ndarray) -> NoiseOperator:
+    def noise(v: np.ndarray) -> np.ndarray:
+        whole = np.zeros((len(used), v.shape[1]))
+        whole[used] = v
+        return there.model.noise(whole)[used]
+
+    return noise
+
+
+def _block(there: Case, found: Linearised, name: str, chosen: dict[str, float] | None) -> np.ndarray:
+    """Columns of an effect at the values of its exponents that the fitted tests chose."""
+    tried = scans(effect(name), there)
+    if chosen is None or chosen == tried[0]:
+        return found.dormant[name][1]
+    if name in found.scanned and chosen in tried:
+        return found.scanned[name][tried.index(chosen)]
+    return columns_of(there, effect(name), chosen)
+
+
+System = tuple[np.ndarray, np.ndarray]
+"""Residual (n,) and columns (n, p) of the fitted tests."""
+
+
+def unseen_residual(seen: System, beyond: Sequence[Beyond], there: Sequence[np.ndarray], room: Room) -> np.ndarray:
+    """Residual (m,) of the held-out tests as the rows of the fitted ones predict it; `there` are their columns (m_k, p)."""
+    residual = np.concatenate([seen[0], *(b.residual for b in beyond)])
+    held = np.arange(len(residual)) >= len(seen[0])
+    split = Split((held,), (np.zeros_like(held),), "")
+    return held_out_residual(residual, np.concatenate([seen[1], *there]), split, room)[held]
+
+
+def proof_beyond(seen: System, name: str, block: np.ndarray, beyond: Sequence[Beyond], rooms: tuple[Room, Room]) -> Proof | None:
+    """Proof of a dormant effect of that name, its columns (n, k) in the fitted tests, on held-out ones; None where they cannot judge."""
+    if not any(name in b.dormant for b in beyond):
+        return None
+    (room, own), fitted = rooms, [b.fitted for b in beyond]
+    both = [np.concatenate([b.fitted, b.dormant.get(name, np.zeros((len(b.residual), block.shape[1])))], axis=1) for b in beyond]
+    before = unseen_residual(seen, beyond, fitted, room)
+    wider = (np.append(room[0], own[0]), np.append(room[1], own[1]))
+    after = unseen_residual((seen[0], np.concatenate([seen[1], block], axis=1)), beyond, both, wider)
+    return _told(before, after, beyond)
+
+
+def _told(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
+    """What held-out tests say of a change; None where it is so small there that noise alone would hide a true one: then r + d, what is
+    left, is noise, and the fall of the square sum is d.d, with the standard error 2 sqrt(d.C d)."""
+    at = np.cumsum([0, *(len(b.residual) for b in beyond)])
+
+    def noise(v: np.ndarray) -> np.ndarray:
+        parts = [v[a:e] if b.noise is None else b.noise(v[a:e]) for b, a, e in zip(beyond, at[:-1], at[1:], strict=True)]
+        return np.concatenate(parts)
+
+    change = after - before
+    doubt = 2.0 * float(change @ noise(change[:, None])[:, 0]) ** 0.5
+    if float(change @ change) <= max(SURE * doubt, PRACTICAL * float(before @ before)):
+        return None
+    found = compared(before, after, stacked([b.rows for b in beyond]), len(beyond), noise)
+    return replace(found, on=", ".join(b.name for b in beyond))
+
+
+def predicted_beyond(here: Traced) -> np.ndarray:
+    """Residual (m,) of the held-out tests of a trace."""
+    return unseen_residual((here.columns.residual, here.columns.fitted), here.beyond, [b.fitted for b in here.beyond], _room(here))
+
+
+def _room(here: Traced) -> Room:
+    x, bounds = here.case.parameters.vector(), [param(n) for n in here.case.parameters.free]
+    return np.array([p.lower for p in bounds]) - x, np.array([p.upper for p in bounds]) - x
+
+
+def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
+    """Proof of an effect by two optima, without and with it; None where the held-out tests cannot judge it."""
+    if not any(name in test.judges for test in here.case.elsewhere):
+        return None
+    return _told(predicted_beyond(here), predicted_beyond(there), here.beyond)
+
+
+def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | None:
+    """Proof of an accepted effect against the same model without it, `seen` its residual and columns; None as in `proof_of_refit`."""
+    if not any(name in test.judges for test in here.case.elsewhere):
+        return None
+    own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
+    back = np.array([0.0 if param(n).scan else param(n).neutral - here.case.parameters[n] for n in effect(name).names])
+    back = back[[effect(name).names.index(here.case.parameters.free[k]) for k in own]]
+    without = [replace(b, residual=b.residual + b.fitted[:, own] @ back) for b in here.beyond]
+    before = unseen_residual(seen, without, [np.delete(b.fitted, own, axis=1) for b in here.beyond], room)
+    return _told(before, predicted_beyond(here), here.beyond)
+
+
+def unseen_rms(here: Traced) -> tuple[dict[str, float], dict[str, float]]:
+    """Rms over the noise of every channel of the held-out tests, and the noise in the unit of the channel, by <channel>@<test>."""
+    residual, at = (predicted_beyond(here) if here.beyond else np.zeros(0)), 0
+    rms, floors = {}, {}
+    for b in here.beyond:
+        part = residual[at : at + len(b.residual)]
+        at += len(b.residual)
+        for k, (channel, floor) in enumerate(b.floors.items()):
+            rms[f"{channel}@{b.name}"] = float(np.sqrt(np.mean(part[b.rows.channel == k] ** 2)))
+            floors[f"{channel}@{b.name}"] = floor
+    return rms, floors
+
+
+def held_out_words(here: Traced) -> str:
+    """What was held out, in words."""
+    if not here.beyond:
+        return here.split.by
+    return f"{', '.join(b.name for b in here.beyond)}, which no fit has seen; for what only a fitted test can show: {here.split.by}"

@@ -52,3 +52,4 @@ def test_displacements_alone_and_temperatures_alone_see_the_corrected_data() -> 
 
 def test_a_finer_mesh_is_finer_along_every_axis() -> None:
     assert finer_mesh(MeshSize(n_x=6, n_y=40, n_z=1)) == MeshSize(n_x=9, n_y=60, n_z=2)
+    assert finer_mesh(MeshSize(n_x=2, n_y=14, n_z=1)) == MeshSize(n_x=3, n_y=22, n_z=2), "an even number along the load"

@@ -15,7 +15,9 @@ from thermofit.fem.body import Body, tension_body, thermal_geometry
 from thermofit.fem.conduction import HeatStep, at_constant_stress, heat_conditions, heat_step, steady_temperature
 from thermofit.fem.conduction_rates import condition_rates, heat_step_rates, steady_rates
 from thermofit.fem.heat import PointHistory, heat_of_increment, increment_between
-from thermofit.fem.heat_rates import PointRates, SourceLaw, frozen_source_rates, heat_source_rates, source_law
+from thermofit.fem.heat_effect_rates import multiply_some
+from thermofit.fem.heat_effects import nodal_heat
+from thermofit.fem.heat_rates import PointRates, SourceLaw, frozen_source_rates, heat_source_rates, source_law, source_slopes
 from thermofit.fem.lanes import multiply_directions
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.march import History, MarchSettings
@@ -173,7 +175,8 @@ def test_heat_sources(body: Body, model: int, closed_form: bool) -> None:
     sources = Sources(body, LAW, model, closed_form)
     moving, frozen = (np.zeros_like(sources.theta_rates) for _ in range(2))
     temperature = (sources.theta, sources.theta_rates)
-    heat_source_rates(body.data, tuple(sources.ends), tuple(sources.rates), temperature, sources.along(), moving)
+    slopes = source_slopes(body.data, tuple(sources.ends), temperature[0], sources.along())
+    heat_source_rates(body.data, slopes, tuple(sources.rates), temperature, sources.along(), moving)
     frozen_source_rates(body.data, increment_between(*sources.ends), temperature, sources.along(), frozen)
     steps = [step_of(name) for name in LAW]
     check_columns(moving, [lambda s, k=k: sources.heat(k, s) for k in range(len(LAW))], steps)
@@ -312,3 +315,26 @@ def test_heat_problem_keeps_the_geometry_of_every_step(body: Body) -> None:
         for name in ("air", "clamp"):
             assert np.array_equal(kept.film[name], expected.film[name])
             assert np.array_equal(kept.film_area[name], expected.film_area[name])
+
+
+@pytest.mark.parametrize("used", [1, 3, 7])
+def test_products_of_few_columns_are_those_of_all(used: int) -> None:
+    """Columns that vanish cost nothing; what they are spared changes no other."""
+    body = tension_body(bar_mesh((2, 3, 2), (2.0, 4.0, 1.5), distortion=0.1))
+    p, x = body.thermal, np.zeros((body.mesh.n_nodes, 8))
+    x[:, RANDOM.permutation(8)[:used]] = RANDOM.normal(size=(len(x), used))
+    expected = multiply_directions(p.row, p.column, body.capacity, x)
+    assert np.allclose(multiply_some(body, body.capacity, x), expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
+
+
+def test_nodal_heat_of_one_density_and_of_several() -> None:
+    """A constant density leaves its volume behind; columns are independent of each other."""
+    body = tension_body(bar_mesh((2, 3, 2), (2.0, 4.0, 1.5), distortion=0.1))
+    density = RANDOM.normal(size=(body.mesh.n_elements, 8, 3))
+    found = nodal_heat(body, density)
+    assert np.allclose(found[:, 1], nodal_heat(body, density[:, :, 1]))
+    assert np.allclose(found.sum(axis=0), np.einsum("eq,eqk->k", body.data.volume, density))
+    first = np.einsum("qa,eq,eqk->eak", body.data.shape, body.data.volume, density)
+    nodal = np.zeros_like(found)
+    np.add.at(nodal, body.mesh.hexes, first)
+    assert np.allclose(found, nodal, rtol=1e-12, atol=1e-14)

@@ -17,6 +17,7 @@ from thermofit.identify.channels import field_of
 from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
 from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
+from thermofit.material.law import law_of
 
 if TYPE_CHECKING:
     from thermofit.diagnose.elsewhere import Elsewhere
@@ -26,6 +27,8 @@ ON_POINT = ("linear_hardening", "thermal_expansion")
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
 surface does not flow, with the least overstress it does."""
+_RATE, _STEP = 1e-3, 1e-30
+"""1/s, and the imaginary step of a derivative by it."""
 
 
 Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -126,6 +129,21 @@ def _tiny(effect: Effect) -> float:
     return effect.amplitude.neutral + TINY * float(effect.amplitude.probe or 0.0)
 
 
+def _asked_beside(case: Case, effect: Effect) -> bool:
+    """Whether an effect is asked beside its neutral value. On a body only where overstress makes points flow: every effect that is on makes
+    the run dearer and couples it more."""
+    return case.scored is None or feels_rate(effect, case.parameters)
+
+
+def feels_rate(effect: Effect, parameters: Parameters) -> bool:
+    """True for an effect of the yield stress that depends on the rate of flow, by complex step at its probe."""
+    if effect.slot not in ("yield_stress", "yield_factor"):
+        return False
+    values = [effect.amplitude.probe, *(p.neutral for p in effect.params[1:])]
+    found = effect.act(0.01, complex(_RATE, _STEP), parameters["theta_ref"], law_of(parameters), *values)
+    return bool(np.imag(found) != 0.0)
+
+
 @dataclass(frozen=True)
 class Linearised:
     """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by.
@@ -144,7 +162,7 @@ def linearised(case: Case) -> Linearised:
     dormant = case.dormant()
     heated = [e for e in dormant if case.scored is not None and acts_in_heat(e)]
     coupled = [e for e in dormant if e not in heated]
-    tiny = {e.amplitude.name: _tiny(e) for e in coupled if e.amplitude.name not in case.instruments}
+    tiny = {e.amplitude.name: _tiny(e) for e in coupled if e.amplitude.name not in case.instruments and _asked_beside(case, e)}
     felt = {e.name: _felt(e) for e in coupled}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))

@@ -130,14 +130,15 @@ def heat_step_rates(
     starts = np.stack([step.start, step.start + (1.0 - gamma) / gamma * (step.stages[0] - step.start)], axis=1)
     geometry = replace(step.geometry, conduction=step.conduction)
     losses, lanes = _losses(body, geometry, (step.conditions, step.loads), theta, rates)
-    change = _multiply_both(p.row, p.column, step.capacity, starts - theta)
-    lanes = np.vstack([rates.c0, -gamma * step.length * lanes])
+    lanes = -gamma * step.length * lanes
+    if np.any(rates.c0):
+        change = _multiply_both(p.row, p.column, step.capacity, starts - theta)
+        losses, lanes = np.concatenate([change.T[:, :, None], losses], axis=2), np.vstack([rates.c0, lanes])
     supply = gamma * heat_rates
     shape = None if motion is None else _shape_rates(body, step, theta, motion)
     supplies, effects = [], _effect_supplies(body, step, (starts, theta), rates)
     for k in range(len(step.stages)):
-        supplies.append(np.column_stack([change[:, k], losses[k]]) @ lanes)
-        supplies[k] += supply
+        supplies.append(losses[k] @ lanes + supply)
         if effects is not None:
             supplies[k] += effects[k]
         if shape is not None:
@@ -211,16 +212,27 @@ def _through_stages(body: Body, step: HeatStep, start_rates: np.ndarray, supplie
 def _losses(
     body: Body, geometry: ThermalGeometry, given: tuple[HeatConditions, Loads | None], theta: np.ndarray, rates: ConditionRates
 ) -> tuple[np.ndarray, np.ndarray]:
-    """E' theta - q' in mW by conductivity and films for two theta (n_np, 2): the products (2, n_np, n) of nodal terms and lanes (n, m)."""
+    """E' theta - q' in mW by conductivity and films for two theta (n_np, 2): the products (2, n_np, n) of nodal terms and lanes (n, m).
+
+    Terms that no direction moves are left out.
+    """
     p, (conditions, loads) = body.thermal, given
-    nodal, lanes = [_multiply_both(p.row, p.column, geometry.conduction, theta)], [rates.kappa]
+    nodal, lanes = [], []
+    if np.any(rates.kappa):
+        nodal, lanes = [_multiply_both(p.row, p.column, geometry.conduction, theta)], [rates.kappa]
     for name, (alpha, medium) in conditions.films.items():
         alpha_rates, medium_rates = rates.films[name]
         area, over = geometry.film_area[name][:, None], theta
         if loads is not None and name in loads.media:
             over = theta - loads.media[name].T
-        nodal += [_multiply_both(p.row, p.column, geometry.film[name], over) - medium * area, np.repeat(area, 2, axis=1)]
-        lanes += [FILM_UNIT * alpha_rates, -FILM_UNIT * alpha * medium_rates]
+        if np.any(alpha_rates):
+            nodal.append(_multiply_both(p.row, p.column, geometry.film[name], over) - medium * area)
+            lanes.append(FILM_UNIT * alpha_rates)
+        if np.any(medium_rates):
+            nodal.append(np.repeat(area, 2, axis=1))
+            lanes.append(-FILM_UNIT * alpha * medium_rates)
+    if not nodal:
+        return np.zeros((2, len(theta), 0)), np.zeros((0, len(rates.kappa)))
     return np.stack(nodal).transpose(2, 1, 0), np.stack(lanes)
 
 

@@ -22,12 +22,16 @@ from thermofit.fem.element import ElementData
 from thermofit.fem.heat_effects import (
     Flow,
     HeatEffects,
+    Instants,
     Media,
     Moment,
+    Place,
     about_middle,
     at_points,
+    instants,
     mean_flux,
     nodal_heat,
+    place_of_points,
     point_power,
     slope_of,
     stage_media,
@@ -39,7 +43,10 @@ from thermofit.material.law_rates import STEP
 
 _WARMER = 0.05
 """K; step of the difference of slopes by theta."""
+_AROUND = np.array([0.0, _WARMER, -_WARMER])
 _FACTORS = ("capacity", "conductivity")
+_FEW = 4
+"""Columns up to which a product column by column is the cheaper one."""
 
 Moved = tuple[HeatEffects | None, ...]
 """Per direction the effects with their numbers moved by i h; None where the direction moves none of them."""
@@ -76,13 +83,11 @@ class Along:
     def directions(self, slot: str, facets: str = "") -> list[tuple[int, HeatEffects, complex]]:
         """Directions that effects of a slot feel: column, effects, and the medium of the facet set, moved."""
         found = []
-        for column in range(len(self.moved)):
-            effect, medium = self.moved[column], 0.0j
-            if facets:
-                medium = complex(self.films[facets][0] * 0.0 + self.films[facets][1], STEP * self.media[facets][column])
-            warmer = medium.imag != 0.0 and slot == "surface_flux"
-            effect = effect if effect is not None else self.effect if warmer else None
-            if effect is not None and effect.of(slot, facets):
+        for column, moved in enumerate(self.moved):
+            warmer = self.effect is not None and slot == "surface_flux" and self.media[facets][column] != 0.0
+            effect = moved if moved is not None else self.effect if warmer else None
+            if effect is not None and slot in effect.by_slot and effect.of(slot, facets):
+                medium = complex(self.films[facets][1], STEP * self.media[facets][column]) if facets else 0.0j
                 found.append((column, effect, medium))
         return found
 
@@ -135,6 +140,7 @@ def _flux_rates(body: Body, along: Along, name: str, when: Timing, middle_rates:
     moment, length, _ = when
     theta, y = moment.middle, about_middle(body)[1]
     moved, here = along.directions("surface_flux", name), along.effect
+    at_three, on = theta + _AROUND[:, None], np.unique(body.films[name].facets)
     by_number, slope = np.zeros((2, body.mesh.n_nodes, along.m))
     acts = here is not None and bool(here.of("surface_flux", name))
     if here is not None and acts and middle_rates is not None:
@@ -142,9 +148,9 @@ def _flux_rates(body: Body, along: Along, name: str, when: Timing, middle_rates:
         curvature = slope_of(here, at, theta + _WARMER, moment, length) - slope_of(here, at, theta - _WARMER, moment, length)
         slope += (curvature / (2.0 * _WARMER))[:, None] * middle_rates
     for column, effect, medium in moved:
-        at_three = [mean_flux(effect, (name, medium, y), theta + d, moment, length).imag / STEP for d in (0.0, _WARMER, -_WARMER)]
-        by_number[:, column] = at_three[0]
-        slope[:, column] += (at_three[1] - at_three[2]) / (2.0 * _WARMER)
+        flux = mean_flux(effect, (name, medium, y[on]), at_three[:, on], moment, length).imag / STEP
+        by_number[on, column] = flux[0]
+        slope[on, column] += (flux[1] - flux[2]) / (2.0 * _WARMER)
     return (by_number, slope) if moved or acts else None
 
 
@@ -152,25 +158,36 @@ def capacity_supply(body: Body, factor: np.ndarray, y: np.ndarray) -> np.ndarray
     """C_f' y (n_np, m), mm^3 K, for the rates (n_np, m) of the factor and y (n_np,)."""
     p = body.thermal
     first = factor * multiply_symmetric(p.row, p.column, body.capacity, y)[:, None]
-    return np.asarray(0.5 * (first + multiply_directions(p.row, p.column, body.capacity, np.ascontiguousarray(factor * y[:, None]))))
+    return np.asarray(0.5 * (first + multiply_some(body, body.capacity, factor * y[:, None])))
 
 
 def conduction_supply(body: Body, conduction: np.ndarray, factor: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """K_f' theta (n_np, m), mm K, for the rates (n_np, m) of the factor; `conduction` (n_slots,) without factor."""
     p, t = body.thermal, theta[:, None]
-    out = multiply_directions(p.row, p.column, conduction, np.ascontiguousarray(factor * t))
+    out = multiply_some(body, conduction, factor * t)
     out += factor * multiply_symmetric(p.row, p.column, conduction, theta)[:, None]
-    out -= t * multiply_directions(p.row, p.column, conduction, np.ascontiguousarray(factor))
+    out -= t * multiply_some(body, conduction, factor)
     return np.asarray(0.5 * out)
+
+
+def multiply_some(body: Body, data: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """y (n_np, m) = K x for a symmetric matrix with the non-zeros `data` (n_slots,); columns of x that vanish cost nothing."""
+    p, used = body.thermal, np.flatnonzero(np.any(x != 0.0, axis=0))
+    if len(used) > _FEW:
+        return multiply_directions(p.row, p.column, data, np.ascontiguousarray(x))
+    y = np.zeros(x.shape)
+    for column in used:
+        y[:, column] = multiply_symmetric(p.row, p.column, data, np.ascontiguousarray(x[:, column]))
+    return y
 
 
 def surface_loss(body: Body, geometry: ThermalGeometry, films: Media, rates: LoadRates, stage: int, excess: np.ndarray) -> np.ndarray:
     """Power (n_np, m) in mW by which the outflow at fixed theta rises; excess = theta - theta_m (n_np,), `films` in mW/(mm^2 K)."""
-    p, out = body.thermal, np.zeros((body.mesh.n_nodes, 1))
+    out = np.zeros((body.mesh.n_nodes, 1))
     for name, (q, slope) in rates.flux.items():
         out = out + geometry.film_area[name][:, None] * (q + slope * excess[:, None])
     for name, change in rates.media.items():
-        out = out - films[name][0] * multiply_directions(p.row, p.column, geometry.film[name], np.ascontiguousarray(change[stage]))
+        out = out - films[name][0] * multiply_some(body, geometry.film[name], change[stage])
     return out
 
 
@@ -204,20 +221,24 @@ def source_rates(
     acts = effect is not None and bool(effect.of("heat_source"))
     if not acts and not moved:
         return None
-    density = np.zeros((*theta.shape, along.m))
+    place, now = place_of_points(body), instants(flow, moment, length)
+    out = np.zeros((body.mesh.n_nodes, along.m))
     if effect is not None and acts:
-        density += _derivative(body, effect, (theta + 1j * STEP, flow), when) * at_points(body, middle_rates)
+        density = _derivative(effect, theta + 1j * STEP, now, place) * at_points(body, middle_rates)
         if flow_rates is not None:
-            density += _derivative(body, effect, (theta, (flow[0] + 1j * STEP, flow[1])), when) * flow_rates[0]
-            density += _derivative(body, effect, (theta, (flow[0], flow[1] + 1j * STEP)), when) * flow_rates[1]
-    for column, there, _ in moved:
-        density[:, :, column] += _derivative(body, there, (theta, flow), when)[:, :, 0]
-    return nodal_heat(body, length * density)
+            earlier, faster = (flow[0] + 1j * STEP, flow[1]), (flow[0], flow[1] + 1j * STEP)
+            density += _derivative(effect, theta, instants(earlier, moment, length), place) * flow_rates[0]
+            density += _derivative(effect, theta, instants(faster, moment, length), place) * flow_rates[1]
+        out += nodal_heat(body, length * density)
+    if moved:
+        own = np.concatenate([_derivative(there, theta, now, place) for _, there, _ in moved], axis=2)
+        out[:, [column for column, _, _ in moved]] += nodal_heat(body, length * own)
+    return out
 
 
-def _derivative(body: Body, effect: HeatEffects, state: tuple[np.ndarray, Flow], when: tuple[Moment, float]) -> np.ndarray:
+def _derivative(effect: HeatEffects, theta: np.ndarray, when: Instants, place: Place) -> np.ndarray:
     """Derivative (n_el, 8, 1) of the power of the sources along what is moved by i h."""
-    return np.asarray(point_power(body, effect, state[0], state[1], *when).imag[:, :, None] / STEP)
+    return np.asarray(point_power(effect, theta, when, place).imag[:, :, None] / STEP)
 
 
 def initial_rates(body: Body, along: Along) -> np.ndarray:

@@ -25,9 +25,11 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import HEAT, effects
 from thermofit.fem.body import Body, ThermalGeometry
+from thermofit.fem.element import ElementData
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.material.law_rates import STEP
 
@@ -168,13 +170,15 @@ Facets = tuple[str, Number, np.ndarray]
 
 
 def mean_flux(effect: HeatEffects, facets: Facets, theta: np.ndarray, moment: Moment, length: float) -> np.ndarray:
-    """Mean of the outward flux at theta (n_np,) over a step, mW/mm^2: lamps may be switched within it."""
+    """Mean of the outward flux at theta (..., n_np) over a step, mW/mm^2: lamps may be switched within it."""
     name, medium, y = facets
-    total = np.zeros_like(theta)
+    flat = theta.reshape(-1)
+    total, several = np.zeros_like(flat), len(flat) // len(y)
     for weight, part in INSTANTS:
         time = moment.start + part * length
-        total = total + weight * effect.flux(name, theta, time, medium + effect.medium_change(name, y, time, moment.first))
-    return total
+        surroundings = medium + effect.medium_change(name, y, time, moment.first)
+        total = total + weight * effect.flux(name, flat, time, np.tile(surroundings, several) if several > 1 else surroundings)
+    return total.reshape(theta.shape)
 
 
 def slope_of(effect: HeatEffects, facets: Facets, theta: np.ndarray, moment: Moment, length: float) -> np.ndarray:
@@ -236,27 +240,54 @@ def at_points(body: Body, nodal: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("qa,ea...->eq...", body.data.shape, nodal[body.mesh.hexes]))
 
 
-def point_power(body: Body, effect: HeatEffects, theta: np.ndarray, flow: Flow, moment: Moment, length: float) -> np.ndarray:
-    """Mean power (n_el, 8) in mW/mm^3 of all sources over a step at theta (n_el, 8) K; Lambda grows evenly in it."""
-    place = tuple(at_points(body, c) for c in about_middle(body))
+Instants = tuple[tuple[float, Flow, float], ...]
+"""Weight, Lambda with its rate, each (n_el, 8), and time of the instants over which a mean of a step is taken."""
+Place = tuple[np.ndarray, np.ndarray]
+"""x and y of the points, each (n_el, 8) mm."""
+
+
+def instants(flow: Flow, moment: Moment, length: float) -> Instants:
+    """Instants of a step in which Lambda grows evenly."""
+    rate = flow[1] / length
+    return tuple((weight, (flow[0] + part * flow[1], rate), moment.start + part * length) for weight, part in INSTANTS)
+
+
+def place_of_points(body: Body) -> Place:
+    """Where the points are, from the middle of the body."""
+    x, y = (at_points(body, c) for c in about_middle(body))
+    return x, y
+
+
+def point_power(effect: HeatEffects, theta: np.ndarray, when: Instants, place: Place) -> np.ndarray:
+    """Mean power (n_el, 8) in mW/mm^3 of all sources over the instants of a step at theta (n_el, 8) K."""
     total = np.zeros_like(theta)
-    for weight, part in INSTANTS:
-        now = (flow[0] + part * flow[1], flow[1] / length)
-        total = total + weight * effect.source(theta, now, moment.start + part * length, (place[0], place[1]))
+    for weight, flow, time in when:
+        total = total + weight * effect.source(theta, flow, time, place)
     return total
 
 
 def nodal_heat(body: Body, density: np.ndarray) -> np.ndarray:
     """Nodal heat int N_a density dV, (n_np, ...), of densities (n_el, 8, ...) at the points."""
-    data = body.data
-    shares = np.einsum("qa,eq,eq...->ea...", data.shape, data.volume, density)
-    out = np.zeros((body.mesh.n_nodes, *density.shape[2:]))
-    np.add.at(out, body.mesh.hexes, shares)
-    return out
+    several = np.ascontiguousarray(density.reshape(*density.shape[:2], -1))
+    out = np.zeros((body.mesh.n_nodes, several.shape[2]))
+    _add_nodal_heat(body.data, several, out)
+    return out.reshape(body.mesh.n_nodes, *density.shape[2:])
+
+
+@kernel
+def _add_nodal_heat(data: ElementData, density: np.ndarray, out: np.ndarray) -> None:
+    """out (n_np, k) += int N_a density dV of densities (n_el, 8, k)."""
+    for e in range(density.shape[0]):
+        for q in range(8):
+            for a in range(8):
+                share, node = data.volume[e, q] * data.shape[q, a], data.hexes[e, a]
+                for k in range(density.shape[2]):
+                    out[node, k] += share * density[e, q, k]
 
 
 def source_heat(body: Body, effect: HeatEffects | None, flow: Flow, moment: Moment | None, length: float) -> np.ndarray | None:
     """Nodal heat (n_np,) mJ that the sources set free in a step; None where there are none."""
     if effect is None or moment is None or not effect.of("heat_source"):
         return None
-    return nodal_heat(body, length * point_power(body, effect, at_points(body, moment.middle), flow, moment, length))
+    power = point_power(effect, at_points(body, moment.middle), instants(flow, moment, length), place_of_points(body))
+    return nodal_heat(body, length * power)

@@ -62,9 +62,26 @@ def source_law(law: Law, directions: Directions) -> SourceLaw:
     return SourceLaw(law, moved, np.ascontiguousarray(directions.numbers[directions.in_heat]), c_rates)
 
 
+class SourceSlopes(NamedTuple):
+    """Derivatives of the heat of an increment that all directions share: by J at both ends, each (n_el, 8), and of the dissipation
+    (5 + n, n_el, 8)."""
+
+    increment: Increment
+    by_j: tuple[np.ndarray, np.ndarray]
+    dissipation: np.ndarray
+
+
+def source_slopes(data: ElementData, ends: tuple[PointHistory, PointHistory], theta: np.ndarray, law: SourceLaw) -> SourceSlopes:
+    """SourceSlopes of an increment from the points at its ends and theta (n_np,) K of the thermoelastic term."""
+    increment = increment_between(*ends)
+    j_n, j = ends[0].dilatation, ends[1].dilatation
+    by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
+    return SourceSlopes(increment, by_j, _dissipation_derivatives(increment, at_points(data, theta), law, range(5)))
+
+
 def heat_source_rates(
     data: ElementData,
-    ends: tuple[PointHistory, PointHistory],
+    slopes: SourceSlopes,
     end_rates: tuple[PointRates, PointRates],
     temperature: tuple[np.ndarray, np.ndarray],
     law: SourceLaw,
@@ -72,17 +89,13 @@ def heat_source_rates(
 ) -> None:
     """Rates of `heat.heat_of_increment` along the directions added to out (n_np, m), mJ.
 
-    `ends` are the points at start and end of the increment, `end_rates` their rates; `temperature` is theta (n_np,) K of the
-    thermoelastic term and its rates (n_np, m). A point that does not flow dissipates nothing.
+    `end_rates` are those of the points at start and end of the increment; `temperature` is theta (n_np,) K of the thermoelastic term, with
+    which the slopes were made, and its rates (n_np, m). A point that does not flow dissipates nothing.
     """
-    increment = increment_between(*ends)
-    j_n, j = ends[0].dilatation, ends[1].dilatation
-    by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
-    dissipation = _dissipation_derivatives(increment, at_points(data, temperature[0]), law, range(5))
-    _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
+    _add_source_rates(data, slopes.increment, slopes.dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     states = (end_rates[0].state.reshape(-1), end_rates[1].state.reshape(-1))
     dilatations = (end_rates[0].dilatation.reshape(-1), end_rates[1].dilatation.reshape(-1))
-    _add_state_rates(data, by_j, dissipation, law.law, temperature[0], dilatations, states, out)
+    _add_state_rates(data, slopes.by_j, slopes.dissipation, law.law, temperature[0], dilatations, states, out)
 
 
 def frozen_source_rates(

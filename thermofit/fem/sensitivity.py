@@ -23,7 +23,7 @@ from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions
 from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates, usual_change
 from thermofit.fem.extrapolation import lagrange
-from thermofit.fem.heat_rates import PointRates, add_dilatation_heat, heat_source_rates, source_law
+from thermofit.fem.heat_rates import PointRates, SourceSlopes, add_dilatation_heat, heat_source_rates, source_law, source_slopes
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
 from thermofit.fem.responses import responses
@@ -149,12 +149,13 @@ class Differentiator:
         tolerance = self.asked.tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
         softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))
+        slopes = source_slopes(self.body.data, (ends.before, ends.after), ends.middle, self._sources)
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
             if sweep > 0 and softens:  # the answer below knows of expansion alone
                 u, felt = self._mechanics(mechanics, start.points, theta), theta
             points, dilatation = self._update(mechanics, start.points, theta, u)
-            found = self._heat(start, u, PointRates(dilatation, points), theta, ends)
+            found = self._heat(start, (u, PointRates(dilatation, points)), theta, ends, slopes)
             size = self._change(found, theta)
             if self._exact_forces or np.any(size > min(_RESOLVED, tolerance)):
                 change = np.zeros_like(found) if self.one_way else found - felt
@@ -317,11 +318,15 @@ class Differentiator:
         nodal = np.einsum("eij,ejm->eim", mechanics.elements(e), u[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m))
         return np.asarray(nodal.reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
 
-    def _heat(self, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
-        """theta' (n_np, m) at the end of the step by the differentiated heat equation; theta is the estimate so far."""
+    def _heat(
+        self, start: Rates, moved: tuple[np.ndarray, PointRates], theta: np.ndarray, ends: StepEnds, slopes: SourceSlopes
+    ) -> np.ndarray:
+        """theta' (n_np, m) at the end of the step by the differentiated heat equation; `moved` are u' and the rates of the points there,
+        theta is the estimate so far."""
+        u, end = moved
         middle_rates = start.theta if self.one_way else 0.5 * (start.theta + theta)
         heat, rates = np.zeros((self.body.mesh.n_nodes, self.m)), (PointRates(start.dilatation, start.points), end)
-        heat_source_rates(self.body.data, (ends.before, ends.after), rates, (ends.middle, middle_rates), self._sources, heat)
+        heat_source_rates(self.body.data, slopes, rates, (ends.middle, middle_rates), self._sources, heat)
         motion, conditions = ((ends.u[0], start.u), (ends.u[1], u)), self.conditions.about(middle_rates)
         accumulated = ((ends.before.accumulated, ends.after.accumulated), (start.points[:, :, LAMBDA], end.state[:, :, LAMBDA]))
         add_effect_sources(self.body, ends.step, conditions, *accumulated, heat)

@@ -48,8 +48,9 @@ class Discretised:
 
 
 def finer_mesh(size: MeshSize) -> MeshSize:
-    """The mesh with FINER times as many elements along each axis, rounded up."""
-    return MeshSize(**{name: int(np.ceil(FINER * getattr(size, name))) for name in ("n_x", "n_y", "n_z")})
+    """The mesh with FINER times as many elements along each axis, rounded up, along the load to an even number as dogbones need it."""
+    n_x, n_z = (int(np.ceil(FINER * n)) for n in (size.n_x, size.n_z))
+    return MeshSize(n_x=n_x, n_y=2 * int(np.ceil(0.5 * FINER * size.n_y)), n_z=n_z)
 
 
 def corrected(joint: Joint, parameters: Parameters) -> Discretised:

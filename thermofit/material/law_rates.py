@@ -18,7 +18,7 @@ import numpy as np
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.material.composition import EFFECT_NUMBERS
-from thermofit.material.law import Law, flow_stress, hardening_variable, law_of, pressure_factor, released_energy
+from thermofit.material.law import Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
 
 LANES = 8
 """Directions that are treated side by side; their number is filled up to a multiple of it with zero directions."""
@@ -183,7 +183,7 @@ def _yield_derivative(
                 total: Complex = complex(lambda_n[e, q], h[1]) + gamma
                 after: Complex = hardening_variable(start, gamma, law)[0]
                 warm: Complex = complex(theta[e, q], h[3])
-                value: Complex = flow_stress(after, total, gamma, warm, law)[0]
+                value: Complex = yield_stress_at_rate(after, total, gamma * law.per_second, warm, law)
                 sigma[e, q], alpha[e, q] = value.imag / STEP, after.imag / STEP
 
 

@@ -1,0 +1,37 @@
+"""What is asked of a run when effects are scored: which of them are asked beside their neutral value."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import TINY, Case, feels_rate, linearised
+from thermofit.diagnose.structure import Span
+from thermofit.effects.catalogue import effect, effects
+
+AT = Parameters.of({"theta_ref": 296.0}, ("E",))
+
+
+def test_effects_that_feel_the_rate_of_flow() -> None:
+    assert {e.name for e in effects() if feels_rate(e, AT)} == {"rate_power", "rate_logarithmic"}
+
+
+def test_on_a_body_only_overstress_is_asked_beside_neutral() -> None:
+    """Each effect that is on makes the run dearer; a coupon costs next to nothing and is asked for all alike."""
+    seen: list[dict[str, float]] = []
+
+    def columns(parameters: Parameters, names: tuple[str, ...], *_: Any) -> tuple[np.ndarray, ...]:
+        seen.append({n: parameters[n] for n in changed})
+        return np.zeros(3), np.zeros((3, len(names))), np.zeros((3, 0))
+
+    known = tuple(effect(name) for name in ("rate_power", "yield_plateau", "second_hardening"))
+    changed = {e.amplitude.name: TINY * float(e.amplitude.probe or 0.0) for e in known}
+    model = cast(Any, SimpleNamespace(linearised=lambda *given: columns(*given)[:2]))
+    case = Case(model, AT, known, (Span("all", 0.0, 1.0),), frozenset(), scored=cast(Any, columns))
+    linearised(case)
+    linearised(replace(case, scored=None))
+    assert seen == [{n: v if n.startswith("rate_") else 0.0 for n, v in changed.items()}, changed]

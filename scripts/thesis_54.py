@@ -308,7 +308,11 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
     worse, theirs = left[1] / left[2], (TABLE_5_14[0]["f"] / TABLE_5_15["f"]) ** 0.5
     return [
         same_word("uniqueness with ideal jaws and no exchange with the air", uniqueness(one), "unique", Why("", f"{SCALES} {ENDS}")),
-        same_word("uniqueness with known film coefficients (last table)", uniqueness(place.record(FILMS, "gridsearch")), "unique"),
+        same_word(
+            "uniqueness where a film coefficient is known and felt (last table; section 5.4.3 of the thesis)",
+            uniqueness(place.record(FILMS, "gridsearch")),
+            "unique",
+        ),
         same_answer("passes verification", passes(verify[1]), (False, "substantial mismatch"), Why(NEITHER)),
         Compared(
             "the misfit of model 1 is more than twice that of model 2 (rms)",

@@ -18,6 +18,7 @@ from thermofit.fem.history import History
 from thermofit.identify.force_error import with_force_error
 from thermofit.identify.inputs import Measured, temperature_of
 from thermofit.identify.joint import Joint
+from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 
@@ -33,11 +34,12 @@ _PLAIN = 3.0
 
 @dataclass(frozen=True)
 class Discretised:
-    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, the share of it
-    that the data show (0 to 1), and the run that told it, with its points."""
+    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, the same where
+    the force is taken as exact, the share of it that the data show (0 to 1), and the run that told it, with its points."""
 
     joint: Joint
     left: np.ndarray
+    left_exact: np.ndarray
     share: float
     history: History
 
@@ -63,11 +65,15 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
     joint = with_force_error(joint, history, parameters)
     fine = replace(joint, size=finer_mesh(joint.size)).shown(parameters)[1]
     error: Errors = {name: (coarse[name] - fine[name]) / (1.0 - FINER**-2) for name in coarse}
-    model = joint.model
-    told = model.assemble(coarse) - model.assemble({name: coarse[name] - error[name] for name in coarse})
-    told = np.append(told, np.zeros(len(model.priors)))
-    share = _share(told, *model.linearised(parameters, joint.settings.free))
-    return Discretised(replace(joint, data=_holding(joint.data, error, share)), REMAINS * told, share, history)
+    exact = joint.without_force_error().model
+
+    def told(model: StageModel) -> np.ndarray:
+        rows = model.assemble(coarse) - model.assemble({name: coarse[name] - error[name] for name in coarse})
+        return np.append(rows, np.zeros(len(model.priors)))
+
+    share = _share(told(joint.model), *joint.model.linearised(parameters, joint.settings.free))
+    holding = replace(joint, data=_holding(joint.data, error, share))
+    return Discretised(holding, REMAINS * told(joint.model), REMAINS * told(exact), share, history)
 
 
 def _share(told: np.ndarray, residual: np.ndarray, fitted: np.ndarray) -> float:

@@ -308,7 +308,11 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
     worse, theirs = left[1] / left[2], (TABLE_5_14[0]["f"] / TABLE_5_15["f"]) ** 0.5
     return [
         same_word("uniqueness with ideal jaws and no exchange with the air", uniqueness(one), "unique", Why("", f"{SCALES} {ENDS}")),
-        same_word("uniqueness with known film coefficients (last table)", uniqueness(place.record(FILMS, "gridsearch")), "unique"),
+        same_word(
+            "uniqueness where a film coefficient is known and felt (last table; section 5.4.3 of the thesis)",
+            uniqueness(place.record(FILMS, "gridsearch")),
+            "unique",
+        ),
         same_answer("passes verification", passes(verify[1]), (False, "substantial mismatch"), Why(NEITHER)),
         Compared(
             "the misfit of model 1 is more than twice that of model 2 (rms)",
@@ -320,11 +324,9 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
 
 
 ENDS = (
-    "Cooling adds no term of another kind: section 5.4.3 of the thesis says so of any dissipation proportional to beta. The thesis's "
-    "optimum lies "
-    "where c0 has reached zero and 9 K alpha_exp^2 theta is the whole heat capacity, which is where such a valley ends when the search "
-    "is fully "
-    "coupled; its own bound on c0, not the cooling, then makes it one point. The next table compares the ratios."
+    "Cooling adds no term of another kind: section 5.4.3 of the thesis says so of any dissipation proportional to beta. Fully coupled, "
+    "heating at zero stress needs c0 + 9 K alpha_exp^2 theta, which grows with the square of the common factor: that alone breaks the "
+    "scaling, so that a fully coupled search, as the thesis's was, can end in one point, far from any aluminium. The next table compares."
 )
 
 

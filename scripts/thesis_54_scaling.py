@@ -63,6 +63,8 @@ def scaling(place: Place) -> list[str]:
 
 def coupled_sentence(place: Place) -> str:
     """Where the fully coupled searches of model 1 end, said from their records."""
+    if not place.has(COUPLED, "gridsearch"):
+        return "The fully coupled search of model 1 with cooling has not been carried out on this mesh yet."
     record = place.record(COUPLED, "gridsearch")
     best = best_of(record)
     share = 1.0 - best["c0"] / effective(best)
@@ -77,6 +79,8 @@ def coupled_sentence(place: Place) -> str:
 
 def coupled_optima(place: Place) -> dict[str, Mapping[str, float]]:
     """Optimum of every fully coupled search of model 1 with cooling."""
+    if not place.has(COUPLED, "gridsearch"):
+        return {}
     starts = place.record(COUPLED, "gridsearch").summary["starts"]
     return {"ABCD"[i]: start["optimum"] for i, start in enumerate(starts) if not start["failed"]}
 

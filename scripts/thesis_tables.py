@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from thesis_printed import Values
 from thesis_read import SIZES, Statement, cell, free_names, headings, left_over, per_datum, squared_error, value
-from thesis_runs import TOTAL, Place, noted
+from thesis_runs import RUNS, TOTAL, Place, cpu_of, noted
 
 from thermofit.core.artefact import Record
 from thermofit.diagnose.tables import table
@@ -90,7 +90,8 @@ def _time_of(place: Place) -> str:
     """How long the last call from nothing took, or that there was none."""
     calls = [entry for entry in noted(place.folder / TOTAL) if entry["from_nothing"]]
     if not calls:
-        return "The runs behind this page were made in several goes."
+        spent = cpu_of(RUNS, place)
+        return f"The runs behind the pages were made in several goes, with {spent / 60.0:.1f} minutes of CPU time in all."
     last, cores = calls[-1], os.cpu_count()
     return (
         f"All runs behind section(s) {', '.join(last['sections'].split())} were made from nothing in {last['wall_s'] / 60.0:.1f} minutes, "

@@ -99,6 +99,15 @@ def test_a_test_that_does_not_feel_an_effect_does_not_judge_it() -> None:
     assert found.accepted == ("ir_emissivity",) and proof is not None and proof.on == ""
 
 
+def test_a_gain_below_its_uncertainty_leaves_it_to_the_fitted_rows() -> None:
+    """The unseen test lacks something large of its own: there the error falls, but who knows by what."""
+    found = closed(another(11, **DRIFT, **{"ir_emissivity.slope": 60.0}), **DRIFT)
+    before, after = (float(np.sum(predicted_beyond(here) ** 2)) for here in (found.first, found.last))
+    assert after < before
+    proof = found.rounds[0].trials[0].proof
+    assert found.accepted == ("ir_drift",) and proof is not None and proof.on == ""
+
+
 def test_parameters_of_the_unseen_test_are_fitted_on_its_own_data() -> None:
     planted = {"ir_drift.rate": 4e-3}
     off, _, _ = started(another(11, **planted))

@@ -15,15 +15,18 @@ from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.diagnose import prepared as preparing
 from thermofit.diagnose import unseen as unseen_tests
+from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_parameters, loop_summary
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared, prepared
 from thermofit.diagnose.study_with_effects import study_text
+from thermofit.diagnose.unlisted_loop import ended
+from thermofit.diagnose.unlisted_record import described, with_unlisted
 from thermofit.identify.several import Part, Several, own_names
 
 OTHER = {"alpha_air": 40.0, "alpha_clamp": 900.0, "theta_air": 300.0, "theta_clamp": 295.5, "theta_ref": 295.5}
 THIRD = {"theta_air": 298.0, "theta_clamp": 296.0, "theta_ref": 296.0}
-LAMP = {"lamp.absorbed": 0.05, "lamp.start": 12.0}
+LAMP = {"lamp.absorbed": 0.01, "lamp.start": 12.0}
 STARTS = {name: value for name, value in TRUTH.items() if not name.startswith("theta")} | {"alpha_exp": 0.0}
 FREE = "stages: {elastic: {free: [E]}, plastic: {free: [M_y0]}, thermal: {free: [c0, alpha_air]}}\ndiagnosis: {max_effects: 2}\n"
 ONE_OF_THREE = "experiments:\n  third: {experiment: c, held_out: true}\n"
@@ -66,11 +69,16 @@ def test_two_tests_are_traced_together_and_a_third_judges(measured: None, tmp_pa
     assert shared is not None and shared.on == "experiment third" and own is not None and own.on == ""
     last = closed.last.case.parameters
     assert last["alpha_exp"] == pytest.approx(2e-5, rel=0.1)
-    assert last["lamp.absorbed@second"] == pytest.approx(0.05, rel=0.2) and last["lamp.absorbed@first"] == 0.0
+    assert last["lamp.absorbed@second"] == pytest.approx(0.01, rel=0.2) and last["lamp.absorbed@first"] == 0.0
     said = loop_summary(found, closed, tmp_path / "with-effects.yaml")
     for channel in ("dtheta@first", "dtheta@second", "dtheta@experiment third"):
         assert said["after"]["held_out"][channel] < 1.2 * said["after"]["floor"][channel], channel
     assert said["before"]["held_out"]["dtheta@experiment third"] > 1.5 * said["after"]["held_out"]["dtheta@experiment third"]
+    ending, missing = ended(closed, found.refit, found.numerical, whole.diagnosis.held_out)
+    assert ending.accepted == closed.accepted and missing is None
+    told = decided(said, closed.rounds[1].traced)["programmes"]
+    assert any("lamp@second" in row["no_coupon_feels"] for row in told)
+    assert with_unlisted(said, described(whole, closed.last, missing))["unlisted"] is None
     assert "added" in said["verdict"] and "held-out dtheta@experiment third" in said["verdict"]
     assert {row["phase"].split()[0] for row in said["lack_of_fit"]} == {"first", "second"}
     assert said["channels"]["du@second"]["unit"] == "mm"

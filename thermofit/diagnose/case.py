@@ -13,6 +13,7 @@ from thermofit.core.parameters import AT, Param, Parameters
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.fit.result import FitResult
 from thermofit.identify.channels import field_of
 from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
@@ -35,6 +36,17 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 
 
 @dataclass(frozen=True)
+class Sharp:
+    """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, and the error
+    (n,) of the discretisation that is left in its residual."""
+
+    model: StageModel
+    scored: Scored | None
+    refit: Callable[[Parameters, str], tuple[Parameters, FitResult]]
+    numerical: np.ndarray
+
+
+@dataclass(frozen=True)
 class Case:
     """A model with the parameters at its optimum (`free` names the fitted ones), the effects that its driver knows, the phases of the
     test, and the names of the Params that change what is seen and not what happens."""
@@ -54,6 +66,9 @@ class Case:
     """Where the rows of the residual are from; None: what `rows_of` says."""
     largest_strain: float = 0.1
     """Largest Lambda of the test, of which strains that are tried are shares."""
+    sharper: Callable[[Parameters], Sharp | None] | None = None
+    """The problem that knows the error of the force, for parameters at which that error could explain what it would hide; None: this one
+    does, or there is none."""
 
     @property
     def rows(self) -> Rows:

@@ -2,8 +2,9 @@
 
 A held-out test is a case of its own. Its rows are predicted by the parameters of the fit: the linearised models of both together say how
 the step of the fitted rows, alone or with an effect, changes the rows that are not seen. An effect of the material acts in every test
-and is proved there. One of the boundary or of the instruments belongs to the test that shows it, and another test says nothing of it;
-nor does one that hardly feels the effect: then the held-out rows of the fitted tests decide.
+and is proved there. One of the boundary or of the instruments belongs to the test that shows it, and another test says nothing of it.
+Where a held-out test hardly feels an effect, or its error falls by less than its uncertainty, the held-out rows of the fitted tests
+decide; where its error does not fall, the effect is refused.
 """
 
 from __future__ import annotations
@@ -154,8 +155,12 @@ def proof_beyond(seen: System, name: str, block: np.ndarray, beyond: Sequence[Be
 
 
 def _told(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
-    """What held-out tests say of a change; None where it is so small there that noise alone would hide a true one: then r + d, what is
-    left, is noise, and the fall of the square sum is d.d, with the standard error 2 sqrt(d.C d)."""
+    """What held-out tests say of a change; None where they do not decide.
+
+    A change may be so small there that noise alone would hide a true one: then r + d, what is left, is noise, and the fall of the square
+    sum is d.d, with the standard error 2 sqrt(d.C d). Or the error falls, but by less than its uncertainty, because something else that
+    the model lacks is still in it. An error that does not fall refuses the change.
+    """
     at = np.cumsum([0, *(len(b.residual) for b in beyond)])
 
     def noise(v: np.ndarray) -> np.ndarray:
@@ -167,7 +172,7 @@ def _told(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Pr
     if float(change @ change) <= max(SURE * doubt, PRACTICAL * float(before @ before)):
         return None
     found = compared(before, after, stacked([b.rows for b in beyond]), len(beyond), noise)
-    return replace(found, on=", ".join(b.name for b in beyond))
+    return None if found.gain > 0.0 and not found.convinces else replace(found, on=", ".join(b.name for b in beyond))
 
 
 def predicted_beyond(here: Traced) -> np.ndarray:

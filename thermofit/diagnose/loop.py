@@ -12,7 +12,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
 from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_rms
-from thermofit.diagnose.held_out import Proof, Room, compared, held_out_residual
+from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
@@ -60,7 +60,8 @@ class Round:
 
 @dataclass(frozen=True)
 class Closed:
-    """Result of the loop: the rounds, the traces at the first and at the last optimum, the accepted effects, those dropped again."""
+    """Result of the loop: the rounds, the traces at the first and at the last optimum, the accepted effects, those dropped again, how the
+    last problem is fitted, and the error of its discretisation."""
 
     rounds: tuple[Round, ...]
     first: Traced
@@ -68,6 +69,8 @@ class Closed:
     fit: FitResult
     accepted: tuple[str, ...]
     dropped: tuple[str, ...]
+    refit: Refit
+    numerical: np.ndarray | None
 
 
 def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numerical: np.ndarray | None, how: str = "auto") -> Closed:
@@ -76,17 +79,20 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     accepted: list[str] = []
     here = first = traced(case, numerical, how)
     while True:
+        sharp = _sharpened(here, first, how)
+        if sharp is not None:
+            first, here, fit, refit, numerical = sharp
         trials: list[Trial] = []
         winner: tuple[Traced, FitResult, str] | None = None
         best = 0.0
         if len(accepted) < max_effects:
             for score in candidates(here):
+                if winner is not None and not case.cheap and not _rivals(here, score.effect, winner[2]):
+                    break
                 trial, found = _tried(here, fit, score, refit, numerical, how)
                 trials.append(trial)
                 if found is not None and (winner is None or trial.gain > best):
                     winner, best = (*found, score.effect), trial.gain
-                    if not case.cheap:
-                        break
         rounds.append(Round(here, tuple(trials), None if winner is None else winner[2]))
         if winner is None:
             break
@@ -97,7 +103,26 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         if not _still_needed(here, name):
             here, fit = _without(here, name, refit, numerical, how)
             dropped.append(name)
-    return Closed(tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped))
+    return Closed(tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical)
+
+
+def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
+    """First and present trace by the problem that knows the error of the force, its fit, how to fit it and its numerical error; None where
+    the model still misses more than that error could explain: its noise would then hide what is missing."""
+    sharp = None if here.case.sharper is None else here.case.sharper(here.case.parameters)
+    if sharp is None:
+        return None
+    case = replace(here.case, model=sharp.model, scored=sharp.scored, sharper=None)
+    parameters, fit = sharp.refit(case.parameters, "error of the force")
+    now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
+    begin = now if here is first else traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
+    return begin, now, fit, sharp.refit, sharp.numerical
+
+
+def _rivals(here: Traced, one: str, other: str) -> bool:
+    """Whether the linearised gains of two effects on held-out data do not tell which is the better one."""
+    a, b = here.proofs[one], here.proofs[other]
+    return abs(a.gain - b.gain) < SURE * max(a.sigma, b.sigma)
 
 
 def candidates(here: Traced) -> tuple[Score, ...]:

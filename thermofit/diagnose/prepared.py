@@ -15,7 +15,7 @@ from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
-from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.case import Case, Sharp, slots_of
 from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
@@ -44,6 +44,9 @@ SECTIONS = (
 )
 JOINT_EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up."""
+FAR = 9.0
+"""Mean square of what the residual shows of the error of the force, over its noise, from which the model itself misses something: three
+standard errors. Taken for noise, that error would hide it."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,8 @@ class _Joint:
     model: StageModel
     numerical: Callable[[Parameters], np.ndarray]
     """Error (n,) of the discretisation that is left in the residual at given parameters."""
+    exact: np.ndarray | None
+    """The same where the force is taken as exact; None where it is."""
     largest_strain: float
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
@@ -110,14 +115,39 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     _refuse_one_family(study, joint)
     _refuse_few(joint.model.residual(joint.base), joint)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
+    sharper = None
+    if joint.parts is not None and joint.exact is not None and joint.parts.force_misfit(joint.base) > FAR:
+        sharper = _sharper(joint, refit)
+        joint = _taken_as_exact(joint)
+        refit = replace(refit, model=joint.model, parts=joint.parts)
     parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
     if not fit.converged:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
-    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain)
+    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, sharper)
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
+
+
+def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharp | None]:
+    """The problem that knows the error of the force, where that could explain what the residual shows of it."""
+    parts = joint.parts
+    assert parts is not None
+
+    def sharp(parameters: Parameters) -> Sharp | None:
+        if parts.force_misfit(parameters) > FAR:
+            return None
+        return Sharp(joint.model, parts.scored, refit, joint.numerical(parameters))
+
+    return sharp
+
+
+def _taken_as_exact(joint: _Joint) -> _Joint:
+    """The same problem with a force that is taken as exact."""
+    assert joint.parts is not None and joint.exact is not None
+    parts, left = joint.parts.without_force_error(), joint.exact
+    return replace(joint, parts=parts, model=parts.model, numerical=lambda _: left)
 
 
 def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
@@ -166,6 +196,7 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
         base.with_free(free),
         found.joint.model,
         lambda _: found.left,
+        found.left_exact if found.joint.force_error is not None else None,
         found.largest_strain,
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
@@ -187,11 +218,13 @@ def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
     found = {name: corrected(part, seen_by(base, name)) for name, part in plain.parts.items()}
     joint = JointSeveral({name: one.joint for name, one in found.items()})
     left = joint.stacked({name: one.left for name, one in found.items()})
+    exact = joint.stacked({name: one.left_exact for name, one in found.items()})
     return _Joint(
         first.settings.model_copy(update={"free": free}),
         base.with_free(free),
         joint.model,
         lambda _: left,
+        exact if any(part.force_error is not None for part in joint.parts.values()) else None,
         max(one.largest_strain for one in found.values()),
         known_in(data, lambda hot: slots_of("body", INFRARED if hot else ())),
         spans,
@@ -216,6 +249,7 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
         base.with_free(settings.free),
         model,
         lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
+        None,
         max(float(run.history(base, test).accumulated.max()) for test in data.tests),
         slots_of("point", SENSOR if hot else ()),
         coupon_spans(data),

@@ -16,8 +16,9 @@ from thermofit.core.parameters import Parameters
 from thermofit.core.study_section import MeshSize
 from thermofit.fem.history import History
 from thermofit.identify.force_error import with_force_error
-from thermofit.identify.inputs import temperature_of
+from thermofit.identify.inputs import Measured, temperature_of
 from thermofit.identify.joint import Joint
+from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
 
@@ -27,13 +28,19 @@ REMAINS = 0.5
 """Part of the error that is not trusted to be gone: an order between 1 and infinity in place of 2 would leave or overdo about as much."""
 
 
+_PLAIN = 3.0
+"""Length of the error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
+
+
 @dataclass(frozen=True)
 class Discretised:
-    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, and the run
-    that told it, with its points."""
+    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, the same where
+    the force is taken as exact, the share of it that the data show (0 to 1), and the run that told it, with its points."""
 
     joint: Joint
     left: np.ndarray
+    left_exact: np.ndarray
+    share: float
     history: History
 
     @property
@@ -48,27 +55,43 @@ def finer_mesh(size: MeshSize) -> MeshSize:
     return MeshSize(n_x=n_x, n_y=2 * int(np.ceil(0.5 * FINER * size.n_y)), n_z=n_z)
 
 
-def discretised(joint: Joint, parameters: Parameters) -> Discretised:
-    """The joint problem corrected by the error of its mesh at given parameters. NumericsError where a run fails."""
+def corrected(joint: Joint, parameters: Parameters) -> Discretised:
+    """The joint problem that knows the errors of its mesh and of its prescribed force at given parameters. NumericsError where a run fails.
+
+    Data of a specimen hold all of the mesh's error, those of a virtual test on the same mesh nothing of it: the share is the one that
+    the residual shows beyond what the fitted parameters could take up.
+    """
     history, coarse = joint.shown(parameters)
+    joint = with_force_error(joint, history, parameters)
     fine = replace(joint, size=finer_mesh(joint.size)).shown(parameters)[1]
     error: Errors = {name: (coarse[name] - fine[name]) / (1.0 - FINER**-2) for name in coarse}
-    data = joint.data
+    exact = joint.without_force_error().model
+
+    def told(model: StageModel) -> np.ndarray:
+        rows = model.assemble(coarse) - model.assemble({name: coarse[name] - error[name] for name in coarse})
+        return np.append(rows, np.zeros(len(model.priors)))
+
+    share = _share(told(joint.model), *joint.model.linearised(parameters, joint.settings.free))
+    holding = replace(joint, data=_holding(joint.data, error, share))
+    return Discretised(holding, REMAINS * told(joint.model), REMAINS * told(exact), share, history)
+
+
+def _share(told: np.ndarray, residual: np.ndarray, fitted: np.ndarray) -> float:
+    """Share of an error (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, 0 to 1."""
+    size = np.linalg.norm(fitted, axis=0)
+    basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
+    beyond = told - basis @ (basis.T @ told)
+    length = float(beyond @ beyond)
+    return 1.0 if length <= _PLAIN**2 else float(np.clip(beyond @ residual / length, 0.0, 1.0))
+
+
+def _holding(data: Measured, error: Errors, share: float) -> Measured:
+    """Data with a share of the error of a mesh in them."""
 
     def seen(observation: FieldObservation) -> FieldObservation:
-        return replace(observation, value=observation.value + error[observation.name])
+        return replace(observation, value=observation.value + share * error[observation.name])
 
-    with_error = replace(data, displacement=seen(data.displacement))
+    held = replace(data, displacement=seen(data.displacement))
     if "theta" in error:
-        with_error = replace(with_error, temperature=seen(temperature_of(data)))
-    if "force" in error:
-        with_error = replace(with_error, force=seen(data.force))
-    model = joint.model
-    left = model.assemble(coarse) - model.assemble({name: coarse[name] - REMAINS * error[name] for name in coarse})
-    return Discretised(replace(joint, data=with_error), np.append(left, np.zeros(len(model.priors))), history)
-
-
-def corrected(joint: Joint, parameters: Parameters) -> Discretised:
-    """The joint problem that knows the errors of its mesh and of its prescribed force at given parameters; errors as `discretised`."""
-    found = discretised(joint, parameters)
-    return replace(found, joint=with_force_error(found.joint, found.history, parameters))
+        held = replace(held, temperature=seen(temperature_of(data)))
+    return replace(held, force=seen(data.force)) if "force" in error else held

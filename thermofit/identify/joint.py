@@ -184,15 +184,36 @@ class Joint:
         priors = priors_of(self.data, self.settings.free)
         return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
 
+    def without_force_error(self) -> Joint:
+        """The same with a force that is taken as exact."""
+        return replace(self, force_error=None)
+
+    def force_misfit(self, parameters: Parameters) -> float:
+        """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
+        make: about one where the model is right. NumericsError where the run fails."""
+        plain = self.without_force_error().model
+        errors, shown = self.prediction.errors(parameters), []
+        for c in plain.comparisons:
+            columns = self._columns(c, plain.observations)
+            if columns is not None:
+                u, s, _ = np.linalg.svd(columns, full_matrices=False)
+                shown.append((u.T @ c.residual(errors[field_of(c)]))[s > 1.0] ** 2 / (1.0 + s[s > 1.0] ** 2))
+        every = np.concatenate([*shown, np.zeros(0)])
+        return float(every.mean()) if len(every) else 0.0
+
     def _blurred(self, comparison: Comparison, observations: Mapping[str, FieldObservation]) -> Comparison:
         """A comparison with the error of the prescribed force in its noise, where that acts on what it compares."""
+        columns = self._columns(comparison, observations)
+        return comparison if columns is None else comparison.blurred(columns)
+
+    def _columns(self, comparison: Comparison, observations: Mapping[str, FieldObservation]) -> np.ndarray | None:
+        """Residuals (n, k) that the modes of the force's error make; None where they do not act on what is compared."""
         name = field_of(comparison)
         if self.force_error is None or name not in self.force_error:
-            return comparison
+            return None
         right = np.zeros_like(observations[name].value)
         found = self.force_error[name]
-        columns = [comparison.slope(right, found.field(k)) for k in range(found.modes.shape[1])]
-        return comparison.blurred(np.stack(columns, axis=1))
+        return np.stack([comparison.slope(right, found.field(k)) for k in range(found.modes.shape[1])], axis=1)
 
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:

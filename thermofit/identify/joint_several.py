@@ -39,6 +39,14 @@ class JointSeveral:
         """StageModel of the temperatures alone, on the motions of runs with given parameters; None where none are compared."""
         return _joined({name: part.heat(seen_by(parameters, name)) for name, part in self.parts.items()})
 
+    def without_force_error(self) -> JointSeveral:
+        """The same with forces that are taken as exact."""
+        return JointSeveral({name: part.without_force_error() for name, part in self.parts.items()})
+
+    def force_misfit(self, parameters: Parameters) -> float:
+        """The largest one of all experiments, see `Joint`."""
+        return max(part.force_misfit(seen_by(parameters, name)) for name, part in self.parts.items())
+
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled runs, with their points kept."""
         return tuple(h for name, part in self.parts.items() for h in part.histories(seen_by(parameters, name)))

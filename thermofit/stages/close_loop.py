@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
@@ -29,7 +31,9 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, study.diagnosis.held_out)
-        closed, missing = ended(closed, found.refit, found.numerical, study.diagnosis.held_out)
+        if closed.numerical is not None:
+            found = replace(found, numerical=closed.numerical)
+        closed, missing = ended(closed, closed.refit, closed.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last)

@@ -131,8 +131,11 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
     rounds = [{"ranking": ranking_rows(r.traced), "tried": [_trial(t) for t in r.trials], "accepted": r.accepted} for r in closed.rounds]
+    common = _common(found, closed.last)
+    if not closed.fit.converged:
+        common["remarks"] = [*common["remarks"], f"the last joint fit has not settled: {closed.fit.message}"]
     return {
-        **_common(found, closed.last),
+        **common,
         "trustworthy": closed.fit.converged,
         "verdict": _verdict(closed, table),
         "ranking": ranking_rows(closed.first, closed.accepted),

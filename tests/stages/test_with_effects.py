@@ -33,7 +33,8 @@ def test_paths_are_those_of_the_first_study(tmp_path: Path, monkeypatch: pytest.
     file.write_text(yaml.safe_dump(tree), encoding="utf-8")
     monkeypatch.setenv("WHERE", "/data")
     study = load_study(file, [f"run_dir={tmp_path / 'run'}", "model=1"])
-    parameters = Parameters.of({"E": 7e4, "ir_drift.rate": 1e-3, "rate_power.K": 4.0}, ("E", "ir_drift.rate", "rate_power.K"))
+    found = {"E": 7e4, "ir_drift.rate": 1e-3, "rate_power.K": 4.0, "rate_power.m": 1.0}
+    parameters = Parameters.of(found, ("E", "ir_drift.rate", "rate_power.K"))
     closed = SimpleNamespace(accepted=("ir_drift", "rate_power"), last=SimpleNamespace(case=SimpleNamespace(parameters=parameters)))
     written = yaml.safe_load(study_text(study, cast(Closed, closed)))
     assert written["experiment"] == str(tmp_path / "raw/first") and written["model"] == 1
@@ -43,4 +44,10 @@ def test_paths_are_those_of_the_first_study(tmp_path: Path, monkeypatch: pytest.
         "held_out": True,
         "parameters": {"ir_drift.rate": 0.0},
     }
-    assert written["parameters"] == {"E": {"start": 7e4}, "alpha_air": 14.7, "ir_drift.rate": 1e-3, "rate_power.K": 4.0}
+    assert written["parameters"] == {
+        "E": {"start": 7e4},
+        "alpha_air": 14.7,
+        "ir_drift.rate": 1e-3,
+        "rate_power.K": 4.0,
+        "rate_power.m": 1.0,
+    }

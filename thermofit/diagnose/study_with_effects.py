@@ -29,7 +29,9 @@ def study_text(study: Study, closed: Closed) -> str:
         _absolute(tree, key, study.source.parent)
     parameters = dict(tree.get("parameters") or {})
     found = closed.last.case.parameters
-    for name in found.free:
+    # Exponents that were held are not free, and yet not those that the effect has by itself.
+    held = (name for added in closed.accepted for name in effect(added).names if found[name] != param(name).neutral)
+    for name in dict.fromkeys((*found.free, *held)):
         value = float(found[name])
         if isinstance(parameters.get(name), dict):
             parameters[name] = {**parameters[name], "start": value}

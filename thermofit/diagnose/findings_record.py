@@ -109,7 +109,7 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
     }
 
 
-def _trial(trial: Trial) -> dict[str, Any]:
+def _trial(trial: Trial, accepted: str | None) -> dict[str, Any]:
     estimate = {n: {"value": v, "sigma": trial.sigma.get(n), "unit": param(n).unit} for n, v in trial.estimate.items()}
     return {
         "effect": trial.score.effect,
@@ -121,8 +121,8 @@ def _trial(trial: Trial) -> dict[str, Any]:
         "held_out_gain": None if trial.proof is None else trial.proof.gain,
         "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
         "held_out_on": None if trial.proof is None else trial.proof.on or "rows of the fitted data",
-        "accepted": trial.refused == "",
-        "remark": trial.refused,
+        "accepted": trial.score.effect == accepted,
+        "remark": trial.refused or ("" if trial.score.effect == accepted else f"less than {accepted}"),
         "exponents": trial.exponents,
     }
 
@@ -130,7 +130,10 @@ def _trial(trial: Trial) -> dict[str, Any]:
 def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str, Any]:
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
-    rounds = [{"ranking": ranking_rows(r.traced), "tried": [_trial(t) for t in r.trials], "accepted": r.accepted} for r in closed.rounds]
+    rounds = [
+        {"ranking": ranking_rows(r.traced), "tried": [_trial(t, r.accepted) for t in r.trials], "accepted": r.accepted}
+        for r in closed.rounds
+    ]
     common = _common(found, closed.last)
     if not closed.fit.converged:
         common["remarks"] = [*common["remarks"], f"the last joint fit has not settled: {closed.fit.message}"]

@@ -87,7 +87,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         best = 0.0
         if len(accepted) < max_effects:
             for score in candidates(here):
-                if winner is not None and not case.cheap and not _rivals(here, score.effect, winner[2]):
+                if winner is not None and not case.cheap and not _rivals(here, score.effect, best):
                     break
                 trial, found = _tried(here, fit, score, refit, numerical, how)
                 trials.append(trial)
@@ -119,10 +119,10 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     return begin, now, fit, sharp.refit, sharp.numerical
 
 
-def _rivals(here: Traced, one: str, other: str) -> bool:
-    """Whether the linearised gains of two effects on held-out data do not tell which is the better one."""
-    a, b = here.proofs[one], here.proofs[other]
-    return abs(a.gain - b.gain) < SURE * max(a.sigma, b.sigma)
+def _rivals(here: Traced, name: str, gain: float) -> bool:
+    """Whether an effect could gain more on held-out data, by its linearised gain, than another one has gained by its refit."""
+    proved = here.proofs[name]
+    return proved.gain + SURE * proved.sigma > gain
 
 
 def candidates(here: Traced) -> tuple[Score, ...]:

@@ -25,7 +25,7 @@ from thermofit.identify.joint import Joint
 from thermofit.identify.joint_several import JointSeveral
 from thermofit.identify.known_motion import felt_by_temperatures
 from thermofit.identify.model import StageModel
-from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, remembering, stage_problem
+from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, method_of, remembering, stage_problem
 from thermofit.material.composition import FACTORS, SUMS
 from thermofit.material.law import law_of
 
@@ -34,6 +34,8 @@ EXPONENTS = " exponents"
 EXPONENT_EVALUATIONS = 12
 REFIT_EVALUATIONS = 16
 """Evaluations after which a fit that still moves is judged where it stands: in a valley the last per mille take the longest."""
+OFTEN = 4
+"""Times as many where a run costs next to nothing."""
 STRONGER = (1.0, 2.0, 4.0)
 """Multiples of an amplitude that are tried in turn where the force cannot be carried with it at the start."""
 COARSELY = 1e-3
@@ -141,6 +143,7 @@ class JointFit:
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
+        most *= OFTEN if self.study.coupon is not None else 1
         start = self._approached(start, label)
         parameters, fit = self._minimised(start, self.model, label, most)
         exponents = [name for name in start.free if param(name).scan]
@@ -227,6 +230,6 @@ class JointFit:
                 advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
 
             # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
-            method = "trust-region" if model.one_way and settings.method == "least-squares" else settings.method
+            method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(self.study, settings)
             fit = change.converted(minimise(problem, method, options, Hooks(store=store, on_evaluation=follow)))
         return start.with_vector(fit.x), fit

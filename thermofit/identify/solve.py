@@ -133,6 +133,12 @@ def _elements(size: MeshSize) -> int:
     return size.n_x * size.n_y * size.n_z
 
 
+def method_of(study: Study, settings: StageSettings) -> str:
+    """Method of a fit. Runs of coupons cost next to nothing, and hardening terms that nearly do each other's work make valleys in which the
+    box of the Gauss-Newton method ends on a wall: there least squares go by the trust region."""
+    return "trust-region" if study.coupon is not None and settings.method == "least-squares" else settings.method
+
+
 def _minimise(
     study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[np.ndarray | None, int]
 ) -> tuple[StageModel, FitResult]:
@@ -150,7 +156,7 @@ def _minimise(
             f = getattr(evaluation, "f", float("nan"))
             advance(1, "failed" if residual is None else f"chi2/n {f / max(len(residual), 1):.4g}")
 
-        fit = minimise(problem, settings.method, options, Hooks(store=store, on_evaluation=follow))
+        fit = minimise(problem, method_of(study, settings), options, Hooks(store=store, on_evaluation=follow))
     return model, change.converted(fit)
 
 

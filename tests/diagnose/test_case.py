@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import TINY, Case, feels_rate, linearised
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans
 from thermofit.diagnose.structure import Span
 from thermofit.effects.catalogue import effect, effects
 
@@ -20,8 +20,8 @@ def test_effects_that_feel_the_rate_of_flow() -> None:
     assert {e.name for e in effects() if feels_rate(e, AT)} == {"rate_power", "rate_logarithmic"}
 
 
-def test_on_a_body_only_overstress_is_asked_beside_neutral() -> None:
-    """Each effect that is on makes the run dearer; a coupon costs next to nothing and is asked for all alike."""
+def test_only_overstress_is_asked_beside_neutral() -> None:
+    """Where the driver tells the two fields apart, and where it does not."""
     seen: list[dict[str, float]] = []
 
     def columns(parameters: Parameters, names: tuple[str, ...], *_: Any) -> tuple[np.ndarray, ...]:
@@ -34,4 +34,13 @@ def test_on_a_body_only_overstress_is_asked_beside_neutral() -> None:
     case = Case(model, AT, known, (Span("all", 0.0, 1.0),), frozenset(), scored=cast(Any, columns))
     linearised(case)
     linearised(replace(case, scored=None))
-    assert seen == [{n: v if n.startswith("rate_") else 0.0 for n, v in changed.items()}, changed]
+    assert seen == 2 * [{n: v if n.startswith("rate_") else 0.0 for n, v in changed.items()}]
+    assert seen[0]["rate_power.K"] > 0.0
+
+
+def test_scans_are_shares_of_the_largest_strain_of_the_test() -> None:
+    case = Case(cast(Any, None), AT, (), (Span("all", 0.0, 1.0),), frozenset(), largest_strain=0.4)
+    tried = scans(effect("latent_heat"), case)[1:]
+    centres, widths = param("latent_heat.centre").scan, param("latent_heat.width").scan
+    expected = {(0.4 * c, 0.4 * w) for c in centres for w in widths}
+    assert {(s["latent_heat.centre"], s["latent_heat.width"]) for s in tried} == expected and len(tried) == 20

@@ -259,9 +259,7 @@ def test_effects_are_scanned_where_a_run_tells_the_fields_apart() -> None:
     found, plain = linearised(case), linearised(replace(case, scored=None))
     starts = [values["lamp.start"] for values in scans(effect("lamp"), case)]
     assert starts[1:] == [40.0 * share for share in param("lamp.start").scan] and len(found.scanned["lamp"]) == len(starts)
-    # Effects asked beside neutral leave what is of second order in their amplitude.
-    assert np.allclose(found.residual, plain.residual, atol=1e-4)
-    assert np.allclose(found.residual, joint.model.residual(base), atol=1e-4)
+    assert np.allclose(found.residual, plain.residual, atol=1e-6)
     for name, (names, block) in plain.dormant.items():
         assert found.dormant[name][0] == names
         assert np.linalg.norm(found.dormant[name][1] - block) <= 0.05 * np.linalg.norm(block), name

@@ -1,4 +1,4 @@
-"""Grid search and sensitivity killed in the middle, or robbed of a worker: the same command then gives the same table.
+"""Grid search, sensitivity and bootstrap killed in the middle, or robbed of a worker: the same command then gives the same table.
 
 Repeated is at most what was running: one evaluation per process.
 """
@@ -59,6 +59,60 @@ def killed(study: Study, stage: str, jobs: int, more: int) -> None:
             time.sleep(0.002)
         process.send_signal(signal.SIGKILL)
     settled(study, stage)
+
+
+COUNTED = """
+import sys, tiny
+from pathlib import Path
+from thermofit.identify.held import HeldRun
+from thermofit.stages.identifiability import Options, run
+plain = HeldRun.__call__
+def counted(self, *arguments, **options):
+    with Path(sys.argv[2]).open("a") as log:
+        log.write("run\\n")
+    return plain(self, *arguments, **options)
+HeldRun.__call__ = counted
+run(tiny.load_study(sys.argv[1]), Options(repeats=8, refit=True), force=True)
+"""
+"""A bootstrap in a process of its own, which notes every heat run before it begins."""
+
+
+def bootstrap(study: Study, log: Path, more: int | None = None) -> int:
+    """Run it to the end, or kill it after it has begun `more` further heat runs; the number of runs that the log then holds."""
+
+    def count() -> int:
+        return len(log.read_text().splitlines()) if log.exists() else 0
+
+    before = count()
+    with subprocess.Popen([sys.executable, "-c", COUNTED, str(study.source), str(log)], env=environment()) as process:
+        if more is None:
+            assert process.wait(timeout=600) == 0
+            return count()
+        deadline = time.monotonic() + 300.0
+        while count() < before + more:
+            assert process.poll() is None and time.monotonic() < deadline, f"the bootstrap ended before {more} heat runs"
+            time.sleep(0.002)
+        process.send_signal(signal.SIGKILL)
+    return count()
+
+
+@pytest.mark.slow
+def test_killed_bootstrap_resumes(study_of: StudyOf) -> None:
+    """Repeats fitted anew: the same optima to the last digit, and of the heat runs at most the one that was killed runs twice."""
+    study = study_of()
+    log = study.run_dir.parent / "runs.log"
+    path = artefact_path(study.run_dir, "identifiability")
+    whole = bootstrap(study, log)
+    optima = open_record(path)["bootstrap/x"].value
+    log.unlink()
+    path.unlink()
+    kills = 3
+    for _ in range(kills):
+        bootstrap(study, log, random.randint(1, max(whole // (kills + 2), 2)))
+        assert not path.exists()
+    assert whole <= bootstrap(study, log) <= whole + kills
+    np.testing.assert_array_equal(open_record(path)["bootstrap/x"].value, optima)
+    assert not list(study.run_dir.glob(".identifiability.*"))
 
 
 def settled(study: Study, stage: str) -> None:

@@ -71,12 +71,8 @@ def test_chain_finds_one_material_and_two_boundaries(chain: dict[str, Any], path
     assert {"E", "M_y0", "c0", "alpha_air@first", "alpha_air@second"} <= set(found) and "alpha_air" not in found
     rows = {row["name"]: row for row in chain["table"]}
     assert rows["alpha_air@second"]["true"] == 40.0 and rows["alpha_air@first"]["true"] == 14.7
-    for name in ("E", "M_y0"):
-        assert abs(rows[name]["deviation"]) < 0.02, rows[name]
-    for name in ("c0", "beta"):
-        # Fourteen frames tell the scale of the thermal parameters to 2 %; interpolation to the nodes alone moves it by 1.6 %.
-        assert rows[name]["sigma"] < 0.03 * rows[name]["true"], rows[name]
-        assert abs(rows[name]["value"] - rows[name]["true"]) < 3.0 * rows[name]["sigma"], rows[name]
+    for name, within in (("E", 0.02), ("M_y0", 0.02), ("c0", 0.05), ("beta", 0.05)):
+        assert abs(rows[name]["deviation"]) < within, rows[name]
     apart = found["alpha_air@second"]["value"] - found["alpha_air@first"]["value"]
     assert apart > 3.0 * np.hypot(found["alpha_air@second"]["sigma"], found["alpha_air@first"]["sigma"])
     assert {"du@first", "du@second", "dtheta@second"} <= set(chain["channels"]) and "du@third" not in chain["channels"]

@@ -27,7 +27,7 @@ ON_POINT = ("linear_hardening", "thermal_expansion")
 """Effects of the base law that a coupon feels."""
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
-surface does not flow, with the least overstress it does."""
+surface does not flow, with the least overstress it does. Only effects of the overstress are asked so."""
 _RATE, _STEP = 1e-3, 1e-30
 """1/s, and the imaginary step of a derivative by it."""
 
@@ -144,12 +144,6 @@ def _tiny(effect: Effect) -> float:
     return effect.amplitude.neutral + TINY * float(effect.amplitude.probe or 0.0)
 
 
-def _asked_beside(case: Case, effect: Effect) -> bool:
-    """Whether an effect is asked beside its neutral value. On a body only where overstress makes points flow: every effect that is on makes
-    the run dearer and couples it more."""
-    return case.scored is None or feels_rate(effect, case.parameters)
-
-
 def feels_rate(effect: Effect, parameters: Parameters) -> bool:
     """True for an effect of the yield stress that depends on the rate of flow, by complex step at its probe."""
     if effect.slot not in ("yield_stress", "yield_factor"):
@@ -177,7 +171,7 @@ def linearised(case: Case) -> Linearised:
     dormant = case.dormant()
     heated = [e for e in dormant if case.scored is not None and acts_in_heat(e)]
     coupled = [e for e in dormant if e not in heated]
-    tiny = {e.amplitude.name: _tiny(e) for e in coupled if e.amplitude.name not in case.instruments and _asked_beside(case, e)}
+    tiny = {e.amplitude.name: _tiny(e) for e in coupled if e.amplitude.name not in case.instruments and feels_rate(e, case.parameters)}
     felt = {e.name: _felt(e) for e in coupled}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))

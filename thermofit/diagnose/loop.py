@@ -15,7 +15,7 @@ from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_r
 from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.score import Score, ranked
-from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
+from thermofit.diagnose.trace import OVER_NUMERICAL, Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 
@@ -126,14 +126,16 @@ def _rivals(here: Traced, name: str, gain: float) -> bool:
 
 
 def candidates(here: Traced) -> tuple[Score, ...]:
-    """Effects that a round refits, the largest held-out gain first; where a run costs next to nothing all of them, and those of their
-    families that pass the threshold as well: a refit can tell apart what one step cannot."""
+    """Effects that a round refits, the largest held-out gain first; where a run costs next to nothing all of them, those of their families
+    that pass the threshold, and what else passes it: a refit can tell apart what one step cannot, and can go where that step fails."""
     promising = here.promising()
     if not here.case.cheap:
         return promising[:TRIED_PER_ROUND]
     alike = {member for s in promising for member in s.family}
-    others = [s for s in here.ranking.scores if s.effect in alike and not s.vetoed and s.z > here.ranking.threshold and s not in promising]
-    return (*promising, *others)[:TRIED_WHERE_CHEAP]
+    others = [s for s in here.ranking.scores if not s.vetoed and s.z > here.ranking.threshold and s not in promising]
+    visible = [s for s in others if s.effect in alike or s.predicted_drop > OVER_NUMERICAL * s.numerical_drop]
+    visible.sort(key=lambda s: s.effect not in alike)  # families first; within both the largest z first, as they are ranked
+    return (*promising, *visible)[:TRIED_WHERE_CHEAP]
 
 
 def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]) -> Parameters:

@@ -15,8 +15,9 @@ from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
-from thermofit.diagnose.case import Case, Sharp, slots_of
+from thermofit.diagnose.case import Case, Renewed, slots_of
 from thermofit.diagnose.elsewhere import Elsewhere
+from thermofit.diagnose.errors_told import explains_nothing, told
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.refit import JointFit
@@ -30,12 +31,11 @@ from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
 from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
-from thermofit.identify.discretisation import corrected
 from thermofit.identify.inputs import measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
 from thermofit.identify.joint_several import JointSeveral, joint_several, known_in
 from thermofit.identify.model import StageModel, needs_drive
-from thermofit.identify.several import expanded, interpolate_paths, seen_by, several, several_start
+from thermofit.identify.several import expanded, interpolate_paths, several, several_start
 from thermofit.identify.stage import data_paths
 from thermofit.measure.stations import INFRARED
 
@@ -44,9 +44,6 @@ SECTIONS = (
 )
 JOINT_EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up."""
-FAR = 9.0
-"""Mean square of what the residual shows of the error of the force, over its noise, from which the model itself misses something: three
-standard errors. Taken for noise, that error would hide it."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +91,16 @@ class _Joint:
     model: StageModel
     numerical: Callable[[Parameters], np.ndarray]
     """Error (n,) of the discretisation that is left in the residual at given parameters."""
-    exact: np.ndarray | None
-    """The same where the force is taken as exact; None where it is."""
     largest_strain: float
     known: tuple[Effect, ...]
     spans: tuple[Span, ...]
     size: MeshSize
     parts: Joint | JointSeveral | None = None
+    plain: Joint | JointSeveral | None = None
+    """The problem of a body before its errors were told."""
+    whole: Joint | JointSeveral | None = None
+    """The problem that knows the error of its force, also where the model is too far from the data to use that."""
+    far: bool = False
     rows: Rows | None = None
     elsewhere: tuple[Elsewhere, ...] = ()
 
@@ -115,39 +115,31 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     _refuse_one_family(study, joint)
     _refuse_few(joint.model.residual(joint.base), joint)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
-    sharper = None
-    if joint.parts is not None and joint.exact is not None and joint.parts.force_misfit(joint.base) > FAR:
-        sharper = _sharper(joint, refit)
-        joint = _taken_as_exact(joint)
-        refit = replace(refit, model=joint.model, parts=joint.parts)
     parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
     if not fit.converged:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
-    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, sharper)
+    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _again(joint, refit))
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
 
 
-def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharp | None]:
-    """The problem that knows the error of the force, where that could explain what the residual shows of it."""
-    parts = joint.parts
-    assert parts is not None
+def _again(joint: _Joint, refit: JointFit) -> Callable[[Parameters, bool], Renewed | None] | None:
+    """How the errors of a body's joint problem are told again: where an effect was added, or where the force was taken as exact although
+    its error could explain what the optimum leaves."""
+    plain, whole = joint.plain, joint.whole
+    if plain is None or whole is None:
+        return None
 
-    def sharp(parameters: Parameters) -> Sharp | None:
-        if parts.force_misfit(parameters) > FAR:
+    def again(parameters: Parameters, new: bool) -> Renewed | None:
+        if not new and (not joint.far or explains_nothing(whole, parameters)):
             return None
-        return Sharp(joint.model, parts.scored, refit, joint.numerical(parameters))
+        found = told(plain, parameters)
+        fitting = replace(refit, model=found.parts.model, parts=found.parts)
+        return Renewed(found.parts.model, found.parts.scored, fitting, replace(fitting, parts=None), found.left)
 
-    return sharp
-
-
-def _taken_as_exact(joint: _Joint) -> _Joint:
-    """The same problem with a force that is taken as exact."""
-    assert joint.parts is not None and joint.exact is not None
-    parts, left = joint.parts.without_force_error(), joint.exact
-    return replace(joint, parts=parts, model=parts.model, numerical=lambda _: left)
+    return again
 
 
 def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
@@ -190,18 +182,21 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
     base, _ = with_identified(study, start_parameters(study, data), stages)
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
-    found = corrected(Joint(study, data, settings, size), base)
+    plain = Joint(study, data, settings, size)
+    found = told(plain, base.with_free(free))
     return _Joint(
         settings,
         base.with_free(free),
-        found.joint.model,
+        found.parts.model,
         lambda _: found.left,
-        found.left_exact if found.joint.force_error is not None else None,
         found.largest_strain,
         slots_of("body", INFRARED if data.temperature is not None else ()),
         named_phases(data.phases),
         size,
-        found.joint,
+        found.parts,
+        plain,
+        found.whole,
+        found.far,
         elsewhere=bodies_elsewhere(study, size, free, base),
     )
 
@@ -215,22 +210,21 @@ def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
     plain, spans = joint_several(study, data, free, size), spans_of(data)
     first = next(iter(plain.parts.values()))
     needs_drive(study, first.settings.channels)
-    found = {name: corrected(part, seen_by(base, name)) for name, part in plain.parts.items()}
-    joint = JointSeveral({name: one.joint for name, one in found.items()})
-    left = joint.stacked({name: one.left for name, one in found.items()})
-    exact = joint.stacked({name: one.left_exact for name, one in found.items()})
+    found = told(plain, base.with_free(free))
     return _Joint(
         first.settings.model_copy(update={"free": free}),
         base.with_free(free),
-        joint.model,
-        lambda _: left,
-        exact if any(part.force_error is not None for part in joint.parts.values()) else None,
-        max(one.largest_strain for one in found.values()),
+        found.parts.model,
+        lambda _: found.left,
+        found.largest_strain,
         known_in(data, lambda hot: slots_of("body", INFRARED if hot else ())),
         spans,
         size,
-        joint,
-        joined_rows({name: part.model for name, part in joint.parts.items()}, spans),
+        found.parts,
+        plain,
+        found.whole,
+        found.far,
+        joined_rows({name: part.model for name, part in plain.parts.items()}, spans),
         bodies_elsewhere(study, size, free, base),
     )
 
@@ -249,7 +243,6 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
         base.with_free(settings.free),
         model,
         lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
-        None,
         max(float(run.history(base, test).accumulated.max()) for test in data.tests),
         slots_of("point", SENSOR if hot else ()),
         coupon_spans(data),

@@ -71,7 +71,7 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
         rows = model.assemble(coarse) - model.assemble({name: coarse[name] - error[name] for name in coarse})
         return np.append(rows, np.zeros(len(model.priors)))
 
-    share = _share(told(joint.model), *joint.model.linearised(parameters, joint.settings.free))
+    share = _share(told(joint.model), *joint.model.linearised(parameters, parameters.free or joint.settings.free))
     holding = replace(joint, data=_holding(joint.data, error, share))
     return Discretised(holding, REMAINS * told(joint.model), REMAINS * told(exact), share, history)
 

@@ -184,6 +184,11 @@ class Joint:
         priors = priors_of(self.data, self.settings.free)
         return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
 
+    @property
+    def knows_force_error(self) -> bool:
+        """Whether the error of the prescribed force is known."""
+        return self.force_error is not None
+
     def without_force_error(self) -> Joint:
         """The same with a force that is taken as exact."""
         return replace(self, force_error=None)

@@ -39,6 +39,11 @@ class JointSeveral:
         """StageModel of the temperatures alone, on the motions of runs with given parameters; None where none are compared."""
         return _joined({name: part.heat(seen_by(parameters, name)) for name, part in self.parts.items()})
 
+    @property
+    def knows_force_error(self) -> bool:
+        """Whether the error of a prescribed force is known."""
+        return any(part.knows_force_error for part in self.parts.values())
+
     def without_force_error(self) -> JointSeveral:
         """The same with forces that are taken as exact."""
         return JointSeveral({name: part.without_force_error() for name, part in self.parts.items()})

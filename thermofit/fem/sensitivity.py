@@ -45,6 +45,9 @@ _FORCE_SHARE = 4e-3
 """Share of the force rates of a direction, per tolerance of theta', that may stay out of balance when its states are differentiated."""
 _ELASTIC_SHARE = 2.0
 """So much more where no point flows: u' and J' alone take part in it, and the answer at the end of a sweep mends both."""
+_WEAK = 0.05
+"""Coupling 9 K alpha^2 theta_0 / c0, about that of metals, at which a sweep lessens what is left some thousand times; it does so by about
+the square of the coupling, so that of a stronger one less may be left."""
 _BORROWED = 0.2
 """Share of the tolerance where the factor is that of an earlier elastic step: its answers are less exact."""
 _NEGLIGIBLE = 1e-3
@@ -107,7 +110,8 @@ class Differentiator:
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
         self._parameter_scale[: len(asked.names)] = [usual_change(parameters, name) for name in asked.names]
-        self._share = law.c0 / (law.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
+        self._coupling = 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref / law.c0
+        self._tolerance = asked.tolerance * (_WEAK / max(self._coupling, _WEAK)) ** 2
 
     def collect(self, n: int, rates: Rates) -> None:
         """Hand the derivatives of recorded time n to the caller."""
@@ -146,7 +150,7 @@ class Differentiator:
         self._take_buffer(start)
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
         borrowed = mechanics.kept and mechanics.largest_increment == 0.0
-        tolerance = self.asked.tolerance * (_BORROWED if borrowed else 1.0)
+        tolerance = self._tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
         softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))
         slopes = source_slopes(self.body.data, (ends.before, ends.after), ends.middle, self._sources)
@@ -197,7 +201,7 @@ class Differentiator:
             add_dilatation_heat(self.body.data, ends.after.dilatation, ends.middle, self.law, swelling, heat)
             answer = heat_answer(self.body, ends.step, heat)
         back = (answer * change).sum(axis=0) / np.maximum((change * change).sum(axis=0), 1e-300)
-        series = 1.0 / (1.0 + np.clip(-back, 0.0, 1.0 - self._share))
+        series = 1.0 / (1.0 + np.clip(-back, 0.0, self._coupling))
         u += series * moved
         dilatation += series * swelling
         self._held = self._held + series * warming

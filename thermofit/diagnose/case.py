@@ -36,15 +36,14 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 
 
 @dataclass(frozen=True)
-class Renewed:
-    """The problem of a case with its errors of mesh and force told anew: model, scores, how to fit it, and the error (n,) of the mesh that
-    is left in its residual."""
+class Sharper:
+    """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, also from
+    close to its optimum, and the error (n,) of the mesh that is left in its residual."""
 
     model: StageModel
     scored: Scored | None
     refit: Callable[[Parameters, str], tuple[Parameters, FitResult]]
     nearby: Callable[[Parameters, str], tuple[Parameters, FitResult]]
-    """A fit from close to its optimum."""
     numerical: np.ndarray
 
 
@@ -68,9 +67,9 @@ class Case:
     """Where the rows of the residual are from; None: what `rows_of` says."""
     largest_strain: float = 0.1
     """Largest Lambda of the test, of which strains that are tried are shares."""
-    renewed: Callable[[Parameters, bool], Renewed | None] | None = None
-    """The problem that knows its errors at given parameters, among which there is a new effect (True) or not; None, or a result of None:
-    there is nothing new to know."""
+    sharper: Callable[[Parameters], Sharper | None] | None = None
+    """The problem that knows the error of the force, for parameters at which that error could explain what it would hide; None: this one
+    does, or there is none."""
 
     @property
     def rows(self) -> Rows:

@@ -1,8 +1,6 @@
-"""Errors of the mesh and of the prescribed force, told at given parameters, and told again where an effect was added.
+"""Errors of the mesh and of the prescribed force, told at given parameters.
 
-An effect that is added brings gradients of its own, which the mesh resolves as badly as those of the model before: what was told without
-it does not know them. And while a model misses more than the error of the force could explain, that error is not taken for noise, which
-would hide what is missing.
+While a model misses more than the error of the force could explain, that error is not taken for noise, which would hide what is missing.
 """
 
 from __future__ import annotations
@@ -25,12 +23,12 @@ standard errors."""
 @dataclass(frozen=True)
 class Told:
     """A joint problem that knows its errors, the error (n,) of the mesh that may be left in its residual, the largest Lambda, and whether
-    the force is taken as exact although its error is known."""
+    the force is taken as exact although its error is known: `whole` and `left_whole` are the problem that takes it for noise."""
 
     parts: Joint | JointSeveral
-    whole: Joint | JointSeveral
-    """The same with the error of the force in any case."""
     left: np.ndarray
+    whole: Joint | JointSeveral
+    left_whole: np.ndarray
     largest_strain: float
     far: bool
 
@@ -54,7 +52,7 @@ def _own(parameters: Parameters, name: str) -> Parameters:
 def _chosen(parts: Joint | JointSeveral, left: np.ndarray, exact: np.ndarray, found: list[Discretised], parameters: Parameters) -> Told:
     far = explains_nothing(parts, parameters)
     strain = max(one.largest_strain for one in found)
-    return Told(parts.without_force_error() if far else parts, parts, exact if far else left, strain, far)
+    return Told(parts.without_force_error() if far else parts, exact if far else left, parts, left, strain, far)
 
 
 def explains_nothing(parts: Joint | JointSeveral, parameters: Parameters) -> bool:

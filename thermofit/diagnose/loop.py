@@ -79,9 +79,9 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     accepted: list[str] = []
     here = first = traced(case, numerical, how)
     while True:
-        again = _renewed(here, first, how, new=bool(accepted))
-        if again is not None:
-            first, here, fit, refit, numerical = again
+        sharp = _sharpened(here, first, how)
+        if sharp is not None:
+            first, here, fit, refit, numerical = sharp
         trials: list[Trial] = []
         winner: tuple[Traced, FitResult, str] | None = None
         best = 0.0
@@ -106,17 +106,17 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     return Closed(tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical)
 
 
-def _renewed(here: Traced, first: Traced, how: str, *, new: bool) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
-    """First and present trace by the problem that knows its errors at the present parameters, its fit, how to fit it and its numerical
-    error; None where there is nothing new to know. `new`: an effect was added since they were told."""
-    found = None if here.case.renewed is None else here.case.renewed(here.case.parameters, new)
-    if found is None:
+def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
+    """First and present trace by the problem that knows the error of the force, its fit, how to fit it and its numerical error; None where
+    the model still misses more than that error could explain: its noise would then hide what is missing."""
+    sharp = None if here.case.sharper is None else here.case.sharper(here.case.parameters)
+    if sharp is None:
         return None
-    case = replace(here.case, model=found.model, scored=found.scored)
-    parameters, fit = found.nearby(case.parameters, f"errors told again at {len(case.parameters.free)} parameters")
-    now = traced(replace(case, parameters=parameters), found.numerical, how, here.split)
-    begin = now if here is first else traced(replace(case, parameters=first.case.parameters), found.numerical, how, here.split)
-    return begin, now, fit, found.refit, found.numerical
+    case = replace(here.case, model=sharp.model, scored=sharp.scored, sharper=None)
+    parameters, fit = sharp.nearby(case.parameters, "error of the force")
+    now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
+    begin = now if here is first else traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
+    return begin, now, fit, sharp.refit, sharp.numerical
 
 
 def _rivals(here: Traced, name: str, gain: float) -> bool:

@@ -15,7 +15,7 @@ from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
-from thermofit.diagnose.case import Case, Renewed, slots_of
+from thermofit.diagnose.case import Case, Sharper, slots_of
 from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.errors_told import explains_nothing, told
 from thermofit.diagnose.experiments import joined_rows, spans_of
@@ -120,26 +120,26 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
-    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _again(joint, refit))
+    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit))
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
 
 
-def _again(joint: _Joint, refit: JointFit) -> Callable[[Parameters, bool], Renewed | None] | None:
-    """How the errors of a body's joint problem are told again: where an effect was added, or where the force was taken as exact although
-    its error could explain what the optimum leaves."""
+def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper | None] | None:
+    """The problem that knows the error of the force, which was taken as exact, where that could explain what the residual shows of it. The
+    errors are told again at the parameters at hand: an effect that was added brings gradients of its own."""
     plain, whole = joint.plain, joint.whole
-    if plain is None or whole is None:
+    if plain is None or whole is None or not joint.far:
         return None
 
-    def again(parameters: Parameters, new: bool) -> Renewed | None:
-        if not new and (not joint.far or explains_nothing(whole, parameters)):
+    def sharp(parameters: Parameters) -> Sharper | None:
+        if explains_nothing(whole, parameters):
             return None
         found = told(plain, parameters)
-        fitting = replace(refit, model=found.parts.model, parts=found.parts)
-        return Renewed(found.parts.model, found.parts.scored, fitting, replace(fitting, parts=None), found.left)
+        fitting = replace(refit, model=found.whole.model, parts=found.whole)
+        return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole)
 
-    return again
+    return sharp
 
 
 def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:

@@ -46,8 +46,8 @@ _FORCE_SHARE = 4e-3
 _ELASTIC_SHARE = 2.0
 """So much more where no point flows: u' and J' alone take part in it, and the answer at the end of a sweep mends both."""
 _WEAK = 0.05
-"""Coupling 9 K alpha^2 theta_0 / c0, about that of metals, at which a sweep lessens what is left some thousand times; it does so by about
-the square of the coupling, so that of a stronger one less may be left."""
+"""Coupling 9 K alpha^2 theta_0 / c0, about that of metals, at which a sweep lessens what is left some thousand times. Of a stronger one
+less may be left, by its fourth power: a sweep lessens it by the square at best."""
 _BORROWED = 0.2
 """Share of the tolerance where the factor is that of an earlier elastic step: its answers are less exact."""
 _NEGLIGIBLE = 1e-3
@@ -111,7 +111,7 @@ class Differentiator:
         self._parameter_scale = np.ones(self.m)
         self._parameter_scale[: len(asked.names)] = [usual_change(parameters, name) for name in asked.names]
         self._coupling = 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref / law.c0
-        self._tolerance = asked.tolerance * (_WEAK / max(self._coupling, _WEAK)) ** 2
+        self._tolerance = asked.tolerance * (_WEAK / max(self._coupling, _WEAK)) ** 4
 
     def collect(self, n: int, rates: Rates) -> None:
         """Hand the derivatives of recorded time n to the caller."""
@@ -252,7 +252,7 @@ class Differentiator:
         body, states = self.body, (mechanics.before, mechanics.after)
         elastic = mechanics.largest_increment == 0.0  # then the states keep their rates
         points, dilatation = points_n if elastic else self._points, self._dilatation
-        allowed = _FORCE_SHARE * self.asked.tolerance
+        allowed = _FORCE_SHARE * self._tolerance
         forces = self._exact_forces = mechanics.kept or _ASYMMETRY * mechanics.largest_increment > allowed
         if elastic:
             allowed *= _ELASTIC_SHARE

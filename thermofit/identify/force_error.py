@@ -88,7 +88,8 @@ def _telling(tangent: np.ndarray, at: np.ndarray, steps: LoadSteps) -> ForceMode
     modes = steps.error[at]
     size = np.sqrt(np.mean(tangent**2, axis=(1, 2)))
     _, s, turned = np.linalg.svd(size[:, None] * modes, full_matrices=False)
-    return ForceModes(tangent, modes @ turned[s > _TELLS * max(float(s[0]), np.finfo(float).tiny)].T)
+    kept = turned[s > _TELLS * max(float(s[0]), np.finfo(float).tiny)].T
+    return ForceModes(tangent, modes @ kept, kept)
 
 
 def _observed(look: Sampler, found: Tangents) -> Iterator[tuple[int, int, int]]:

@@ -27,6 +27,7 @@ from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.identify.prediction import Errors
+from thermofit.identify.shared_noise import shared
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
@@ -64,10 +65,12 @@ def priors_of(data: Measured, free: Sequence[str]) -> tuple[Prior, ...]:
 
 @dataclass(frozen=True)
 class ForceModes:
-    """Field that errors of the prescribed force make: `tangent` (n_t, n_s, n_c) per N, `modes` (n_t, k) N, each of unit variance."""
+    """Field that errors of the prescribed force make: `tangent` (n_t, n_s, n_c) per N, `modes` (n_t, k) N, each of unit variance, and
+    these modes (n_e, k) in those of the smoothed force."""
 
     tangent: np.ndarray
     modes: np.ndarray
+    turned: np.ndarray
 
     def field(self, k: int) -> np.ndarray:
         """The field (n_t, n_s, n_c) of one mode."""
@@ -179,10 +182,10 @@ class Joint:
         observations = prediction.instruments.observations
         own = self.settings.model_copy(update={"channels": {c: self.settings.channels[c] for c in channels}})
         comparisons = comparisons_of(own, observations, self.study, self.data)
-        if self.force_error is not None:
-            comparisons = tuple(self._blurred(c, observations) for c in comparisons)
+        comparisons, common = shared(comparisons, self._modes(comparisons, observations))
         priors = priors_of(self.data, self.settings.free)
-        return StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
+        whole = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
+        return whole if common is None else replace(whole, common=(common,))
 
     @property
     def knows_force_error(self) -> bool:
@@ -196,29 +199,29 @@ class Joint:
     def force_misfit(self, parameters: Parameters) -> float:
         """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
         make: about one where the model is right. NumericsError where the run fails."""
-        plain = self.without_force_error().model
         errors, shown = self.prediction.errors(parameters), []
-        for c in plain.comparisons:
-            columns = self._columns(c, plain.observations)
-            if columns is not None:
-                u, s, _ = np.linalg.svd(columns, full_matrices=False)
-                shown.append((u.T @ c.residual(errors[field_of(c)]))[s > 1.0] ** 2 / (1.0 + s[s > 1.0] ** 2))
+        model = self.model
+        ends = np.cumsum([c.n for c in model.comparisons])
+        residual = model.assemble(errors)
+        for common in model.common:
+            for place, one in common.shown.items():
+                own = residual[ends[place] - model.comparisons[place].n : ends[place]]
+                shown.append((one.basis.T @ own)[one.left > 1.0] ** 2)
         every = np.concatenate([*shown, np.zeros(0)])
         return float(every.mean()) if len(every) else 0.0
 
-    def _blurred(self, comparison: Comparison, observations: Mapping[str, FieldObservation]) -> Comparison:
-        """A comparison with the error of the prescribed force in its noise, where that acts on what it compares."""
-        columns = self._columns(comparison, observations)
-        return comparison if columns is None else comparison.blurred(columns)
-
-    def _columns(self, comparison: Comparison, observations: Mapping[str, FieldObservation]) -> np.ndarray | None:
-        """Residuals (n, k) that the modes of the force's error make; None where they do not act on what is compared."""
-        name = field_of(comparison)
-        if self.force_error is None or name not in self.force_error:
-            return None
-        right = np.zeros_like(observations[name].value)
-        found = self.force_error[name]
-        return np.stack([comparison.slope(right, found.field(k)) for k in range(found.modes.shape[1])], axis=1)
+    def _modes(
+        self, comparisons: Sequence[Comparison], observations: Mapping[str, FieldObservation]
+    ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Residuals (n, k) that modes of the force's error make of every comparison on which they act, displacements first, which tell
+        most of it, and these modes in those of the smoothed force."""
+        acting = {place: name for place, c in enumerate(comparisons) if (name := field_of(c)) in (self.force_error or {})}
+        found = {}
+        for place in sorted(acting, key=lambda p: acting[p] != "u"):
+            modes, right = (self.force_error or {})[acting[place]], np.zeros_like(observations[acting[place]].value)
+            columns = [comparisons[place].slope(right, modes.field(k)) for k in range(modes.modes.shape[1])]
+            found[place] = np.stack(columns, axis=1), modes.turned
+        return found
 
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:

@@ -19,6 +19,7 @@ from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.instruments import Instruments, JointPrediction, looks_through_effects, station_names
 from thermofit.identify.missing import Missing
 from thermofit.identify.prediction import Errors, Linearise, PlainPrediction
+from thermofit.identify.shared_noise import SharedNoise
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
@@ -51,6 +52,8 @@ class StageModel:
     priors: tuple[Prior, ...] = ()
     missing: Missing | None = None
     """What it would show of terms that no law names; None where that is not worked out."""
+    common: tuple[SharedNoise, ...] = ()
+    """Noise that comparisons have in common: what one tells of it, the others know."""
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27); then one entry for each prior."""
@@ -77,17 +80,28 @@ class StageModel:
 
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""
-        return np.concatenate([c.residual(errors[field_of(c)]) for c in self.comparisons])
+        return np.concatenate(self._apart([c.residual(errors[field_of(c)]) for c in self.comparisons]))
+
+    def _apart(self, parts: list[np.ndarray]) -> list[np.ndarray]:
+        """Residuals or columns (n_i, ...) of every comparison without what the others tell of their common noise."""
+        for one in self.common:
+            parts = one.innovations(parts)
+        return parts
 
     def assemble_jacobian(self, errors: Errors, slopes: Mapping[str, np.ndarray]) -> np.ndarray:
         """The Jacobian (n, n_p) at error fields, of derivative fields (n_t, n_s, n_c, n_p)."""
         n_p = next(iter(slopes.values())).shape[-1]
         out, at = np.empty((sum(c.n for c in self.comparisons), n_p), order="F"), 0
+        parts = []
         for c in self.comparisons:
             error, slope = errors[field_of(c)], slopes[field_of(c)]
             for i in range(n_p):
                 out[at : at + c.n, i] = c.slope(error, slope[..., i])
+            parts.append(out[at : at + c.n])
             at += c.n
+        for part, apart in zip(parts, self._apart(parts), strict=True):
+            if apart is not part:
+                part[:] = apart
         return out
 
     @property

@@ -133,6 +133,7 @@ def joined(models: dict[str, StageModel]) -> StageModel:
     """Models of several experiments as one, by name of the experiment."""
     exact = all(model.linearise is not None for model in models.values())
     remarks = [f"{name}: {model.remark}" for name, model in models.items() if model.remark]
+    places = np.cumsum([0, *(len(model.comparisons) for model in models.values())])[:-1].tolist()
     return StageModel(
         errors=lambda parameters: _errors(models, parameters),
         comparisons=tuple(
@@ -149,6 +150,7 @@ def joined(models: dict[str, StageModel]) -> StageModel:
         one_way=any(model.one_way for model in models.values()),
         linearise=(lambda parameters, names: _linearise(models, parameters, names)) if exact else None,
         priors=tuple(replace(p, name=f"{p.name}{AT}{name}") for name, model in models.items() for p in model.priors),
+        common=tuple(one.moved(before) for before, model in zip(places, models.values(), strict=True) for one in model.common),
     )
 
 

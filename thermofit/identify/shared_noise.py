@@ -1,0 +1,81 @@
+"""Noise that several comparisons have in common, as the error of a force that moves points and warms them: what one tells of it, the next
+ones know.
+
+With k errors m of unit variance and comparisons r_i = A_i m + e_i, e_i white of unit variance, the residuals are whitened one after the
+other, each given those before it (the innovations of R. E. Kalman, 1960, Journal of Basic Engineering 82, for a state that stands still):
+
+    r_i'' = (1 + A_i P_i A_i^T)^(-1/2) (r_i - A_i m_i),
+
+m_i the mean and P_i the covariance of m that r_1 to r_(i-1) leave. All of them together are as white as the noise of the whole, and every
+comparison keeps its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.measure.comparison import Comparison
+
+_TELLS = 1e-3
+"""Size of a mode in units of the noise below which it is left out."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What one comparison shows of k common errors, and what it tells of them.
+
+    `columns` (n, r) the residuals, whitened, that its r modes make, `modes` (k, r) those modes in the errors; `basis` (n, q) and `gain`
+    (k, q): gain basis^T r'' is what its innovation adds to the mean of the errors; `left` (q,) the sizes of the modes that were not known
+    before, in units of the noise.
+    """
+
+    columns: np.ndarray
+    modes: np.ndarray
+    basis: np.ndarray
+    gain: np.ndarray
+    left: np.ndarray
+
+
+@dataclass(frozen=True)
+class SharedNoise:
+    """Common errors of comparisons, by their place among all of them, in the order in which they are whitened."""
+
+    shown: Mapping[int, Shown]
+
+    def innovations(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Residuals (n_i, ...), each whitened on its own, without what those before tell of the common errors."""
+        out, mean = list(parts), None
+        for place, one in self.shown.items():
+            if mean is not None:
+                out[place] = out[place] - one.columns @ (one.modes.T @ mean)
+            told = one.gain @ (one.basis.T @ out[place])
+            mean = told if mean is None else mean + told
+        return out
+
+    def moved(self, by: int) -> SharedNoise:
+        """The same where other comparisons stand before these."""
+        return SharedNoise({place + by: one for place, one in self.shown.items()})
+
+
+def shared(
+    comparisons: Sequence[Comparison], modes: Mapping[int, tuple[np.ndarray, np.ndarray]]
+) -> tuple[tuple[Comparison, ...], SharedNoise | None]:
+    """Comparisons with common errors in their noise, and what they tell of each other; `modes` = place: (columns (n, r), the residuals of
+    unit modes; those modes (k, r) in the errors)."""
+    if not modes:
+        return tuple(comparisons), None
+    out, shown = list(comparisons), {}
+    spread = np.eye(len(next(iter(modes.values()))[1]))
+    for place, (columns, turned) in modes.items():
+        q, r = np.linalg.qr(columns)
+        u, s, vt = np.linalg.svd(r @ (turned.T @ spread), full_matrices=False)
+        u, s, vt = u[:, s > _TELLS], s[s > _TELLS], vt[s > _TELLS]
+        basis, root = q @ u, np.sqrt(1.0 + s**2)
+        white = columns - basis @ ((1.0 - 1.0 / root)[:, None] * (basis.T @ columns))
+        shown[place] = Shown(white, turned, basis, spread @ (vt.T * (s / root)), s)
+        out[place] = comparisons[place].blurred(basis * s)
+        spread = spread - (spread @ vt.T * (1.0 - 1.0 / root)) @ vt
+    return tuple(out), SharedNoise(shown)

@@ -24,6 +24,9 @@ _LEAST = 1e-7
 """Part of the largest force by which it changes at least in a step that tells a tangent."""
 _COLD = 1e-3
 """Excess temperature over the air, K, below which its decay says nothing."""
+_DOUBT = 0.3
+"""Relative error of what an error of the force makes of temperatures: heat of elasticity, and what flows away while the force errs, are
+left out of it."""
 _TELLS = 1e-3
 """Part of the largest mode's effect below which a mode is left out."""
 
@@ -79,17 +82,17 @@ def temperature_modes(joint: Joint, history: History, steps: LoadSteps, paramete
         then, now = warm[step], warm[look.index[i]]
         left = np.clip(np.divide(now, then, out=np.ones_like(now), where=np.abs(then) > _COLD), 0.0, 1.0)
         tangent[i, :, 0], at[i] = released * (left if look.index[i] > step else 1.0), step
-    return _telling(tangent, at, steps)
+    return _telling(tangent, at, steps, _DOUBT)
 
 
-def _telling(tangent: np.ndarray, at: np.ndarray, steps: LoadSteps) -> ForceModes:
+def _telling(tangent: np.ndarray, at: np.ndarray, steps: LoadSteps, doubt: float = 0.0) -> ForceModes:
     """Modes of the errors at the steps `at` (n_t,), turned so that the first tell most, without those that tell next to nothing."""
     assert steps.error is not None
     modes = steps.error[at]
     size = np.sqrt(np.mean(tangent**2, axis=(1, 2)))
     _, s, turned = np.linalg.svd(size[:, None] * modes, full_matrices=False)
     kept = turned[s > _TELLS * max(float(s[0]), np.finfo(float).tiny)].T
-    return ForceModes(tangent, modes @ kept, kept)
+    return ForceModes(tangent, modes @ kept, kept, doubt)
 
 
 def _observed(look: Sampler, found: Tangents) -> Iterator[tuple[int, int, int]]:

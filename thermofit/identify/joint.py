@@ -27,7 +27,7 @@ from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.identify.prediction import Errors
-from thermofit.identify.shared_noise import shared
+from thermofit.identify.shared_noise import Modes, shared
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
@@ -71,6 +71,8 @@ class ForceModes:
     tangent: np.ndarray
     modes: np.ndarray
     turned: np.ndarray
+    doubt: float = 0.0
+    """Relative error of the field."""
 
     def field(self, k: int) -> np.ndarray:
         """The field (n_t, n_s, n_c) of one mode."""
@@ -210,17 +212,14 @@ class Joint:
         every = np.concatenate([*shown, np.zeros(0)])
         return float(every.mean()) if len(every) else 0.0
 
-    def _modes(
-        self, comparisons: Sequence[Comparison], observations: Mapping[str, FieldObservation]
-    ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """Residuals (n, k) that modes of the force's error make of every comparison on which they act, displacements first, which tell
-        most of it, and these modes in those of the smoothed force."""
+    def _modes(self, comparisons: Sequence[Comparison], observations: Mapping[str, FieldObservation]) -> dict[int, Modes]:
+        """What every comparison shows of the force's error, by its place: displacements first, which tell most of it."""
         acting = {place: name for place, c in enumerate(comparisons) if (name := field_of(c)) in (self.force_error or {})}
         found = {}
         for place in sorted(acting, key=lambda p: acting[p] != "u"):
             modes, right = (self.force_error or {})[acting[place]], np.zeros_like(observations[acting[place]].value)
             columns = [comparisons[place].slope(right, modes.field(k)) for k in range(modes.modes.shape[1])]
-            found[place] = np.stack(columns, axis=1), modes.turned
+            found[place] = Modes(np.stack(columns, axis=1), modes.turned, modes.doubt)
         return found
 
 

@@ -60,22 +60,32 @@ class SharedNoise:
         return SharedNoise({place + by: one for place, one in self.shown.items()})
 
 
-def shared(
-    comparisons: Sequence[Comparison], modes: Mapping[int, tuple[np.ndarray, np.ndarray]]
-) -> tuple[tuple[Comparison, ...], SharedNoise | None]:
-    """Comparisons with common errors in their noise, and what they tell of each other; `modes` = place: (columns (n, r), the residuals of
-    unit modes; those modes (k, r) in the errors)."""
+@dataclass(frozen=True)
+class Modes:
+    """What a comparison shows of k common errors: `columns` (n, r) are the residuals of unit modes, `turned` (k, r) these modes in the
+    errors, and `doubt` by how much, relative, the columns may be wrong: so much of the errors is one that no other comparison tells."""
+
+    columns: np.ndarray
+    turned: np.ndarray
+    doubt: float = 0.0
+
+
+def shared(comparisons: Sequence[Comparison], modes: Mapping[int, Modes]) -> tuple[tuple[Comparison, ...], SharedNoise | None]:
+    """Comparisons with common errors in their noise, and what they tell of each other; `modes` by place, in the order of whitening."""
     if not modes:
         return tuple(comparisons), None
     out, shown = list(comparisons), {}
-    spread = np.eye(len(next(iter(modes.values()))[1]))
-    for place, (columns, turned) in modes.items():
-        q, r = np.linalg.qr(columns)
-        u, s, vt = np.linalg.svd(r @ (turned.T @ spread), full_matrices=False)
+    k = len(next(iter(modes.values())).turned)
+    spread = np.eye(k)
+    for place, own in modes.items():
+        known = np.concatenate([spread, np.zeros((k, k))], axis=1)
+        q, r = np.linalg.qr(own.columns)
+        both = np.concatenate([spread, own.doubt * np.eye(k)], axis=1)
+        u, s, vt = np.linalg.svd(r @ own.turned.T @ both, full_matrices=False)
         u, s, vt = u[:, s > _TELLS], s[s > _TELLS], vt[s > _TELLS]
         basis, root = q @ u, np.sqrt(1.0 + s**2)
-        white = columns - basis @ ((1.0 - 1.0 / root)[:, None] * (basis.T @ columns))
-        shown[place] = Shown(white, turned, basis, spread @ (vt.T * (s / root)), s)
+        white = own.columns - basis @ ((1.0 - 1.0 / root)[:, None] * (basis.T @ own.columns))
+        shown[place] = Shown(white, own.turned, basis, known @ (vt.T * (s / root)), s)
         out[place] = comparisons[place].blurred(basis * s)
-        spread = spread - (spread @ vt.T * (1.0 - 1.0 / root)) @ vt
+        spread = np.linalg.qr((known - (known @ vt.T * (1.0 - 1.0 / root)) @ vt).T)[1].T
     return tuple(out), SharedNoise(shown)

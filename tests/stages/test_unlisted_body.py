@@ -18,6 +18,7 @@ import yaml
 POWER, PLACE, WINDOW, RADIUS = 30.0, (0.0, 9.0), (38.0, 62.0), 3.0
 """mW of the whole specimen, mm from the middle, s, mm."""
 THICKNESS = 1.2
+LAMP = {"lamp.absorbed": 0.05, "lamp.start": 40.0}
 SPOT = f'''"""A spot in the gauge that is heated for a while: slot heat_source. Off at power = 0."""
 
 import numpy as np
@@ -92,3 +93,13 @@ def test_a_heated_spot_is_unlisted(tmp_path: Path) -> None:
     floor = found["channels"]["dtheta"]["floor_rms"]
     assert after < 1.02 * floor < 1.1 * floor < before
     assert Path(said["effect_file"]).is_file() and Path(said["figure"]).is_file()
+
+
+@pytest.mark.slow
+def test_a_lamp_is_named_and_not_called_unlisted(tmp_path: Path) -> None:
+    """The honest counterpart: the same test with a source of the catalogue."""
+    code, found = closed(virtual_test(tmp_path, LAMP))
+    assert code == 0 and found["accepted"] == ["lamp"] and found["unlisted"] is None, found["verdict"]
+    said = found["parameters"]["lamp.absorbed"]
+    assert said["value"] == pytest.approx(LAMP["lamp.absorbed"], abs=4.0 * said["sigma"]) and said["sigma"] < 0.1 * LAMP["lamp.absorbed"]
+    assert found["after"]["held_out"]["dtheta"] < 1.02 * found["channels"]["dtheta"]["floor_rms"]

@@ -68,7 +68,8 @@ def _resembles(closed: Closed, names: tuple[str, ...], found: Unlisted, field: F
 def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, ...]:
     """Accepted effects in whose stead a field of a missing term predicts held-out data better by three standard errors, and that they do
     not need beside it; none where what they leave is no more than noise, or less than a tenth of the excess."""
-    here, best = closed.last, (0.0, ())
+    here = closed.last
+    best: tuple[float, tuple[str, ...]] = (0.0, ())
     for structure in standing(here, numerical):
         hat = broad_basis(here.case, structure)
         if hat is None or structure.excess <= LEFT_BEHIND * structure.blocks.excess(closed.first.columns.residual):

@@ -18,7 +18,10 @@ import yaml
 POWER, PLACE, WINDOW, RADIUS = 30.0, (0.0, 9.0), (38.0, 62.0), 3.0
 """mW of the whole specimen, mm from the middle, s, mm."""
 THICKNESS = 1.2
-LAMP = {"lamp.absorbed": 0.05, "lamp.start": 40.0}
+LISTED = (
+    {"lamp.absorbed": 0.05, "lamp.start": 40.0},
+    {"latent_heat.heat": 150.0, "latent_heat.centre": 0.012, "latent_heat.width": 0.006},
+)
 SPOT = f'''"""A spot in the gauge that is heated for a while: slot heat_source. Off at power = 0."""
 
 import numpy as np
@@ -96,10 +99,11 @@ def test_a_heated_spot_is_unlisted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_lamp_is_named_and_not_called_unlisted(tmp_path: Path) -> None:
-    """The honest counterpart: the same test with a source of the catalogue."""
-    code, found = closed(virtual_test(tmp_path, LAMP))
-    assert code == 0 and found["accepted"] == ["lamp"] and found["unlisted"] is None, found["verdict"]
-    said = found["parameters"]["lamp.absorbed"]
-    assert said["value"] == pytest.approx(LAMP["lamp.absorbed"], abs=4.0 * said["sigma"]) and said["sigma"] < 0.1 * LAMP["lamp.absorbed"]
+@pytest.mark.parametrize("planted", LISTED, ids=lambda planted: next(iter(planted)))
+def test_a_source_of_the_catalogue_is_named_and_not_called_unlisted(tmp_path: Path, planted: dict[str, float]) -> None:
+    amplitude, value = next(iter(planted.items()))
+    code, found = closed(virtual_test(tmp_path, planted))
+    assert code == 0 and found["accepted"] == [amplitude.partition(".")[0]] and found["unlisted"] is None, found["verdict"]
+    said = found["parameters"][amplitude]
+    assert said["value"] == pytest.approx(value, abs=4.0 * said["sigma"]) and said["sigma"] < 0.1 * value
     assert found["after"]["held_out"]["dtheta"] < 1.02 * found["channels"]["dtheta"]["floor_rms"]

@@ -31,6 +31,7 @@ from thermofit.identify.forward import Run, march_settings, sampler, specimen_bo
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.instruments import Instruments
 from thermofit.identify.joint import Joint, joint_settings, station_names
+from thermofit.identify.priors import effect_priors
 from thermofit.measure.force import smooth_force
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.stations import INFRARED
@@ -158,7 +159,7 @@ class Fields:
         )
 
     def _joint(self, study: Study, data: Measured) -> Joint:
-        return Joint(study, data, joint_settings(study, FREE, data), self.fit)
+        return Joint(study, data, joint_settings(study, FREE, data), self.fit, beside=effect_priors(study))
 
     def closed(self, study: Study, data: Measured, folder: Path) -> Closed:
         """The loop on a test, from the fit of the base model on; a first fit, which knows nothing of its mesh, stands for the stages."""

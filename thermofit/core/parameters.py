@@ -33,6 +33,8 @@ class Param:
     "strain" of the largest plastic strain Lambda; empty: they are values."""
     logarithmic: bool = False
     """True where the order of magnitude is what is known: it is fitted by its logarithm."""
+    prior: float | None = None
+    """Standard error, in `unit`, of what was declared: a departure from neutral counts against it in a joint fit. None: nothing was."""
 
 
 _INF = float("inf")

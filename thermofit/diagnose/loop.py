@@ -18,6 +18,7 @@ from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import OVER_NUMERICAL, Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
+from thermofit.identify.priors import improbable
 
 Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
 """Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
@@ -195,7 +196,7 @@ def _judged(
     proof = proof_of_refit(here, there, score.effect) or inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
-    refused = _refusal(score.effect, estimate, sigma, proof, after)
+    refused = _refusal(score.effect, estimate, sigma, proof, after) or improbable(here.case.model.priors, parameters, here.case.parameters)
     trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
     return trial, None if refused else (there, after)
 

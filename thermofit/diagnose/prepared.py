@@ -34,8 +34,9 @@ from thermofit.identify.coupon_sensor import SENSOR
 from thermofit.identify.inputs import measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
 from thermofit.identify.joint_several import JointSeveral, joint_several, known_in
-from thermofit.identify.model import StageModel, needs_drive
-from thermofit.identify.several import expanded, interpolate_paths, several, several_start
+from thermofit.identify.model import Prior, StageModel, needs_drive
+from thermofit.identify.priors import effect_priors
+from thermofit.identify.several import Several, expanded, interpolate_paths, several, several_start
 from thermofit.identify.stage import data_paths
 from thermofit.measure.stations import INFRARED
 
@@ -182,7 +183,7 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
     base, _ = with_identified(study, start_parameters(study, data), stages)
     free = study.diagnosis.free or tuple(dict.fromkeys((*joint_free(study), *NUISANCES)))
     settings, size = joint_settings(study, free, data), diagnosis_mesh(study)
-    plain = Joint(study, data, settings, size)
+    plain = Joint(study, data, settings, size, beside=effect_priors(study))
     found = told(plain, base.with_free(free))
     return _Joint(
         settings,
@@ -210,6 +211,8 @@ def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
     plain, spans = joint_several(study, data, free, size), spans_of(data)
     first = next(iter(plain.parts.values()))
     needs_drive(study, first.settings.channels)
+    priors = _priors_of_each(study, data)
+    plain = JointSeveral({name: replace(part, beside=priors[name]) for name, part in plain.parts.items()})
     found = told(plain, base.with_free(free))
     return _Joint(
         first.settings.model_copy(update={"free": free}),
@@ -229,13 +232,20 @@ def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
     )
 
 
+def _priors_of_each(study: Study, data: Several) -> dict[str, tuple[Prior, ...]]:
+    """Priors of effects by experiment: each has those of its own readings, the first also those of the material, which count once."""
+    every, names = effect_priors(study), [part.name for part in data.parts]
+    own = tuple(p for p in every if p.name in data.own or p.name in study.shared)
+    return {name: every if name == names[0] else own for name in names}
+
+
 def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
     """Records of coupons. The error of the steps is of first order: half the steps differ by half of it."""
     data = coupon_data(study)
     base, _ = with_identified(study, start_parameters(study, data), stages)
     settings = coupon_joint_settings(study, data)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
-    model, finer = (coupon_model(of, data, settings, base) for of in (study, fine))
+    model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
     run = coupon_run(study, data, settings.free)
     hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
     return _Joint(

@@ -46,6 +46,8 @@ class Columns:
     numerical: np.ndarray | None = None
     also_tried: tuple[np.ndarray, ...] = ()
     """Columns (n, k) that were tried besides, for other exponents: chance had as many more directions to pick from."""
+    n_priors: int = 0
+    """Rows at the end that are priors, no data: they make an estimate surer, but nobody feels an effect by them."""
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -61,10 +63,15 @@ class Columns:
         """(1 - Q Q^T) of a vector or of columns."""
         return np.asarray(block - self.basis @ (self.basis.T @ block))
 
+    def data(self, block: np.ndarray) -> np.ndarray:
+        """The rows of a block that are data."""
+        return block[: len(block) - self.n_priors]
+
     def felt(self, block: np.ndarray) -> np.ndarray:
         """Columns of a block beyond the fitted ones, without those that the fitted parameters take up entirely."""
         s = self.beyond(block)
-        return s[:, np.linalg.norm(s, axis=0) > _UNFELT * np.maximum(np.linalg.norm(block, axis=0), 1e-300)]
+        size = np.linalg.norm(self.data(block), axis=0)
+        return s[:, np.linalg.norm(self.data(s), axis=0) > _UNFELT * np.maximum(size, 1e-300)]
 
 
 @dataclass(frozen=True)
@@ -191,7 +198,7 @@ def _score(
     felt = _felt_names(names, block, s)
     sd = np.sqrt(np.diag(covariance))
     estimate = {name: _moved(name, float(a)) for name, a in zip(felt, step, strict=True)}
-    whole = float(np.linalg.norm(block))
+    part = float(np.linalg.norm(columns.data(s)) / np.linalg.norm(columns.data(block)))
     return Score(
         effect=effect,
         z=_normal_quantile(size, len(step)),
@@ -199,7 +206,7 @@ def _score(
         numerical_drop=0.0 if columns.numerical is None else _drop(s, columns.numerical, inverse),
         estimate=estimate,
         sigma=dict(zip(felt, sd.tolist(), strict=True)),
-        detectability=float(np.linalg.norm(s)) / whole,
+        detectability=part,
         detectable=float(threshold * sd[0]),
         vetoed=_veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
         family=family,

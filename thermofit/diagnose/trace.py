@@ -13,6 +13,7 @@ from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
+from thermofit.identify.priors import improbable
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
@@ -101,10 +102,11 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
         split = split_of(case, _by_sample(rows) if case.cheap else rows, information(found.fitted), how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(_by_sample(rows) if case.cheap else rows, np.ones(len(rows.time), dtype=bool))
-    columns = Columns(found.residual, found.fitted, found.dormant, case.model.noise if noisy else None, groups, numerical)
+    noise = case.model.noise if noisy else None
+    columns = Columns(found.residual, found.fitted, found.dormant, noise, groups, numerical, n_priors=len(case.model.priors))
     settings: dict[str, dict[str, float]] = {}
     columns = _scanned(case, columns, settings, found.scanned)
-    ranking = ranked(columns)
+    ranking = _probable(ranked(columns), case)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
     own = room_of(case.parameters, case.parameters.free)
     beyond = beyond_of(case, strongest, settings)
@@ -115,6 +117,19 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
         inside = proof(found.residual, (found.fitted, block), rows, split, rooms, columns.noise)
         proofs[effect] = proof_beyond((found.residual, found.fitted), effect, block, beyond, rooms) or inside
     return Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
+
+
+def _probable(ranking: Ranking, case: Case) -> Ranking:
+    """The ranking with a veto for every effect whose estimate lies farther off what was declared than an error of that explains, by two
+    standard errors of the estimate and more."""
+    scores = []
+    for s in ranking.scores:
+        near = {n: v - float(np.clip(v - param(n).neutral, -2.0 * s.sigma[n], 2.0 * s.sigma[n])) for n, v in s.estimate.items()}
+        why = improbable(case.model.priors, case.parameters.replace(**near), case.parameters)
+        scores.append(replace(s, vetoed=s.vetoed or why))
+    gone = {s.effect for s in scores if s.vetoed}
+    scores = [replace(s, family=(s.effect, *(other for other in s.family[1:] if other not in gone))) for s in scores]
+    return replace(ranking, scores=tuple(sorted(scores, key=lambda s: (bool(s.vetoed), -s.z))))
 
 
 def room_of(parameters: Parameters, names: Sequence[str]) -> Room:

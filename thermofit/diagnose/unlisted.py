@@ -63,10 +63,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = 
     `aside`: effects that were already found to resemble it only.
     """
     left = unfitted(here)
-    error = None if numerical is None else unfitted(here, numerical)
-    standing = [s for s in structures(here.case, here.rows, left, error) if s.stands_out]
-    standing.sort(key=lambda s: -s.excess / s.blocks.spread)
-    open_ones = [(s, best) for s in standing if (best := best_listed(here, s, left, aside))[1] < HALF]
+    open_ones = [(s, best) for s in standing(here, numerical) if (best := best_listed(here, s, left, aside))[1] < HALF]
     found = []
     for structure, listed in open_ones:
         term = _term(here, structure)
@@ -81,6 +78,13 @@ def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = 
     term, parameters = _settled(here, structure, term)
     place = place_of(term, _volumes(here.case, term.basis))
     return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters)
+
+
+def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
+    """Channels that hold more than noise and discretisation make, the surest first."""
+    error = None if numerical is None else unfitted(here, numerical)
+    found = [s for s in structures(here.case, here.rows, unfitted(here), error) if s.stands_out]
+    return sorted(found, key=lambda s: -s.excess / s.blocks.spread)
 
 
 def unfitted(here: Traced, vector: np.ndarray | None = None) -> np.ndarray:
@@ -125,20 +129,27 @@ def believed(field: Field) -> bool:
     return field.proof.gain > max(SURE * field.proof.sigma, PRACTICAL)
 
 
-def _term(here: Traced, structure: Structure) -> Field | None:
-    """The reconstructed term of a channel, None where held-out data do not ask for one."""
-    missing, kind = here.case.model.missing, _kind_of(here.case, structure)
+def broad_basis(case: Case, structure: Structure) -> Basis | None:
+    """The hats over all places and times with which the term of a channel is first sought; None where it has no kind of term."""
+    missing, kind = case.model.missing, _kind_of(case, structure)
     if missing is None or not kind:
         return None
+    grid = missing.grid(kind, (IN_TIME, 1, 1) if case.model.segments is not None else COUNTS[kind])
+    return basis(case, structure, kind, grid, np.arange(grid.size))
+
+
+def _term(here: Traced, structure: Structure) -> Field | None:
+    """The reconstructed term of a channel, None where held-out data do not ask for one."""
+    broad, missing = broad_basis(here.case, structure), here.case.model.missing
+    if broad is None or missing is None:
+        return None
+    whole, kind, grid = solved(here, broad), broad.kind, broad.grid
     counts = COUNTS[kind]
-    coupon = here.case.model.segments is not None
-    grid = missing.grid(kind, (IN_TIME, 1, 1) if coupon else counts)
-    whole = solved(here, basis(here.case, structure, kind, grid, np.arange(grid.size)))
     if not believed(whole):
         return None
     if kind != "heat":
         return whole
-    if coupon:
+    if here.case.model.segments is not None:
         return _closer(whole, solved(here, basis(here.case, structure, kind, grid, _lasting(whole))))
     near = compact(whole.values, whole.sigma)
     in_time = min(IN_TIME, MOST_HATS // int(near.sum()))

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
-from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.loop import Closed, Refit
+from thermofit.diagnose.held_out import Rows, compared
+from thermofit.diagnose.loop import Closed, Refit, held_out_of
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, unlisted
-from thermofit.diagnose.unlisted_field import Field, field_of
+from thermofit.diagnose.unlisted import PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
+from thermofit.diagnose.unlisted_field import Basis, Field, field_of
 from thermofit.effects.catalogue import effect
 
 LEFT_BEHIND = 0.1
@@ -23,50 +25,93 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     """The loop's result without effects that only resembled what is missing, and what is missing.
 
     An accepted effect is taken back where more than a tenth of the excess stays, a field of the missing term explains that, and held-out
-    data no longer ask for the effect beside the field. A refit that fails or does not converge leaves it where it is.
+    data no longer ask for the effect beside the field. Where several that resemble it have taken so much together that what stays asks for
+    no field, a field in their stead is asked for. A refit that fails or does not converge leaves them where they are.
     """
     found = unlisted(closed.last, numerical)
     resembles: list[str] = []
-    while found is not None and found.field is not None:
-        name = next((n for n in closed.accepted if n not in resembles and _resembles(closed, n, found, found.field, numerical)), None)
-        if name is None:
+    aside: set[str] = set()
+    while closed.accepted:
+        names: tuple[str, ...] = ()
+        if found is not None and found.field is not None:
+            field = found.field
+            names = next(((n,) for n in closed.accepted if n not in resembles and _resembles(closed, (n,), found, field)), ())
+        elif not resembles:
+            names = in_their_stead(closed, numerical)
+        if not names:
             break
-        resembles.append(name)
-        taken = _taken_back(closed, name, refit, numerical, how)
+        resembles += names
+        aside |= _with_families(closed, names)
+        taken = _taken_back(closed, names, refit, numerical, how)
         if taken is None:
             break
         closed = taken
-        found = unlisted(closed.last, numerical, resembles)
+        found = unlisted(closed.last, numerical, sorted(aside))
     return closed, None if found is None else replace(found, resembles=tuple(resembles))
 
 
-def _resembles(closed: Closed, name: str, found: Unlisted, field: Field, numerical: np.ndarray | None) -> bool:
-    """True where the effect left too much behind, and is not needed beside the field."""
+def _with_families(closed: Closed, names: Sequence[str]) -> set[str]:
+    """Effects and those that the test could not tell from them when they were tried: what one only resembles, so do its like."""
+    return set(names).union(*(t.score.family for r in closed.rounds for t in r.trials if t.score.effect in names))
+
+
+def _resembles(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
+    """True where the effects left too much behind, and are not needed beside the field."""
     blocks = found.structure.blocks
     if found.structure.excess <= LEFT_BEHIND * blocks.excess(closed.first.columns.residual):
         return False
     here = closed.last
+    alone = field_of(_without(here, names), field.basis, here.rows, here.split)
+    return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
+
+
+def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, ...]:
+    """Accepted effects in whose stead a field of a missing term predicts held-out data better by three standard errors, and that they do
+    not need beside it; none where what they leave is no more than noise, or less than a tenth of the excess."""
+    here = closed.last
+    best: tuple[float, tuple[str, ...]] = (0.0, ())
+    for structure in standing(here, numerical):
+        hat = broad_basis(here.case, structure)
+        if hat is None or structure.excess <= LEFT_BEHIND * structure.blocks.excess(closed.first.columns.residual):
+            continue
+        with_both, rows = field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split), _rows_of(here, hat)
+        now = held_out_of(here)
+        for size in range(1, len(closed.accepted) + 1):
+            for names in combinations(closed.accepted, size):
+                alone = field_of(_without(here, names), hat, here.rows, here.split)
+                better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
+                needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
+                if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
+                    best = (better.gain, names)
+    return best[1]
+
+
+def _rows_of(here: Traced, hat: Basis) -> Rows:
+    return Rows(*(of[hat.rows] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
+
+
+def _without(here: Traced, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Residual (n,) and fitted columns (n, p) if the effects were back at neutral, to first order."""
     free = here.case.parameters.free
-    own = [k for k, n in enumerate(free) if n in effect(name).names]
+    every = {n for name in names for n in effect(name).names}
+    own = [k for k, n in enumerate(free) if n in every]
     amplitudes = [k for k in own if not param(free[k]).scan]
     back = np.array([param(free[k]).neutral - here.case.parameters[free[k]] for k in amplitudes])
     residual = here.columns.residual + here.columns.fitted[:, amplitudes] @ back
-    alone = field_of((residual, np.delete(here.columns.fitted, own, axis=1)), field.basis, here.rows, here.split)
-    gain = compared(alone.after, field.after, here.rows, len(here.split.held_out))
-    return not gain.convinces
+    return residual, np.delete(here.columns.fitted, own, axis=1)
 
 
-def _taken_back(closed: Closed, name: str, refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | None:
-    """The result with the effect at neutral and everything else refitted; None where that fails."""
+def _taken_back(closed: Closed, names: Sequence[str], refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | None:
+    """The result with the effects at neutral and everything else refitted; None where that fails."""
     last: Traced = closed.last
-    neutral = {n: param(n).neutral for n in effect(name).names}
+    neutral = {n: param(n).neutral for name in names for n in effect(name).names}
     free = tuple(n for n in last.case.parameters.free if n not in neutral)
     try:
-        parameters, fit = refit(last.case.parameters.replace(**neutral).with_free(free), f"without {name}")
+        parameters, fit = refit(last.case.parameters.replace(**neutral).with_free(free), f"without {' '.join(names)}")
     except NumericsError:
         return None
     if not fit.converged:
         return None
     here = traced(replace(last.case, parameters=parameters), numerical, how, last.split)
-    accepted = tuple(n for n in closed.accepted if n != name)
-    return replace(closed, last=here, fit=fit, accepted=accepted, dropped=(*closed.dropped, name))
+    accepted = tuple(n for n in closed.accepted if n not in names)
+    return replace(closed, last=here, fit=fit, accepted=accepted, dropped=(*closed.dropped, *names))

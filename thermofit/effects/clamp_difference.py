@@ -8,7 +8,10 @@ from thermofit.core.parameters import Param
 
 SLOT = "boundary_temperature"
 ON = ("clamp",)
-PARAMS = (Param("clamp_difference.difference", "K", 0.0, -50.0, 50.0, 0.2, "upper (y > 0) minus lower jaw", probe=0.5),)
+DECLARED = 0.5
+"""K; standard error of one declared temperature as that of both jaws. 0.14 K are two thermocouples of 0.1 K each; the rest is what jaws may
+differ by where one was measured: in a resting machine they lie 0.7 to 1.15 K from the air (thesis Table 3.2), and no farther apart."""
+PARAMS = (Param("clamp_difference.difference", "K", 0.0, -50.0, 50.0, 0.2, "upper (y > 0) minus lower jaw", probe=0.5, prior=DECLARED),)
 FORMULA = "theta_M += difference sign(y) / 2"
 SOURCE = "one jaw hangs on the warm actuator, the other on the frame; bar between two temperatures, Carslaw and Jaeger 1959, section 3.3"
 

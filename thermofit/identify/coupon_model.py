@@ -22,11 +22,11 @@ from thermofit.identify.channels import balanced, field_of, weight_of
 from thermofit.identify.coupon_elastic import elastic_line
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
-from thermofit.identify.joint import THERMOCOUPLE
 from thermofit.identify.measured_work import Work, with_measured_work
 from thermofit.identify.missing_coupon import CouponMissing
 from thermofit.identify.model import Prior, StageModel
 from thermofit.identify.prediction import Errors
+from thermofit.identify.priors import priors_of
 from thermofit.measure.comparison import Comparison, Weight, plain
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.selection import selected
@@ -189,8 +189,9 @@ def segments(comparisons: Sequence[Comparison], data: CouponData) -> tuple[int, 
     return tuple(out)
 
 
-def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: Parameters) -> StageModel:
-    """StageModel of a stage on coupon records; the runs end where the last window ends."""
+def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: Parameters, beside: tuple[Prior, ...] = ()) -> StageModel:
+    """StageModel of a stage on coupon records; the runs end where the last window ends. `beside`: priors of effects that a diagnosis may
+    free."""
     windows, remark = windows_of(settings.window, data)
     kept = [n for n, (a, b) in enumerate(windows) if b >= a]
     data = replace(data, tests=tuple(shortened(data.tests[n], windows[n][1]) for n in kept))
@@ -226,7 +227,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         return error_of([history for history, _ in found], parameters), slopes
 
     comparisons = _comparisons(settings, seen, data)
-    priors = (Prior("theta_air", base["theta_air"], THERMOCOUPLE),) if "theta_air" in settings.free else ()
+    priors = (*priors_of(study, {n: base[n] for n in ("theta_air",) if n in settings.free}), *beside)
     return StageModel(
         lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
         comparisons,

@@ -15,6 +15,7 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.core.study import Study
+from thermofit.core.study_diagnosis import THERMOCOUPLES
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
 from thermofit.fem.history import History
@@ -27,14 +28,13 @@ from thermofit.identify.known_motion import Direction, along, keeping_points
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.identify.prediction import Errors
+from thermofit.identify.priors import THERMOCOUPLE, priors_of
 from thermofit.identify.shared_noise import Modes, shared
 from thermofit.measure.comparison import Comparison
 from thermofit.measure.observation import FieldObservation
 
-THERMOCOUPLE = 0.1
-"""Standard error of a declared temperature of air or jaws, K."""
-__all__ = ["NUISANCES", "joint_free", "joint_model", "joint_settings", "priors_of", "station_names"]
-NUISANCES = ("theta_air", "theta_clamp")
+__all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_model", "joint_settings", "station_names"]
+NUISANCES = THERMOCOUPLES
 
 
 def joint_free(study: Study) -> tuple[str, ...]:
@@ -55,12 +55,6 @@ def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSe
     return StageSettings.model_construct(
         **{**study.stages.plastic.__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
     )
-
-
-def priors_of(data: Measured, free: Sequence[str]) -> tuple[Prior, ...]:
-    """Priors of the thermocouple readings that are free."""
-    values = {"theta_air": data.theta_air, "theta_clamp": data.theta_clamp}
-    return tuple(Prior(name, values[name], THERMOCOUPLE) for name in NUISANCES if name in free)
 
 
 @dataclass(frozen=True)
@@ -89,6 +83,8 @@ class Joint:
     size: MeshSize
     force_error: Mapping[str, ForceModes] | None = None
     """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
+    beside: tuple[Prior, ...] = ()
+    """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
 
     @property
     def steps(self) -> LoadSteps:
@@ -157,7 +153,8 @@ class Joint:
         heated = {name: np.zeros((*shape, len(directions))) for name, shape in shapes.items()}
         if directions:
             heated["theta"] = along(prediction.instruments, whole, last(parameters), parameters, directions)
-        return residual, jacobian, self.model.with_priors(self.model.assemble_jacobian(prediction.errors(parameters), heated))
+        along_heat = self.model.assemble_jacobian(prediction.errors(parameters), heated)
+        return residual, jacobian, self.model.with_priors(along_heat, [name for name, _ in directions])
 
     def _observations(self, *, heat: bool) -> dict[str, FieldObservation]:
         observations: dict[str, FieldObservation] = {"u": self.data.displacement}
@@ -185,7 +182,8 @@ class Joint:
         own = self.settings.model_copy(update={"channels": {c: self.settings.channels[c] for c in channels}})
         comparisons = comparisons_of(own, observations, self.study, self.data)
         comparisons, common = shared(comparisons, self._modes(comparisons, observations))
-        priors = priors_of(self.data, self.settings.free)
+        read = {"theta_air": self.data.theta_air, "theta_clamp": self.data.theta_clamp}
+        priors = (*priors_of(self.study, {n: read[n] for n in NUISANCES if n in self.settings.free}), *self.beside)
         whole = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
         return whole if common is None else replace(whole, common=(common,))
 

@@ -68,15 +68,13 @@ class StageModel:
         if self.linearise is None:
             raise ValueError("this model has no exact derivatives")
         errors, slopes = self.linearise(parameters, names)
-        of_priors = [[float(_is_of(prior, name, names)) / prior.sigma for name in names] for prior in self.priors]
-        jacobian = self.with_priors(self.assemble_jacobian(errors, slopes), of_priors)
+        jacobian = self.with_priors(self.assemble_jacobian(errors, slopes), names)
         return np.append(self.assemble(errors), self.departures(parameters)), jacobian
 
-    def with_priors(self, columns: np.ndarray, of_priors: list[list[float]] | None = None) -> np.ndarray:
-        """Columns (n, n_p) with the rows of the priors below them, zeros where none are given."""
-        if not self.priors:
-            return columns
-        return np.concatenate([columns, np.array(of_priors) if of_priors else np.zeros((len(self.priors), columns.shape[1]))])
+    def with_priors(self, columns: np.ndarray, names: Sequence[str]) -> np.ndarray:
+        """Columns (n, n_p) by the named parameters with the rows of the priors below them."""
+        rows = [[float(_is_of(prior, name, names)) / prior.sigma for name in names] for prior in self.priors]
+        return np.concatenate([columns, np.array(rows).reshape(len(self.priors), columns.shape[1])])
 
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""

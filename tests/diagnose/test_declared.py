@@ -1,0 +1,77 @@
+"""What was declared counts in the trace and in the loop: an amplitude that no error of a reading explains is refused, with the sentence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_loop import case_of, refitting
+
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.identify.model import Prior
+
+RATE = "ir_drift.rate"
+PLANTED = 2e-3
+
+
+def declared(seed: int, sigma: float | None) -> tuple[Traced, Closed]:
+    """All effects traced, and the loop on a catalogue of the drift alone, which was declared to be none with that standard error."""
+    case = case_of(seed, **{RATE: PLANTED})
+    model = case.model if sigma is None else replace(case.model, priors=(Prior(RATE, 0.0, sigma),))
+    refit = refitting(model)
+    parameters, fit = refit(case.parameters, "joint")
+    here = Case(model, parameters, case.known, case.spans, case.instruments)
+    return traced(here), close_loop(replace(here, known=case.known[:1]), fit, refit, 3, None)
+
+
+def of_drift(here: Traced):  # type: ignore[no-untyped-def]
+    return next(s for s in here.ranking.scores if s.effect == "ir_drift")
+
+
+def test_estimate_is_drawn_to_what_was_declared() -> None:
+    """One step with a prior: the mean of estimate and declared value, each with the weight of its own error."""
+    free, held = of_drift(declared(3, None)[0]), of_drift(declared(3, 1e-5)[0])
+    here = declared(3, None)[0]
+    s = here.problem.felt(here.problem.dormant["ir_drift"][1])
+    weight = float((s * s).sum())
+    assert held.estimate[RATE] == pytest.approx(free.estimate[RATE] * weight / (weight + 1e10), rel=1e-6)
+    assert held.detectability == pytest.approx(free.detectability), "a prior is no datum by which the test would feel it"
+
+
+def test_an_amplitude_within_the_error_of_the_reading_is_accepted() -> None:
+    _, found = declared(3, PLANTED / 2.0)
+    assert found.accepted == ("ir_drift",)
+
+
+@pytest.mark.parametrize("times", [8.0, 40.0])
+def test_an_amplitude_far_off_what_was_declared_is_refused_with_the_sentence(times: float) -> None:
+    here, found = declared(3, PLANTED / times)
+    assert found.accepted == ()
+    score = of_drift(here)
+    assert score.z > here.ranking.threshold
+    said = here.why_not(score)
+    assert "ir_drift.rate would be" in said and "off the declared 0 K/s" in said and "diagnosis.priors" in said
+    assert all("ir_drift" not in s.family[1:] for s in here.ranking.scores), "what cannot be is in nobody's family"
+
+
+def test_the_refit_is_judged_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect that one step did not take so far off is refused by where its refit ends."""
+    monkeypatch.setattr("thermofit.diagnose.trace.improbable", lambda *_: "")
+    _, found = declared(3, PLANTED / 8.0)
+    trial = found.rounds[0].trials[0]
+    assert found.accepted == () and trial.score.effect == "ir_drift"
+    assert trial.refused.startswith("ir_drift.rate would be") and "8 times the standard error of 0.00025 K/s" in trial.refused
+
+
+def test_rows_of_priors_do_not_make_an_effect_felt() -> None:
+    """What only its prior knows is unfelt."""
+    case = case_of(1)
+    blind = replace(case.model, priors=(Prior("ir_gain.gain", 0.0, 0.1), Prior(RATE, 0.0, 1.0)))
+    here = traced(Case(blind, case.parameters, case.known, case.spans, case.instruments))
+    columns = here.problem
+    dead = np.zeros_like(columns.dormant["ir_drift"][1])
+    dead[-1] = 1.0
+    assert columns.felt(dead).shape[1] == 0 and columns.felt(columns.dormant["ir_drift"][1]).shape[1] == 1

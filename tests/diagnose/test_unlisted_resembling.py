@@ -1,0 +1,76 @@
+"""Listed effects that together resemble an unlisted source are taken back; what was really there stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from strip import fitted, numerical, refitting, spot, strip_case
+
+from thermofit.diagnose import unlisted_loop
+from thermofit.diagnose.loop import Closed, Round, Trial
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import Unlisted
+from thermofit.diagnose.unlisted_loop import ended, in_their_stead
+
+AMPLITUDES = {"ir_drift": "ir_drift.rate", "ir_emissivity": "ir_emissivity.slope", "stored_energy": "stored_energy.slope"}
+SPOT = spot(30.0, -5.0, 8.0, (40.0, 75.0))
+
+
+def with_accepted(seed: int, names: tuple[str, ...], spotted: bool, **planted: float) -> Closed:
+    """A loop that has accepted the named effects, whatever is in the data."""
+    case, fit = fitted(strip_case(seed, SPOT if spotted else None, **planted))
+    first, refit = traced(case, numerical()), refitting(case.model)
+    start = case.parameters.with_free((*case.parameters.free, *(AMPLITUDES[n] for n in names)))
+    parameters, fit = refit(start, "accepted")
+    last = traced(replace(case, parameters=parameters), numerical(), split=first.split)
+    scores = {s.effect: s for s in first.ranking.scores}
+    rounds = tuple(Round(first, (Trial(scores[n], None, {}, {}, 0.0, ""),), n) for n in names)
+    return Closed(rounds, first, last, fit, names, (), refit, numerical())
+
+
+def test_what_together_resembles_a_source_is_taken_back_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where what they leave no longer asks for a field of its own."""
+    closed = with_accepted(2, tuple(AMPLITUDES), spotted=True)
+    assert len(in_their_stead(closed, numerical())) >= 2, "in the stead of one alone the others would still be in the way"
+    asked = []
+
+    def silent_at_first(here: Traced, *rest: object) -> Unlisted | None:
+        asked.append(rest)
+        return None if len(asked) == 1 else true(here, *rest)  # type: ignore[arg-type]
+
+    true = unlisted_loop.unlisted
+    monkeypatch.setattr(unlisted_loop, "unlisted", silent_at_first)
+    end, found = ended(closed, closed.refit, numerical(), "auto")
+    assert found is not None and found.place is not None and not end.accepted
+    assert set(found.resembles) == set(AMPLITUDES) and set(end.dropped) == set(AMPLITUDES)
+    assert found.place.size == pytest.approx(30.0, rel=0.15)
+
+
+def test_what_is_the_cause_is_not_taken_back() -> None:
+    """A drift of the camera that was planted leaves nothing, and a field in its stead is no better."""
+    closed = with_accepted(1, ("ir_drift",), spotted=False, **{"ir_drift.rate": 2e-3})
+    assert in_their_stead(closed, numerical()) == ()
+    end, found = ended(closed, closed.refit, numerical(), "auto")
+    assert end.accepted == ("ir_drift",) and found is None
+
+
+def test_a_cause_beside_a_source_stays_and_what_resembles_goes() -> None:
+    closed = with_accepted(8, ("ir_drift", "ir_emissivity"), spotted=True, **{"ir_drift.rate": 4e-3})
+    assert in_their_stead(closed, numerical()) in ((), ("ir_emissivity",))
+    end, found = ended(closed, closed.refit, numerical(), "auto")
+    assert end.accepted == ("ir_drift",) and found is not None and found.resembles == ("ir_emissivity",)
+
+
+def test_the_like_of_what_only_resembles_does_not_explain_it() -> None:
+    """A family is taken aside as a whole: the camera's reflection is no better an answer than its drift was."""
+    closed = with_accepted(2, ("ir_drift",), spotted=True)
+    trial = closed.rounds[0].trials[0]
+    alike = replace(trial, score=replace(trial.score, family=("ir_drift", "ir_gain")))
+    asked: list[object] = []
+    known = replace(closed, rounds=(replace(closed.rounds[0], trials=(alike,)),))
+    with pytest.MonkeyPatch.context() as patch:
+        true = unlisted_loop.unlisted
+        patch.setattr(unlisted_loop, "unlisted", lambda here, error, aside=(): asked.append(aside) or true(here, error, aside))
+        ended(known, closed.refit, numerical(), "auto")
+    assert asked == [(), ["ir_drift", "ir_gain"]]

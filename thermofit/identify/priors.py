@@ -1,0 +1,62 @@
+"""What was declared before a test, and how well: readings of thermocouples, and that an effect of them is off.
+
+A reading is a datum with an error (errata 13). So is what is declared with it: that one temperature is that of both jaws. An effect that
+says otherwise stands for an error of the declaration, and pays for it in the joint objective: one row (value - declared) / sigma. What
+happens to the specimen or to a camera (drifts, lamps, films) was not declared, and has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from thermofit.core.parameters import Parameters, bare_name, param
+from thermofit.core.study import Study
+from thermofit.core.study_diagnosis import THERMOCOUPLES
+from thermofit.effects.catalogue import effects
+from thermofit.identify.model import Prior
+
+THERMOCOUPLE = 0.1
+"""Standard error of a declared temperature of air or jaws, K."""
+UNLIKELY = 5.0
+"""Standard errors off what was declared from which it is no error of that: one in two million readings."""
+
+
+def prior_sigma(study: Study, name: str) -> float | None:
+    """Standard error of the declared value of a parameter: the study's, else that of a thermocouple or of the Param; None: none."""
+    bare = bare_name(name)
+    if bare in study.diagnosis.priors:
+        return study.diagnosis.priors[bare]
+    return THERMOCOUPLE if bare in THERMOCOUPLES else param(bare).prior
+
+
+def priors_of(study: Study, declared: Mapping[str, float]) -> tuple[Prior, ...]:
+    """Priors of declared values by parameter, those with a standard error."""
+    sigmas = {name: prior_sigma(study, name) for name in declared}
+    return tuple(Prior(name, declared[name], sigma) for name, sigma in sigmas.items() if sigma is not None)
+
+
+def effect_priors(study: Study) -> tuple[Prior, ...]:
+    """Priors of the amplitudes of effects that a diagnosis may free, about neutral."""
+    return priors_of(study, {p.name: p.neutral for e in effects() for p in e.amplitudes if "." in p.name})
+
+
+def improbable(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> str:
+    """Why parameters cannot be, where one lies so far off what was declared that no error of the reading explains it; else empty.
+
+    `before`: parameters that are taken as they are; what is no worse than there is not held against the new ones.
+    """
+    for prior in priors:
+        off = abs(parameters[prior.name] - prior.value)
+        known = 0.0 if before is None else abs(before[prior.name] - prior.value)
+        if off > max(UNLIKELY * prior.sigma, known + prior.sigma):
+            return in_words(prior, parameters[prior.name])
+    return ""
+
+
+def in_words(prior: Prior, value: float) -> str:
+    """That a value is no error of what was declared."""
+    unit, times = param(prior.name).unit, abs(value - prior.value) / prior.sigma
+    return (
+        f"{prior.name} would be {value:.5g} {unit}, {times:.0f} times the standard error of {prior.sigma:.2g} {unit} off the declared "
+        f"{prior.value:.5g} {unit}: that is no error of a reading (a larger one is given under diagnosis.priors)"
+    )

@@ -36,14 +36,24 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 
 
 @dataclass(frozen=True)
+class HeatFit:
+    """The model of the temperatures alone on a motion that is known, and its optimum from given parameters, by all that temperatures feel;
+    the text names the fit, NumericsError where no start can be run."""
+
+    model: StageModel
+    minimised: Callable[[Parameters, str], Parameters]
+
+
+@dataclass(frozen=True)
 class Sharp:
-    """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, and the error
-    (n,) of the discretisation that is left in its residual."""
+    """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, the error
+    (n,) of the discretisation that is left in its residual, and how to fit the temperatures alone."""
 
     model: StageModel
     scored: Scored | None
     refit: Callable[[Parameters, str], tuple[Parameters, FitResult]]
     numerical: np.ndarray
+    heated: Callable[[Parameters], HeatFit | None] | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,8 @@ class Case:
     sharper: Callable[[Parameters], Sharp | None] | None = None
     """The problem that knows the error of the force, for parameters at which that error could explain what it would hide; None: this one
     does, or there is none."""
+    heated: Callable[[Parameters], HeatFit | None] | None = None
+    """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
 
     @property
     def rows(self) -> Rows:

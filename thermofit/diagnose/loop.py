@@ -13,7 +13,8 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
 from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_rms
 from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
-from thermofit.diagnose.refit import EXPONENTS
+from thermofit.diagnose.refit import EXPONENTS, with_effect
+from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
@@ -82,6 +83,9 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         sharp = _sharpened(here, first, how)
         if sharp is not None:
             first, here, fit, refit, numerical = sharp
+            first = here if first is here else retraced(first)
+        here = retraced(here)
+        first = first if accepted else here
         trials: list[Trial] = []
         winner: tuple[Traced, FitResult, str] | None = None
         best = 0.0
@@ -112,7 +116,7 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     sharp = None if here.case.sharper is None else here.case.sharper(here.case.parameters)
     if sharp is None:
         return None
-    case = replace(here.case, model=sharp.model, scored=sharp.scored, sharper=None)
+    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
     parameters, fit = sharp.refit(case.parameters, "error of the force")
     now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
     begin = now if here is first else traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
@@ -134,18 +138,6 @@ def candidates(here: Traced) -> tuple[Score, ...]:
     alike = {member for s in promising for member in s.family}
     others = [s for s in here.ranking.scores if s.effect in alike and not s.vetoed and s.z > here.ranking.threshold and s not in promising]
     return (*promising, *others)[:TRIED_WHERE_CHEAP]
-
-
-def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]) -> Parameters:
-    """Parameters with an effect switched on at a first estimate inside its bounds; its Params are free but for scanned ones."""
-    added = effect(name)
-    start = {}
-    for p in added.params:
-        value = estimate.get(p.name, p.neutral)
-        inside = 1e-6 * (p.upper - p.lower)
-        start[p.name] = float(np.clip(value, p.lower + inside, p.upper - inside))
-    free = (p.name for p in added.params if not p.scan)
-    return parameters.replace(**start).with_free((*parameters.free, *free))
 
 
 def _tried(

@@ -125,7 +125,7 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
-    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, sharper)
+    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, sharper, refit.heated)
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
 
@@ -138,7 +138,7 @@ def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharp | N
     def sharp(parameters: Parameters) -> Sharp | None:
         if parts.force_misfit(parameters) > FAR:
             return None
-        return Sharp(joint.model, parts.scored, refit, joint.numerical(parameters))
+        return Sharp(joint.model, parts.scored, refit, joint.numerical(parameters), refit.heated)
 
     return sharp
 

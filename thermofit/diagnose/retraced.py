@@ -1,0 +1,141 @@
+"""Effects that temperatures show, judged by a refit on the known motion where one linear step from the optimum says too little.
+
+A model that lacks something large drives its thermal parameters far off before it settles: contact, capacity, conductivity and heat of
+plastic work lie in one bent valley. A drift of the jaws ends in a contact that conducts nothing, and through such a contact no drift is
+felt. Neither the step of an effect from there nor the angle between two effects there is that of a model that fits. A heat run costs a
+tenth of a coupled one, so that every effect that temperatures show is refitted on the motion of the optimum, with all parameters that
+temperatures feel; it is judged by its held-out error there, and its family is told at the best of these ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import HeatFit
+from thermofit.diagnose.held_out import SURE, Proof, compared, held_out_residual, restricted
+from thermofit.diagnose.refit import with_effect
+from thermofit.diagnose.score import ALIKE, Score, likeness_beyond
+from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
+from thermofit.effects.catalogue import effect
+from thermofit.identify.channels import field_of
+from thermofit.identify.known_motion import felt_by_temperatures
+
+HALF = 0.5
+"""Part of what the residual holds beyond noise that the best linear step takes away where one step is enough."""
+PLAIN = 4.0
+"""Standard errors of the square sum of noise beyond which the residual holds something."""
+
+
+@dataclass(frozen=True)
+class _End:
+    """An effect refitted on the known motion: parameters, square sum of the temperatures' rows, the residual (n,) of all rows with those of
+    the temperatures replaced, and the same as predicted from the folds that do not hold them."""
+
+    score: Score
+    parameters: Parameters
+    left: np.ndarray
+    held_out: np.ndarray
+    proof: Proof
+
+
+def retraced(here: Traced) -> Traced:
+    """The trace with proofs, estimates and families of refits on the known motion; the same where one step is enough, or where no two
+    effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
+    asked = _asked(here)
+    if here.case.heated is None or len(asked) < 2 or _enough(here):
+        return here
+    fit = here.case.heated(here.case.parameters)
+    if fit is None:
+        return here
+    before = held_out_residual(
+        here.columns.residual, here.columns.fitted, here.split, room_of(here.case.parameters, here.case.parameters.free)
+    )
+    ends = {s.effect: end for s in asked if (end := _refitted(here, s, fit, before)) is not None}
+    if not ends:
+        return here
+    alike = _alike(here, ends, fit)
+    scores = tuple(_told(s, ends, alike) for s in here.ranking.scores)
+    proofs = {**here.proofs, **{name: end.proof for name, end in ends.items()}}
+    return replace(here, ranking=replace(here.ranking, scores=scores), proofs=proofs, warmed=tuple(ends))
+
+
+def _asked(here: Traced) -> tuple[Score, ...]:
+    """Effects above the threshold that temperatures show, the strongest first; none that declared held-out tests judge."""
+    found = []
+    for s in here.ranking.scores:
+        names = effect(s.effect).names
+        judged = s.effect in here.proofs and here.proofs[s.effect].on
+        if s.z > here.ranking.threshold and not s.vetoed and not judged and len(felt_by_temperatures(names)) == len(names):
+            found.append(s)
+    return tuple(found[:PROVED_AT_MOST])
+
+
+def _enough(here: Traced) -> bool:
+    """Whether the best linear step takes away half of what the residual holds beyond noise, or that is not more than chance."""
+    r = here.columns.residual
+    n, beyond = len(r), float(r @ r) - len(r)
+    best = max((s.predicted_drop for s in here.ranking.scores if not s.vetoed), default=0.0)
+    return beyond < PLAIN * np.sqrt(2.0 * n) or best > HALF * beyond
+
+
+def _shown(here: Traced) -> np.ndarray:
+    """True (n,) in rows that the model of the temperatures alone has: theirs and the priors'."""
+    warm = [k for k, c in enumerate(here.case.model.comparisons) if field_of(c) == "theta"]
+    return np.asarray(np.isin(here.rows.channel, [*warm, -1]))
+
+
+def _refitted(here: Traced, score: Score, fit: HeatFit, before: np.ndarray) -> _End | None:
+    """An effect refitted on the known motion; None where no start can be run."""
+    start = with_effect(here.case.parameters, score.effect, {**score.estimate, **here.settings.get(score.effect, {})})
+    try:
+        parameters = fit.minimised(start, f"{score.effect} on the known motion")
+    except NumericsError:
+        return None
+    thermal = felt_by_temperatures(parameters.free)
+    residual, columns = fit.model.linearised(parameters, thermal)
+    mine = _shown(here)
+    own = held_out_residual(residual, columns, restricted(here.split, mine), room_of(parameters, thermal))
+    left, after = here.columns.residual.copy(), before.copy()
+    left[mine], after[mine] = residual, own
+    proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.noise, left)
+    return _End(score, parameters, left, after, proof)
+
+
+def _alike(here: Traced, ends: Mapping[str, _End], fit: HeatFit) -> dict[tuple[str, str], float]:
+    """|cos| of every two of these effects at the best of the ends, one where what they predict of held-out data cannot be told apart."""
+    best = max(ends.values(), key=lambda end: end.proof.gain)
+    own = {name: tuple(p.name for p in effect(name).amplitudes) for name in ends}
+    others = tuple(n for n in felt_by_temperatures(best.parameters.free) if n not in own[best.score.effect])
+    scanned = {n: v for name, end in ends.items() if name != best.score.effect for n, v in here.settings.get(name, {}).items()}
+    names = (*others, *(n for group in own.values() for n in group))
+    _, columns = fit.model.linearised(best.parameters.replace(**scanned), names)
+    at = {n: k for k, n in enumerate(names)}
+    blocks = {name: columns[:, [at[n] for n in group]] for name, group in own.items()}
+    alike = likeness_beyond(columns[:, : len(others)], blocks)
+    for one, other in ((a, b) for a in ends for b in ends if a != b):
+        if not _told_apart(here, ends[one], ends[other]):
+            alike[one, other] = 1.0
+    return alike
+
+
+def _told_apart(here: Traced, one: _End, other: _End) -> bool:
+    """Whether one of two ends predicts held-out data better than the other by more than its uncertainty."""
+    worse, better = sorted((one, other), key=lambda end: end.proof.gain)
+    found = compared(worse.held_out, better.held_out, here.rows, len(here.split.held_out), here.problem.noise, better.left)
+    return found.gain > SURE * found.sigma
+
+
+def _told(score: Score, ends: Mapping[str, _End], alike: Mapping[tuple[str, str], float]) -> Score:
+    """A score with the estimate of its refit, and the family that the refits tell; members that were not refitted stay."""
+    if score.effect not in ends:
+        return score
+    end = ends[score.effect]
+    one = score.effect
+    near = sorted((b for b in ends if b != one and alike[one, b] > ALIKE), key=lambda b: -alike[one, b])
+    family = (score.effect, *near, *(n for n in score.family[1:] if n not in ends))
+    return replace(score, estimate={n: end.parameters[n] for n in score.estimate}, family=family)

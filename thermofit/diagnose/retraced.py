@@ -19,11 +19,12 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import HeatFit
 from thermofit.diagnose.held_out import SURE, Proof, compared, held_out_residual, restricted
 from thermofit.diagnose.refit import with_effect
-from thermofit.diagnose.score import ALIKE, Score, likeness_beyond
+from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
 from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
 from thermofit.identify.channels import field_of
 from thermofit.identify.known_motion import felt_by_temperatures
+from thermofit.identify.model import StageModel
 
 HALF = 0.5
 """Part of what the residual holds beyond noise that the best linear step takes away where one step is enough."""
@@ -59,20 +60,32 @@ def retraced(here: Traced) -> Traced:
     if not ends:
         return here
     alike = _alike(here, ends, fit)
-    scores = tuple(_told(s, ends, alike) for s in here.ranking.scores)
+    known = {s.effect for s in here.ranking.scores}
+    shown = [end.score for name, end in ends.items() if name not in known]
+    told = sorted((_told(s, ends, alike) for s in (*here.ranking.scores, *shown)), key=lambda s: (bool(s.vetoed), -s.z))
+    unfelt = tuple(name for name in here.ranking.unfelt if name not in ends)
     proofs = {**here.proofs, **{name: end.proof for name, end in ends.items()}}
-    return replace(here, ranking=replace(here.ranking, scores=scores), proofs=proofs, warmed=tuple(ends))
+    return replace(here, ranking=replace(here.ranking, scores=tuple(told), unfelt=unfelt), proofs=proofs, warmed=tuple(ends))
 
 
 def _asked(here: Traced) -> tuple[Score, ...]:
-    """Effects above the threshold that temperatures show, the strongest first; none that declared held-out tests judge."""
-    found = []
-    for s in here.ranking.scores:
-        names = effect(s.effect).names
-        judged = s.effect in here.proofs and here.proofs[s.effect].on
-        if s.z > here.ranking.threshold and not s.vetoed and not judged and len(felt_by_temperatures(names)) == len(names):
-            found.append(s)
-    return tuple(found[:PROVED_AT_MOST])
+    """Effects that temperatures show and that stand above the threshold, the strongest first, those that cannot be last; then those that are
+    not felt at all where the parameters are. None that declared held-out tests judge."""
+    found = [s for s in here.ranking.scores if s.z > here.ranking.threshold and _judged_here(here, s.effect)]
+    hidden = [_hidden(name) for name in here.ranking.unfelt if _judged_here(here, name)]
+    return tuple([*sorted(found, key=lambda s: bool(s.vetoed)), *hidden][:PROVED_AT_MOST])
+
+
+def _judged_here(here: Traced, name: str) -> bool:
+    """Whether temperatures show an effect, and no declared held-out test judges it."""
+    names = effect(name).names
+    return len(felt_by_temperatures(names)) == len(names) and not (name in here.proofs and here.proofs[name].on)
+
+
+def _hidden(name: str) -> Score:
+    """An effect that is not felt where the parameters are: what it acts through is fitted to nothing there."""
+    probes = {p.name: p.neutral + float(p.probe or 0.0) for p in effect(name).amplitudes}
+    return Score(name, 0.0, 0.0, 0.0, probes, dict.fromkeys(probes, float("inf")), 0.0, float("inf"), "", (name,))
 
 
 def _enough(here: Traced) -> bool:
@@ -103,7 +116,25 @@ def _refitted(here: Traced, score: Score, fit: HeatFit, before: np.ndarray) -> _
     left, after = here.columns.residual.copy(), before.copy()
     left[mine], after[mine] = residual, own
     proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.noise, left)
+    if score.vetoed or score.z == 0.0:
+        score = _scored_there(here, score, fit.model, parameters, (residual, columns, mine))
     return _End(score, parameters, left, after, proof)
+
+
+def _scored_there(
+    here: Traced, score: Score, model: StageModel, parameters: Parameters, there: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Score:
+    """The score of an effect by the parameters of its refit; `there` = (residual (n,), columns (n, p), the rows that they are of)."""
+    residual, columns, mine = there
+    names = tuple(p.name for p in effect(score.effect).amplitudes)
+    thermal = felt_by_temperatures(parameters.free)
+    own = [thermal.index(n) for n in names]
+    block = columns[:, own]
+    without = residual - block @ np.array([parameters[p.name] - p.neutral for p in effect(score.effect).amplitudes])
+    groups = None if here.problem.groups is None else here.problem.groups[mine]
+    noise = None if here.problem.noise is None else model.noise
+    alone = ranked(Columns(without, np.delete(columns, own, axis=1), {score.effect: (names, block)}, noise, groups))
+    return replace(alone.scores[0], numerical_drop=score.numerical_drop, family=score.family) if alone.scores else score
 
 
 def _alike(here: Traced, ends: Mapping[str, _End], fit: HeatFit) -> dict[tuple[str, str], float]:
@@ -138,4 +169,4 @@ def _told(score: Score, ends: Mapping[str, _End], alike: Mapping[tuple[str, str]
     one = score.effect
     near = sorted((b for b in ends if b != one and alike[one, b] > ALIKE), key=lambda b: -alike[one, b])
     family = (score.effect, *near, *(n for n in score.family[1:] if n not in ends))
-    return replace(score, estimate={n: end.parameters[n] for n in score.estimate}, family=family)
+    return replace(end.score, estimate={n: end.parameters[n] for n in end.score.estimate}, family=family)

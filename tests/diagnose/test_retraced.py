@@ -10,7 +10,7 @@ import pytest
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, HeatFit
 from thermofit.diagnose.loop import Refit, close_loop
-from thermofit.diagnose.retraced import retraced
+from thermofit.diagnose.retraced import missed, retraced
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
@@ -140,3 +140,21 @@ def test_the_loop_adds_what_the_refits_name() -> None:
 def usual_first(model: StageModel) -> Refit:
     """A refit from usual values too, as the joint fit of a body goes."""
     return lambda start, label: refit_of(model)(warmed(model).minimised(start, label), label)
+
+
+def test_a_product_that_is_known_stands_off_neutral() -> None:
+    """A weak film and a strong drift: the data know what they do together, and the rate has a standard error larger than itself."""
+    case = case_of(1, **{"alpha_air": 0.05, "air_drift.rate": 0.4})
+    start = case.parameters.replace(**{"alpha_air": 0.05, "air_drift.rate": 0.4}).with_free((*FREE, "air_drift.rate"))
+    parameters, fit = refit_of(case.model)(start, "air_drift")
+    there = traced(replace(case, parameters=parameters))
+    assert fit.sigma is not None and parameters["air_drift.rate"] < 2.0 * fit.sigma[fit.names.index("air_drift.rate")]
+    assert missed(there, "air_drift", fit) > 10.0
+    assert missed(replace(there, case=replace(there.case, heated=None)), "air_drift", fit) == 0.0
+
+
+def test_an_effect_that_is_not_there_is_not_missed() -> None:
+    case = case_of(1)
+    start = case.parameters.replace(**{"air_drift.rate": 1e-3}).with_free((*FREE, "air_drift.rate"))
+    parameters, fit = refit_of(case.model)(start, "air_drift")
+    assert missed(traced(replace(case, parameters=parameters)), "air_drift", fit) < 2.5

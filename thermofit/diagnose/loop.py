@@ -14,7 +14,7 @@ from thermofit.diagnose.case import Case, scans
 from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_rms
 from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS, with_effect
-from thermofit.diagnose.retraced import retraced
+from thermofit.diagnose.retraced import missed, retraced
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
@@ -185,7 +185,7 @@ def _judged(
     proof = proof_of_refit(here, there, score.effect) or inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
-    refused = _refusal(score.effect, estimate, sigma, proof, after)
+    refused = _refusal(there, score.effect, (estimate, sigma), proof, after)
     trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
     return trial, None if refused else (there, after)
 
@@ -219,18 +219,20 @@ def _room(here: Traced) -> Room:
     return room_of(here.case.parameters, here.case.parameters.free)
 
 
-def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float], proof: Proof, fit: FitResult) -> str:
-    """Why a refitted effect is not accepted, empty where it is."""
+def _refusal(there: Traced, name: str, found: tuple[Mapping[str, float], Mapping[str, float]], proof: Proof, fit: FitResult) -> str:
+    """Why a refitted effect with `found` = (estimates, their standard errors) is not accepted, empty where it is."""
+    estimate, sigma = found
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
     if not proof.convinces:
         return f"{proof.words} only"
     amplitude = effect(name).amplitude
     own = [p for p in effect(name).params if not p.scan]
-    if all(abs(estimate[p.name] - p.neutral) <= AWAY * sigma[p.name] for p in own):
-        return f"{amplitude.name} = {estimate[amplitude.name]:.3g} is not away from {amplitude.neutral:g}"
     if fit.at_bound[fit.names.index(amplitude.name)]:
         return f"{amplitude.name} ends at its bound {estimate[amplitude.name]:.3g} {amplitude.unit}"
+    near = all(abs(estimate[p.name] - p.neutral) <= AWAY * sigma[p.name] for p in own)
+    if near and missed(there, name, fit) <= AWAY:
+        return f"{amplitude.name} = {estimate[amplitude.name]:.3g} is not away from {amplitude.neutral:g}"
     return ""
 
 

@@ -22,6 +22,7 @@ from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
 from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
+from thermofit.fit.result import FitResult
 from thermofit.identify.channels import field_of
 from thermofit.identify.known_motion import felt_by_temperatures
 from thermofit.identify.model import StageModel
@@ -69,8 +70,8 @@ def retraced(here: Traced) -> Traced:
 
 
 def _asked(here: Traced) -> tuple[Score, ...]:
-    """Effects that temperatures show and that stand above the threshold, the strongest first, those that cannot be last; then those that are
-    not felt at all where the parameters are. None that declared held-out tests judge."""
+    """Effects that temperatures show and that stand above the threshold, the strongest first, those that cannot be last; then those of
+    which nothing is felt where the parameters are. None that declared held-out tests judge."""
     found = [s for s in here.ranking.scores if s.z > here.ranking.threshold and _judged_here(here, s.effect)]
     hidden = [_hidden(name) for name in here.ranking.unfelt if _judged_here(here, name)]
     return tuple([*sorted(found, key=lambda s: bool(s.vetoed)), *hidden][:PROVED_AT_MOST])
@@ -170,3 +171,28 @@ def _told(score: Score, ends: Mapping[str, _End], alike: Mapping[tuple[str, str]
     near = sorted((b for b in ends if b != one and alike[one, b] > ALIKE), key=lambda b: -alike[one, b])
     family = (score.effect, *near, *(n for n in score.family[1:] if n not in ends))
     return replace(end.score, estimate={n: end.parameters[n] for n in end.score.estimate}, family=family)
+
+
+def missed(there: Traced, name: str, fit: FitResult) -> float:
+    """Standard errors by which the temperatures miss an effect that is on, once everything else is fitted again on the motion of `there`.
+
+    A drift acts through a film: the data know the product with the film's coefficient, and the quotient has no standard error of its own
+    that says how far it is from nothing. Zero where temperatures do not show the effect. `fit`: the one that gave its parameters, with its
+    standard errors, which hold how the noise hangs together.
+    """
+    names, amplitudes = effect(name).names, tuple(p.name for p in effect(name).amplitudes)
+    parameters = there.case.parameters
+    warm = there.case.heated(parameters) if there.case.heated is not None and len(felt_by_temperatures(names)) == len(names) else None
+    if warm is None or fit.jacobian is None or fit.sigma is None:
+        return 0.0
+    off = parameters.replace(**{p.name: p.neutral for p in effect(name).amplitudes})
+    try:
+        without = warm.minimised(off.with_free(tuple(n for n in parameters.free if n not in names)), f"without {name} on the known motion")
+    except NumericsError:
+        return 0.0
+    rise = float(np.sum(warm.model.residual(without) ** 2) - np.sum(warm.model.residual(parameters) ** 2))
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    white = np.diag(np.linalg.pinv((fit.jacobian / size).T @ (fit.jacobian / size), hermitian=True)) / size**2
+    own = [fit.names.index(n) for n in amplitudes if n in fit.names]
+    together = max((float(fit.sigma[k]) ** 2 / max(float(white[k]), 1e-300) for k in own), default=1.0)
+    return float(np.sqrt(max(rise, 0.0) / max(together, 1.0)))

@@ -171,7 +171,7 @@ class Fields:
         joint = found.joint
         refit = JointFit(study, joint.settings, joint.model, task, parts=joint)
         parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
-        case = _case(joint, data, parameters, found.largest_strain)
+        case = replace(_case(joint, data, parameters, found.largest_strain), heated=refit.heated)
         return close_loop(case, fit, refit, study.diagnosis.max_effects, found.left)
 
     def detectable(self, study: Study) -> dict[str, float]:

@@ -36,15 +36,26 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 
 
 @dataclass(frozen=True)
+class HeatFit:
+    """The model of the temperatures alone on a motion that is known, and its optimum from given parameters, by all that temperatures feel;
+    the text names the fit, NumericsError where no start can be run."""
+
+    model: StageModel
+    minimised: Callable[[Parameters, str], Parameters]
+
+
+@dataclass(frozen=True)
 class Sharper:
     """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, also from
-    close to its optimum, and the error (n,) of the mesh that is left in its residual."""
+    close to its optimum, the error (n,) of the mesh that is left in its residual, and how to
+    fit the temperatures alone."""
 
     model: StageModel
     scored: Scored | None
     refit: Callable[[Parameters, str], tuple[Parameters, FitResult]]
     nearby: Callable[[Parameters, str], tuple[Parameters, FitResult]]
     numerical: np.ndarray
+    heated: Callable[[Parameters], HeatFit | None] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +81,8 @@ class Case:
     sharper: Callable[[Parameters], Sharper | None] | None = None
     """The problem that knows the error of the force, for parameters at which that error could explain what it would hide; None: this one
     does, or there is none."""
+    heated: Callable[[Parameters], HeatFit | None] | None = None
+    """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
 
     @property
     def rows(self) -> Rows:

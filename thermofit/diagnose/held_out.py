@@ -83,6 +83,11 @@ def split_by_blocks(
     )
 
 
+def restricted(split: Split, mine: np.ndarray) -> Split:
+    """The same folds of those rows alone where `mine` (n,) is True."""
+    return Split(tuple(held[mine] for held in split.held_out), tuple(near[mine] for near in split.buffer), split.by)
+
+
 @dataclass(frozen=True)
 class Proof:
     """Held-out mean squares of whitened residuals without and with an effect: overall, per channel, and the gain with its spread.

@@ -13,7 +13,8 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
 from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_rms
 from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
-from thermofit.diagnose.refit import EXPONENTS
+from thermofit.diagnose.refit import EXPONENTS, with_effect
+from thermofit.diagnose.retraced import missed, retraced
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import OVER_NUMERICAL, Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
@@ -83,6 +84,9 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         sharp = _sharpened(here, first, how)
         if sharp is not None:
             first, here, fit, refit, numerical = sharp
+            first = here if first is here else retraced(first)
+        here = retraced(here)
+        first = first if accepted else here
         trials: list[Trial] = []
         winner: tuple[Traced, FitResult, str] | None = None
         best = 0.0
@@ -113,7 +117,7 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     sharp = None if here.case.sharper is None else here.case.sharper(here.case.parameters)
     if sharp is None:
         return None
-    case = replace(here.case, model=sharp.model, scored=sharp.scored, sharper=None)
+    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
     parameters, fit = sharp.nearby(case.parameters, "error of the force")
     now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
     begin = now if here is first else traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
@@ -137,18 +141,6 @@ def candidates(here: Traced) -> tuple[Score, ...]:
     visible = [s for s in others if s.effect in alike or s.predicted_drop > OVER_NUMERICAL * s.numerical_drop]
     visible.sort(key=lambda s: s.effect not in alike)  # families first; within both the largest z first, as they are ranked
     return (*promising, *visible)[:TRIED_WHERE_CHEAP]
-
-
-def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]) -> Parameters:
-    """Parameters with an effect switched on at a first estimate inside its bounds; its Params are free but for scanned ones."""
-    added = effect(name)
-    start = {}
-    for p in added.params:
-        value = estimate.get(p.name, p.neutral)
-        inside = 1e-6 * (p.upper - p.lower)
-        start[p.name] = float(np.clip(value, p.lower + inside, p.upper - inside))
-    free = (p.name for p in added.params if not p.scan)
-    return parameters.replace(**start).with_free((*parameters.free, *free))
 
 
 def _tried(
@@ -196,7 +188,9 @@ def _judged(
     proof = proof_of_refit(here, there, score.effect) or inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: parameters[n] for n in names}
-    refused = _refusal(score.effect, estimate, sigma, proof, after) or improbable(here.case.model.priors, parameters, here.case.parameters)
+    refused = _refusal(there, score.effect, (estimate, sigma), proof, after) or improbable(
+        here.case.model.priors, parameters, here.case.parameters
+    )
     trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
     return trial, None if refused else (there, after)
 
@@ -230,18 +224,20 @@ def _room(here: Traced) -> Room:
     return room_of(here.case.parameters, here.case.parameters.free)
 
 
-def _refusal(name: str, estimate: Mapping[str, float], sigma: Mapping[str, float], proof: Proof, fit: FitResult) -> str:
-    """Why a refitted effect is not accepted, empty where it is."""
+def _refusal(there: Traced, name: str, found: tuple[Mapping[str, float], Mapping[str, float]], proof: Proof, fit: FitResult) -> str:
+    """Why a refitted effect with `found` = (estimates, their standard errors) is not accepted, empty where it is."""
+    estimate, sigma = found
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
     if not proof.convinces:
         return f"{proof.words} only"
     amplitude = effect(name).amplitude
     own = [p for p in effect(name).params if not p.scan]
-    if all(abs(estimate[p.name] - p.neutral) <= AWAY * sigma[p.name] for p in own):
-        return f"{amplitude.name} = {estimate[amplitude.name]:.3g} is not away from {amplitude.neutral:g}"
     if fit.at_bound[fit.names.index(amplitude.name)]:
         return f"{amplitude.name} ends at its bound {estimate[amplitude.name]:.3g} {amplitude.unit}"
+    near = all(abs(estimate[p.name] - p.neutral) <= AWAY * sigma[p.name] for p in own)
+    if near and missed(there, name, fit) <= AWAY:
+        return f"{amplitude.name} = {estimate[amplitude.name]:.3g} is not away from {amplitude.neutral:g}"
     return ""
 
 

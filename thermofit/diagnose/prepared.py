@@ -121,7 +121,7 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
-    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit))
+    how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit), refit.heated)
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
 
@@ -138,7 +138,7 @@ def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper |
             return None
         found = told(plain, parameters)
         fitting = replace(refit, model=found.whole.model, parts=found.whole)
-        return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole)
+        return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole, fitting.heated)
 
     return sharp
 

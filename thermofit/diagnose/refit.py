@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,8 @@ from thermofit.core.staging import Job
 from thermofit.core.study import Study
 from thermofit.core.study_models import start_of
 from thermofit.core.study_stages import StageSettings
-from thermofit.effects.catalogue import effect_of_param
+from thermofit.diagnose.case import HeatFit
+from thermofit.effects.catalogue import effect, effect_of_param
 from thermofit.fem.history import History
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
@@ -125,6 +126,18 @@ def failed_in_words(failures: Sequence[str]) -> list[str]:
     return [f"{len(failures)} of the starts of refits failed and the others were used: {failures[0]}{more}"]
 
 
+def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]) -> Parameters:
+    """Parameters with an effect switched on at a first estimate inside its bounds; its Params are free but for scanned ones."""
+    added = effect(name)
+    start = {}
+    for p in added.params:
+        value = estimate.get(p.name, p.neutral)
+        inside = 1e-6 * (p.upper - p.lower)
+        start[p.name] = float(np.clip(value, p.lower + inside, p.upper - inside))
+    free = (p.name for p in added.params if not p.scan)
+    return parameters.replace(**start).with_free((*parameters.free, *free))
+
+
 @dataclass(frozen=True)
 class JointFit:
     """Minimises the objective of a joint model; evaluations are kept beside the artefact of `job` until that is written."""
@@ -170,6 +183,26 @@ class JointFit:
         model = self.parts.heat(start)
         if model is None or not thermal:
             return start
+        return self._warmed(start, model, label) or start
+
+    def heated(self, parameters: Parameters) -> HeatFit | None:
+        """How the temperatures alone are fitted on the motion of given parameters; None where they are not compared."""
+        model = None if self.parts is None else self.parts.heat(parameters)
+        if model is None:
+            return None
+
+        def minimised(start: Parameters, label: str) -> Parameters:
+            found = self._warmed(start, model, label)
+            if found is None:
+                raise NumericsError(f"{label}: none of its starts can be run: {self.failures[-1]}")
+            return found
+
+        return HeatFit(model, minimised)
+
+    def _warmed(self, start: Parameters, model: StageModel, label: str) -> Parameters | None:
+        """Parameters after the better of two fits of the thermal ones to the temperatures, from where they are and from the study's first
+        values; None where neither can be run."""
+        thermal = felt_by_temperatures(start.free)
         first = {name: start_of(given) for name in thermal if (given := self.study.setting(name)) is not None}
         ends = []
         for turn, begin in enumerate((start, start.replace(**first))):
@@ -180,7 +213,7 @@ class JointFit:
                 self.failures.append(f"{name}: the start failed ({error})")
                 continue
             ends.append((fit.f, turn, there))
-        return min(ends)[2].with_free(start.free) if ends else start
+        return min(ends)[2].with_free(start.free) if ends else None
 
     def _moved(self, start: Parameters, model: StageModel, mechanical: tuple[str, ...], label: str) -> Parameters:
         """Parameters after the fit of the mechanical ones to the displacements.

@@ -146,15 +146,21 @@ def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
     return found
 
 
+def likeness_beyond(fitted: np.ndarray, blocks: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
+    """`likeness` of columns (n, k) of effects after all that the fitted columns (n, p) can take of them."""
+    basis = _orthonormal(fitted)
+    return likeness({effect: block - basis @ (basis.T @ block) for effect, block in blocks.items()})
+
+
 def indistinguishable(fitted: np.ndarray, own: Mapping[str, Sequence[int]]) -> tuple[str, str, float] | None:
     """The two effects that are most alike, and their |cos|, where it is above ALIKE; None else.
 
     `fitted` (n, p) are the columns of all fitted parameters, `own` the numbers of those of each effect; the others can take their part.
     """
     taken = {k for columns in own.values() for k in columns}
-    basis = _orthonormal(fitted[:, [k for k in range(fitted.shape[1]) if k not in taken]])
-    left = {effect: fitted[:, list(columns)] - basis @ (basis.T @ fitted[:, list(columns)]) for effect, columns in own.items()}
-    pairs = [(cos, one, other) for (one, other), cos in likeness(left).items() if one < other]
+    others = fitted[:, [k for k in range(fitted.shape[1]) if k not in taken]]
+    alike = likeness_beyond(others, {effect: fitted[:, list(columns)] for effect, columns in own.items()})
+    pairs = [(cos, one, other) for (one, other), cos in alike.items() if one < other]
     cos, one, other = max(pairs, default=(0.0, "", ""))
     return (one, other, cos) if cos > ALIKE else None
 

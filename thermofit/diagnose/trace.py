@@ -38,6 +38,8 @@ class Traced:
     """Values of exponents that were scanned, by effect."""
     beyond: tuple[Beyond, ...] = ()
     """The declared held-out tests at these parameters."""
+    warmed: tuple[str, ...] = ()
+    """Effects that were refitted on the known motion: proof, estimate and family are those of the refit."""
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first."""

@@ -8,6 +8,7 @@ from thermofit.core.study import Study
 from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
 from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
 from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
@@ -26,7 +27,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     def make() -> Made:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
-        here = traced(found.case, found.numerical, study.diagnosis.held_out)
+        here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out))
         missing = unlisted(here, found.numerical)
         summary = with_unlisted(decided(diagnosis_summary(found, here), here), described(study, here, missing))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}

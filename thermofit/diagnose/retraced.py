@@ -1,0 +1,198 @@
+"""Effects that temperatures show, judged by a refit on the known motion where one linear step from the optimum says too little.
+
+A model that lacks something large drives its thermal parameters far off before it settles: contact, capacity, conductivity and heat of
+plastic work lie in one bent valley. A drift of the jaws ends in a contact that conducts nothing, and through such a contact no drift is
+felt. Neither the step of an effect from there nor the angle between two effects there is that of a model that fits. A heat run costs a
+tenth of a coupled one, so that every effect that temperatures show is refitted on the motion of the optimum, with all parameters that
+temperatures feel; it is judged by its held-out error there, and its family is told at the best of these ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import HeatFit
+from thermofit.diagnose.held_out import SURE, Proof, compared, held_out_residual, restricted
+from thermofit.diagnose.refit import with_effect
+from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
+from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
+from thermofit.effects.catalogue import effect
+from thermofit.fit.result import FitResult
+from thermofit.identify.channels import field_of
+from thermofit.identify.known_motion import felt_by_temperatures
+from thermofit.identify.model import StageModel
+
+HALF = 0.5
+"""Part of what the residual holds beyond noise that the best linear step takes away where one step is enough."""
+PLAIN = 4.0
+"""Standard errors of the square sum of noise beyond which the residual holds something."""
+
+
+@dataclass(frozen=True)
+class _End:
+    """An effect refitted on the known motion: parameters, square sum of the temperatures' rows, the residual (n,) of all rows with those of
+    the temperatures replaced, and the same as predicted from the folds that do not hold them."""
+
+    score: Score
+    parameters: Parameters
+    left: np.ndarray
+    held_out: np.ndarray
+    proof: Proof
+
+
+def retraced(here: Traced) -> Traced:
+    """The trace with proofs, estimates and families of refits on the known motion; the same where one step is enough, or where no two
+    effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
+    asked = _asked(here)
+    if here.case.heated is None or len(asked) < 2 or _enough(here):
+        return here
+    fit = here.case.heated(here.case.parameters)
+    if fit is None:
+        return here
+    before = held_out_residual(
+        here.columns.residual, here.columns.fitted, here.split, room_of(here.case.parameters, here.case.parameters.free)
+    )
+    ends = {s.effect: end for s in asked if (end := _refitted(here, s, fit, before)) is not None}
+    if not ends:
+        return here
+    alike = _alike(here, ends, fit)
+    known = {s.effect for s in here.ranking.scores}
+    shown = [end.score for name, end in ends.items() if name not in known]
+    told = sorted((_told(s, ends, alike) for s in (*here.ranking.scores, *shown)), key=lambda s: (bool(s.vetoed), -s.z))
+    unfelt = tuple(name for name in here.ranking.unfelt if name not in ends)
+    proofs = {**here.proofs, **{name: end.proof for name, end in ends.items()}}
+    return replace(here, ranking=replace(here.ranking, scores=tuple(told), unfelt=unfelt), proofs=proofs, warmed=tuple(ends))
+
+
+def _asked(here: Traced) -> tuple[Score, ...]:
+    """Effects that temperatures show and that stand above the threshold, the strongest first, those that cannot be last; then those of
+    which nothing is felt where the parameters are. None that declared held-out tests judge."""
+    found = [s for s in here.ranking.scores if s.z > here.ranking.threshold and _judged_here(here, s.effect)]
+    hidden = [_hidden(name) for name in here.ranking.unfelt if _judged_here(here, name)]
+    return tuple([*sorted(found, key=lambda s: bool(s.vetoed)), *hidden][:PROVED_AT_MOST])
+
+
+def _judged_here(here: Traced, name: str) -> bool:
+    """Whether temperatures show an effect, and no declared held-out test judges it."""
+    names = effect(name).names
+    return len(felt_by_temperatures(names)) == len(names) and not (name in here.proofs and here.proofs[name].on)
+
+
+def _hidden(name: str) -> Score:
+    """An effect that is not felt where the parameters are: what it acts through is fitted to nothing there."""
+    probes = {p.name: p.neutral + float(p.probe or 0.0) for p in effect(name).amplitudes}
+    return Score(name, 0.0, 0.0, 0.0, probes, dict.fromkeys(probes, float("inf")), 0.0, float("inf"), "", (name,))
+
+
+def _enough(here: Traced) -> bool:
+    """Whether the best linear step takes away half of what the residual holds beyond noise, or that is not more than chance."""
+    r = here.columns.residual
+    n, beyond = len(r), float(r @ r) - len(r)
+    best = max((s.predicted_drop for s in here.ranking.scores if not s.vetoed), default=0.0)
+    return beyond < PLAIN * np.sqrt(2.0 * n) or best > HALF * beyond
+
+
+def _shown(here: Traced) -> np.ndarray:
+    """True (n,) in rows that the model of the temperatures alone has: theirs and the priors'."""
+    warm = [k for k, c in enumerate(here.case.model.comparisons) if field_of(c) == "theta"]
+    return np.asarray(np.isin(here.rows.channel, [*warm, -1]))
+
+
+def _refitted(here: Traced, score: Score, fit: HeatFit, before: np.ndarray) -> _End | None:
+    """An effect refitted on the known motion; None where no start can be run."""
+    start = with_effect(here.case.parameters, score.effect, {**score.estimate, **here.settings.get(score.effect, {})})
+    try:
+        parameters = fit.minimised(start, f"{score.effect} on the known motion")
+    except NumericsError:
+        return None
+    thermal = felt_by_temperatures(parameters.free)
+    residual, columns = fit.model.linearised(parameters, thermal)
+    mine = _shown(here)
+    own = held_out_residual(residual, columns, restricted(here.split, mine), room_of(parameters, thermal))
+    left, after = here.columns.residual.copy(), before.copy()
+    left[mine], after[mine] = residual, own
+    proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.noise, left)
+    if score.vetoed or score.z == 0.0:
+        score = _scored_there(here, score, fit.model, parameters, (residual, columns, mine))
+    return _End(score, parameters, left, after, proof)
+
+
+def _scored_there(
+    here: Traced, score: Score, model: StageModel, parameters: Parameters, there: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Score:
+    """The score of an effect by the parameters of its refit; `there` = (residual (n,), columns (n, p), the rows that they are of)."""
+    residual, columns, mine = there
+    names = tuple(p.name for p in effect(score.effect).amplitudes)
+    thermal = felt_by_temperatures(parameters.free)
+    own = [thermal.index(n) for n in names]
+    block = columns[:, own]
+    without = residual - block @ np.array([parameters[p.name] - p.neutral for p in effect(score.effect).amplitudes])
+    groups = None if here.problem.groups is None else here.problem.groups[mine]
+    noise = None if here.problem.noise is None else model.noise
+    alone = ranked(Columns(without, np.delete(columns, own, axis=1), {score.effect: (names, block)}, noise, groups))
+    return replace(alone.scores[0], numerical_drop=score.numerical_drop, family=score.family) if alone.scores else score
+
+
+def _alike(here: Traced, ends: Mapping[str, _End], fit: HeatFit) -> dict[tuple[str, str], float]:
+    """|cos| of every two of these effects at the best of the ends, one where what they predict of held-out data cannot be told apart."""
+    best = max(ends.values(), key=lambda end: end.proof.gain)
+    own = {name: tuple(p.name for p in effect(name).amplitudes) for name in ends}
+    others = tuple(n for n in felt_by_temperatures(best.parameters.free) if n not in own[best.score.effect])
+    scanned = {n: v for name, end in ends.items() if name != best.score.effect for n, v in here.settings.get(name, {}).items()}
+    names = (*others, *(n for group in own.values() for n in group))
+    _, columns = fit.model.linearised(best.parameters.replace(**scanned), names)
+    at = {n: k for k, n in enumerate(names)}
+    blocks = {name: columns[:, [at[n] for n in group]] for name, group in own.items()}
+    alike = likeness_beyond(columns[:, : len(others)], blocks)
+    for one, other in ((a, b) for a in ends for b in ends if a != b):
+        if not _told_apart(here, ends[one], ends[other]):
+            alike[one, other] = 1.0
+    return alike
+
+
+def _told_apart(here: Traced, one: _End, other: _End) -> bool:
+    """Whether one of two ends predicts held-out data better than the other by more than its uncertainty."""
+    worse, better = sorted((one, other), key=lambda end: end.proof.gain)
+    found = compared(worse.held_out, better.held_out, here.rows, len(here.split.held_out), here.problem.noise, better.left)
+    return found.gain > SURE * found.sigma
+
+
+def _told(score: Score, ends: Mapping[str, _End], alike: Mapping[tuple[str, str], float]) -> Score:
+    """A score with the estimate of its refit, and the family that the refits tell; members that were not refitted stay."""
+    if score.effect not in ends:
+        return score
+    end = ends[score.effect]
+    one = score.effect
+    near = sorted((b for b in ends if b != one and alike[one, b] > ALIKE), key=lambda b: -alike[one, b])
+    family = (score.effect, *near, *(n for n in score.family[1:] if n not in ends))
+    return replace(end.score, estimate={n: end.parameters[n] for n in end.score.estimate}, family=family)
+
+
+def missed(there: Traced, name: str, fit: FitResult) -> float:
+    """Standard errors by which the temperatures miss an effect that is on, once everything else is fitted again on the motion of `there`.
+
+    A drift acts through a film: the data know the product with the film's coefficient, and the quotient has no standard error of its own
+    that says how far it is from nothing. Zero where temperatures do not show the effect. `fit`: the one that gave its parameters, with its
+    standard errors, which hold how the noise hangs together.
+    """
+    names, amplitudes = effect(name).names, tuple(p.name for p in effect(name).amplitudes)
+    parameters = there.case.parameters
+    warm = there.case.heated(parameters) if there.case.heated is not None and len(felt_by_temperatures(names)) == len(names) else None
+    if warm is None or fit.jacobian is None or fit.sigma is None:
+        return 0.0
+    off = parameters.replace(**{p.name: p.neutral for p in effect(name).amplitudes})
+    try:
+        without = warm.minimised(off.with_free(tuple(n for n in parameters.free if n not in names)), f"without {name} on the known motion")
+    except NumericsError:
+        return 0.0
+    rise = float(np.sum(warm.model.residual(without) ** 2) - np.sum(warm.model.residual(parameters) ** 2))
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    white = np.diag(np.linalg.pinv((fit.jacobian / size).T @ (fit.jacobian / size), hermitian=True)) / size**2
+    own = [fit.names.index(n) for n in amplitudes if n in fit.names]
+    together = max((float(fit.sigma[k]) ** 2 / max(float(white[k]), 1e-300) for k in own), default=1.0)
+    return float(np.sqrt(max(rise, 0.0) / max(together, 1.0)))

@@ -84,3 +84,41 @@ def test_a_force_whose_error_is_not_known_changes_nothing() -> None:
     here = joint(COURSE, None)
     history, _ = here.shown(PARAMETERS)
     assert with_force_error(here, history, PARAMETERS) is here
+
+
+def test_temperatures_alone_know_what_the_displacements_tell_of_the_force() -> None:
+    """The heat model on the motion of a run has the rows that the whole one has there, also under another force than the right one."""
+    here = joint(COURSE, 3.0 * MODES)
+    history, _ = here.shown(PARAMETERS)
+    errs = with_force_error(joint(COURSE + 4.0 * MODES[:, 1], 3.0 * MODES), history, PARAMETERS)
+    assert errs.force_error is not None
+    whole = errs.model.residual(PARAMETERS)
+    n_u, n_theta = (next(c.n for c in errs.model.comparisons if c.channel == channel) for channel in ("du", "dtheta"))
+    heat = errs.heat(PARAMETERS)
+    assert heat is not None
+    # A heat run and a coupled one differ by the tolerance of the coupling, some microkelvin of 20 mK of noise.
+    np.testing.assert_allclose(heat.residual(PARAMETERS)[:n_theta], whole[n_u : n_u + n_theta], atol=1e-3)
+    alone = replace(errs, settings=errs.settings.model_copy(update={"channels": {"dtheta": errs.settings.channels["dtheta"]}}))
+    blind = alone.model.residual(PARAMETERS)[:n_theta]
+    assert np.linalg.norm(blind - whole[n_u : n_u + n_theta]) > 0.1 * np.linalg.norm(blind)
+
+
+@pytest.mark.parametrize(("scale", "low", "high"), [(1.0, 0.3, 2.0), (8.0, 9.0, np.inf)])
+def test_misfit_of_the_force(scale: float, low: float, high: float) -> None:
+    """About one in the mean of draws where the force errs as its modes say (less by what its temperatures may err), above the three
+    standard errors that are let pass where it errs by eight times that, as a model does that misses something."""
+    here, random = joint(COURSE, 20.0 * MODES), np.random.default_rng(7)
+    history, right = here.shown(PARAMETERS)
+    found = with_force_error(here, history, PARAMETERS)
+    assert found.force_error is not None
+    data, misfit = found.data, []
+    assert data.temperature is not None
+    for _ in range(8):
+        drawn = scale * random.normal(size=MODES.shape[1])
+        seen = {}
+        for name, observation in (("u", data.displacement), ("theta", data.temperature)):
+            modes, noise = found.force_error[name], observation.sigma * random.normal(size=observation.value.shape)
+            made = modes.tangent * (modes.modes @ (modes.turned.T @ drawn))[:, None, None]
+            seen[name] = replace(observation, value=observation.value + right[name] + made + noise)
+        misfit.append(replace(found, data=replace(data, displacement=seen["u"], temperature=seen["theta"])).force_misfit(PARAMETERS))
+    assert low < np.mean(misfit) < high, misfit

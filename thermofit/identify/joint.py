@@ -127,8 +127,23 @@ class Joint:
         if not channels:
             return None
         kept = keeping_points(self.run)
-        held = held_run(kept.body, kept(parameters), kept.settings)
-        return replace(self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels), one_way=True)
+        history = kept(parameters)
+        held = held_run(kept.body, history, kept.settings)
+        warm = self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
+        return replace(self._given(warm, history, parameters), one_way=True)
+
+    def _given(self, warm: StageModel, history: History, parameters: Parameters) -> StageModel:
+        """The model of the temperatures with what the displacements of a history tell of the error of the force, as in the whole model."""
+        whole = self.model
+        if not whole.common:
+            return warm
+        (common,) = whole.common
+        errors = self.prediction.of(history, parameters)
+        moved = {k: c.residual(errors[field_of(c)]) for k, c in enumerate(whole.comparisons) if field_of(c) != "theta"}
+        places = {k: n for n, k in enumerate(k for k, c in enumerate(whole.comparisons) if field_of(c) == "theta")}
+        given = common.given(common.told(moved), places)
+        comparisons = tuple(given.without(new, whole.comparisons[old]) for old, new in places.items())
+        return replace(warm, comparisons=comparisons, common=(given.rest,) if given.rest.shown else ())
 
     def shown(self, parameters: Parameters) -> tuple[History, Errors]:
         """A coupled run that keeps its points, and its error fields. NumericsError where it fails."""

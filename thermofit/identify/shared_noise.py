@@ -13,7 +13,7 @@ comparison keeps its rows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,9 +55,37 @@ class SharedNoise:
             mean = told if mean is None else mean + told
         return out
 
+    def told(self, parts: Mapping[int, np.ndarray]) -> np.ndarray:
+        """Mean (k,) of the common errors after the first comparisons, of which the whitened residuals (n_i,) are given by place."""
+        mean = np.zeros(len(next(iter(self.shown.values())).modes))
+        for place in (p for p in self.shown if p in parts):
+            one = self.shown[place]
+            mean = mean + one.gain @ (one.basis.T @ (parts[place] - one.columns @ (one.modes.T @ mean)))
+        return mean
+
+    def given(self, mean: np.ndarray, places: Mapping[int, int]) -> Given:
+        """What is left of the common errors in the comparisons at `places` (old: new), where the others told their mean (k,)."""
+        own = {new: self.shown[old] for old, new in places.items() if old in self.shown}
+        return Given({new: one.columns @ (one.modes.T @ mean) for new, one in own.items()}, SharedNoise(own))
+
     def moved(self, by: int) -> SharedNoise:
         """The same where other comparisons stand before these."""
         return SharedNoise({place + by: one for place, one in self.shown.items()})
+
+
+@dataclass(frozen=True)
+class Given:
+    """Residuals (n_i,) that comparisons show of what others told of the common errors, by place, and what they tell each other."""
+
+    shown: Mapping[int, np.ndarray]
+    rest: SharedNoise
+
+    def without(self, place: int, comparison: Comparison) -> Comparison:
+        """A comparison, whitened on its own, whose residual is without what the others told."""
+        if place not in self.shown:
+            return comparison
+        shift, of, along = self.shown[place], comparison.residual, comparison.along
+        return replace(comparison, residual=lambda e: of(e) - shift, along=along or (lambda _, direction: of(direction)))
 
 
 @dataclass(frozen=True)

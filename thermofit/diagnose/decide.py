@@ -47,6 +47,8 @@ class Decision:
     family: tuple[str, ...]
     told: tuple[Told, ...]
     unfelt: tuple[str, ...]
+    failed: tuple[str, ...] = ()
+    """Programmes that a coupon of these parameters cannot be driven through."""
 
     @property
     def best(self) -> Told | None:
@@ -80,7 +82,8 @@ def decisions(here: Traced) -> tuple[Decision, ...]:
     out = []
     for family in families:
         told = tuple(t for p, own in runs if own is not None and (t := _told(p, own, family)) is not None)
-        out.append(Decision(family, told, tuple(n for n in family if n not in known)))
+        failed = tuple(p.name for p, own in runs if own is None)
+        out.append(Decision(family, told, tuple(n for n in family if n not in known), failed))
     return tuple(out)
 
 
@@ -150,6 +153,7 @@ def decided(summary: dict[str, Any], here: Traced) -> dict[str, Any]:
             "family": list(d.family),
             "best": None if d.best is None else d.best.programme.name,
             "no_coupon_feels": list(d.unfelt),
+            "not_driven": list(d.failed),
             "told": [{"programme": t.programme.name, "max_cos": t.cosine, "detectable": t.detectable} for t in d.told],
         }
         for d in found
@@ -164,7 +168,9 @@ def in_words(d: Decision) -> str:
     if d.unfelt:
         return f"{names}: no coupon feels {', '.join(d.unfelt)}; it takes a specimen with a field of temperature to decide"
     if d.best is None:
-        return f"{names}: none of the programmes {', '.join(p.name for p in PROGRAMMES)} would part them"
+        tried = ", ".join(p.name for p in PROGRAMMES if p.name not in d.failed)
+        missed = f" ({', '.join(d.failed)}: a coupon of these parameters cannot be driven so)" if d.failed else ""
+        return f"{names}: none of the programmes {tried} would part them{missed}"
     best, shown = d.best, ", ".join(f"{n} from {v:.2g}" for n, v in d.best.detectable.items())
     part = f" (|cos| {best.cosine:.2f})" if len(d.family) > 1 else ""
     return f"{names}: the programme {best.programme.name} ({best.programme.words}) would decide{part}; it shows {shown} on"

@@ -105,7 +105,7 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "unfelt": list(here.ranking.unfelt),
         "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
         "failed_starts": failures,
-        "remarks": [*settled, *failed_in_words(failures)],
+        "remarks": [*settled, *found.remarks, *failed_in_words(failures)],
     }
 
 
@@ -135,6 +135,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         for r in closed.rounds
     ]
     common = _common(found, closed.last)
+    common["remarks"] = [*common["remarks"], *closed.remarks]
     if not closed.fit.converged:
         common["remarks"] = [*common["remarks"], f"the last joint fit has not settled: {closed.fit.message}"]
     return {

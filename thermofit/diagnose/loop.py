@@ -73,6 +73,7 @@ class Closed:
     dropped: tuple[str, ...]
     refit: Refit
     numerical: np.ndarray | None
+    remarks: tuple[str, ...] = ()
 
 
 def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numerical: np.ndarray | None, how: str = "auto") -> Closed:

@@ -57,6 +57,7 @@ class Prepared:
     refit: JointFit
     numerical: np.ndarray
     size: MeshSize
+    remarks: tuple[str, ...] = ()
 
 
 def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
@@ -123,7 +124,15 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
     how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit), refit.heated)
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
-    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size)
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, _unknown_force(study, joint))
+
+
+def _unknown_force(study: Study, joint: _Joint) -> tuple[str, ...]:
+    """A remark where the error of a prescribed force is not known."""
+    if joint.whole is None or joint.whole.knows_force_error or study.force.drives != "force":
+        return ()
+    again = f"thermofit interpolate {study.source.name} --force"
+    return (f"the force is taken as exact: interpolate.h5 holds no error of it ({again} adds that to a record of an earlier version)",)
 
 
 def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper | None] | None:

@@ -55,6 +55,8 @@ class Unlisted:
     others: tuple[str, ...]
     parameters: Parameters
     resembles: tuple[str, ...] = ()
+    remark: str = ""
+    """What kept the fitted parameters from taking their step beside the field."""
 
 
 def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = ()) -> Unlisted | None:
@@ -75,9 +77,9 @@ def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = 
     others = tuple(s.blocks.channel for s, _, _ in found if s is not structure)
     if term is None:
         return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
-    term, parameters = _settled(here, structure, term)
+    term, parameters, remark = _settled(here, structure, term)
     place = place_of(term, _volumes(here.case, term.basis))
-    return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters)
+    return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters, remark=remark)
 
 
 def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
@@ -179,9 +181,9 @@ def _lasting(whole: Field) -> np.ndarray:
     return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
 
 
-def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters]:
+def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
-    hats with them. Held-out data without the term stay those of the optimum."""
+    hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum."""
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
@@ -192,15 +194,17 @@ def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Pa
         there = replace(case, parameters=parameters)
         try:
             known = there.model.linearised(parameters, parameters.free)
-        except NumericsError:
-            return first, case.parameters
+        except NumericsError as error:
+            return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = field_of(known, hat, here.rows, here.split)
         if change.max(initial=0.0) < SETTLED:
             break
     folds = len(here.split.held_out)
     term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
-    return (term, parameters) if believed(term) else (first, case.parameters)
+    if believed(term):
+        return term, parameters, ""
+    return first, case.parameters, "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
 
 
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:

@@ -43,11 +43,15 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         resembles += names
         aside |= _with_families(closed, names)
         taken = _taken_back(closed, names, refit, numerical, how)
-        if taken is None:
+        if isinstance(taken, str):
+            closed = replace(closed, remarks=(*closed.remarks, taken))
             break
         closed = taken
         found = unlisted(closed.last, numerical, sorted(aside))
-    return closed, None if found is None else replace(found, resembles=tuple(resembles))
+    if found is None:
+        return closed, None
+    said = (*closed.remarks, *([found.remark] if found.remark else []))
+    return replace(closed, remarks=said), replace(found, resembles=tuple(resembles))
 
 
 def _with_families(closed: Closed, names: Sequence[str]) -> set[str]:
@@ -101,17 +105,18 @@ def _without(here: Traced, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray
     return residual, np.delete(here.columns.fitted, own, axis=1)
 
 
-def _taken_back(closed: Closed, names: Sequence[str], refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | None:
-    """The result with the effects at neutral and everything else refitted; None where that fails."""
+def _taken_back(closed: Closed, names: Sequence[str], refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | str:
+    """The result with the effects at neutral and everything else refitted, or in words why they could not be taken back."""
     last: Traced = closed.last
     neutral = {n: param(n).neutral for name in names for n in effect(name).names}
     free = tuple(n for n in last.case.parameters.free if n not in neutral)
+    kept = f"{' and '.join(names)} only resembles what is unlisted, but stays: the fit without it"
     try:
         parameters, fit = refit(last.case.parameters.replace(**neutral).with_free(free), f"without {' '.join(names)}")
-    except NumericsError:
-        return None
+    except NumericsError as error:
+        return f"{kept} failed ({error})"
     if not fit.converged:
-        return None
+        return f"{kept} did not converge ({fit.message})"
     here = traced(replace(last.case, parameters=parameters), numerical, how, last.split)
     accepted = tuple(n for n in closed.accepted if n not in names)
     return replace(closed, last=here, fit=fit, accepted=accepted, dropped=(*closed.dropped, *names))

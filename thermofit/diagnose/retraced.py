@@ -71,9 +71,12 @@ def retraced(here: Traced) -> Traced:
 
 def _asked(here: Traced) -> tuple[Score, ...]:
     """Effects that temperatures show and that stand above the threshold, the strongest first, those that cannot be last; then those of
-    which nothing is felt where the parameters are. None that declared held-out tests judge."""
-    found = [s for s in here.ranking.scores if s.z > here.ranking.threshold and _judged_here(here, s.effect)]
-    hidden = [_hidden(name) for name in here.ranking.unfelt if _judged_here(here, name)]
+    which next to nothing is felt where the parameters are: one step would take them out of their bounds. None that declared held-out tests
+    judge."""
+    every = [s for s in here.ranking.scores if _judged_here(here, s.effect)]
+    found = [s for s in every if s.z > here.ranking.threshold]
+    faint = (s.effect for s in every if s.vetoed and s not in found)
+    hidden = [_hidden(name) for name in (*faint, *(n for n in here.ranking.unfelt if _judged_here(here, n)))]
     return tuple([*sorted(found, key=lambda s: bool(s.vetoed)), *hidden][:PROVED_AT_MOST])
 
 

@@ -35,6 +35,7 @@ OTHER_PROGRAMME = [
 def tree(run_dir: Path) -> dict[str, Any]:
     whole = tiny.tree(run_dir)
     whole["parameters"]["kappa"] = 133.0
+    whole["simulate"]["ir"]["frames"] = 56  # 14 tell the scale of the thermal parameters to 2 % only
     whole["parameters"]["alpha_air"] = {"start": 25.0, "bounds": [0.0, 200.0]}
     whole["stages"] = {"thermal": {"free": ["alpha_exp", "c0", "beta", "alpha_air"]}}
     whole["experiments"] = {

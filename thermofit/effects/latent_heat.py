@@ -32,6 +32,8 @@ def heat_source(
     width: float,
 ) -> np.ndarray:
     """Power heat window(Lambda) dLambda/dt, mW/mm^3; heat x width in total where the window lies between 0 and the largest Lambda."""
+    if not np.any(rate):
+        return np.asarray(heat * rate + 0.0 * accumulated)
     inside, edge = accumulated - centre, _ROUNDING * width
     window = 0.5 * (np.tanh((inside + 0.5 * width) / edge) - np.tanh((inside - 0.5 * width) / edge))
     return np.asarray(heat * window * rate)

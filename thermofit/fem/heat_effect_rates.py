@@ -39,15 +39,12 @@ from thermofit.fem.heat_effects import (
 from thermofit.fem.lanes import multiply_directions
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.shape_rates import add_conduction_rates, add_film_rates
-from thermofit.material.law_rates import STEP
+from thermofit.material.law_rates import STEP, padded
 
 _WARMER = 0.05
 """K; step of the difference of slopes by theta."""
 _AROUND = np.array([0.0, _WARMER, -_WARMER])
 _FACTORS = ("capacity", "conductivity")
-_FEW = 4
-"""Columns up to which a product column by column is the cheaper one."""
-
 Moved = tuple[HeatEffects | None, ...]
 """Per direction the effects with their numbers moved by i h; None where the direction moves none of them."""
 
@@ -140,7 +137,8 @@ def _flux_rates(body: Body, along: Along, name: str, when: Timing, middle_rates:
     moment, length, _ = when
     theta, y = moment.middle, about_middle(body)[1]
     moved, here = along.directions("surface_flux", name), along.effect
-    at_three, on = theta + _AROUND[:, None], np.unique(body.films[name].facets)
+    on = np.unique(body.films[name].facets)
+    at_three, y_on = theta[on] + _AROUND[:, None], y[on]
     by_number, slope = np.zeros((2, body.mesh.n_nodes, along.m))
     acts = here is not None and bool(here.of("surface_flux", name))
     if here is not None and acts and middle_rates is not None:
@@ -148,7 +146,7 @@ def _flux_rates(body: Body, along: Along, name: str, when: Timing, middle_rates:
         curvature = slope_of(here, at, theta + _WARMER, moment, length) - slope_of(here, at, theta - _WARMER, moment, length)
         slope += (curvature / (2.0 * _WARMER))[:, None] * middle_rates
     for column, effect, medium in moved:
-        flux = mean_flux(effect, (name, medium, y[on]), at_three[:, on], moment, length).imag / STEP
+        flux = mean_flux(effect, (name, medium, y_on), at_three, moment, length).imag / STEP
         by_number[on, column] = flux[0]
         slope[on, column] += (flux[1] - flux[2]) / (2.0 * _WARMER)
     return (by_number, slope) if moved or acts else None
@@ -173,11 +171,15 @@ def conduction_supply(body: Body, conduction: np.ndarray, factor: np.ndarray, th
 def multiply_some(body: Body, data: np.ndarray, x: np.ndarray) -> np.ndarray:
     """y (n_np, m) = K x for a symmetric matrix with the non-zeros `data` (n_slots,); columns of x that vanish cost nothing."""
     p, used = body.thermal, np.flatnonzero(np.any(x != 0.0, axis=0))
-    if len(used) > _FEW:
+    if padded(len(used)) == x.shape[1]:
         return multiply_directions(p.row, p.column, data, np.ascontiguousarray(x))
     y = np.zeros(x.shape)
-    for column in used:
-        y[:, column] = multiply_symmetric(p.row, p.column, data, np.ascontiguousarray(x[:, column]))
+    if len(used) == 1:
+        y[:, used[0]] = multiply_symmetric(p.row, p.column, data, np.ascontiguousarray(x[:, used[0]]))
+    elif len(used) > 1:
+        some = np.zeros((len(x), padded(len(used))))
+        some[:, : len(used)] = x[:, used]
+        y[:, used] = multiply_directions(p.row, p.column, data, some)[:, : len(used)]
     return y
 
 
@@ -232,7 +234,8 @@ def source_rates(
         out += nodal_heat(body, length * density)
     if moved:
         own = np.concatenate([_derivative(there, theta, now, place) for _, there, _ in moved], axis=2)
-        out[:, [column for column, _, _ in moved]] += nodal_heat(body, length * own)
+        if np.any(own):
+            out[:, [column for column, _, _ in moved]] += nodal_heat(body, length * own)
     return out
 
 

@@ -173,11 +173,13 @@ def mean_flux(effect: HeatEffects, facets: Facets, theta: np.ndarray, moment: Mo
     """Mean of the outward flux at theta (..., n_np) over a step, mW/mm^2: lamps may be switched within it."""
     name, medium, y = facets
     flat = theta.reshape(-1)
-    total, several = np.zeros_like(flat), len(flat) // len(y)
+    total, several, drifts = np.zeros_like(flat), len(flat) // len(y), bool(effect.of("boundary_temperature", name))
+    surroundings = np.full(len(flat), medium)
     for weight, part in INSTANTS:
         time = moment.start + part * length
-        surroundings = medium + effect.medium_change(name, y, time, moment.first)
-        total = total + weight * effect.flux(name, flat, time, np.tile(surroundings, several) if several > 1 else surroundings)
+        if drifts:
+            surroundings = np.tile(medium + effect.medium_change(name, y, time, moment.first), several)
+        total = total + weight * effect.flux(name, flat, time, surroundings)
     return total.reshape(theta.shape)
 
 

@@ -83,11 +83,12 @@ multiply_add: Any = intrinsic(_multiply_add)
 @kernel
 def _multiply(row: np.ndarray, column: np.ndarray, data: np.ndarray, x: np.ndarray, m: int, y: np.ndarray) -> None:
     for s in range(row.shape[0]):
-        i, j = row[s] * m, column[s] * m
-        for b in range(0, m, LANES):
-            add_lanes(y, i + b, data[s], x, j + b)
-            if i != j:
-                add_lanes(y, j + b, data[s], x, i + b)
+        i, j, d = row[s] * m, column[s] * m, data[s]
+        if d != 0.0:  # most of a film's matrix is
+            for b in range(0, m, LANES):
+                add_lanes(y, i + b, d, x, j + b)
+                if i != j:
+                    add_lanes(y, j + b, d, x, i + b)
 
 
 def multiply_directions(row: np.ndarray, column: np.ndarray, data: np.ndarray, x: np.ndarray) -> np.ndarray:

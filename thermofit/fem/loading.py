@@ -85,6 +85,13 @@ class Loading:
             raise StudyError("march: the arc length stands still between two times; under arc control it must change in every step")
 
 
+def moving(names: Sequence[str], rates: np.ndarray) -> list[int]:
+    """Places of the names that move anything in a run: Params of effects of the machine do so through the loading alone, whose derivatives
+    (n_t, n_p) by the names are `rates`."""
+    machine = {name for e in effects(LOAD) for name in e.names}
+    return [k for k, name in enumerate(names) if name not in machine or bool(np.any(rates[:, k]))]
+
+
 def _links(parameters: Parameters, name: str) -> list[Effect]:
     """Effects of the machine that are not neutral, and that of `name`; none if `name` is not of such an effect."""
     if not any(name in e.names for e in effects(LOAD)):

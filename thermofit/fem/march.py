@@ -28,7 +28,7 @@ from thermofit.fem.history import MarchSettings as MarchSettings
 from thermofit.fem.history import Watch as Watch
 from thermofit.fem.linear import Factor
 from thermofit.fem.loading import Loading as Loading
-from thermofit.fem.loading import solution_times
+from thermofit.fem.loading import moving, solution_times
 from thermofit.fem.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
 from thermofit.fem.predictor import Passed, passed, predicted
 from thermofit.fem.sensitivity import Differentiator, Linearised, Sensitivities, volume_mean
@@ -103,13 +103,16 @@ class _Run:
         self.elastic: Factor | None = None
 
     def differentiate(self, parameters: Parameters, asked: Sensitivities, load_rates: np.ndarray) -> None:
-        """Differentiate every step from now on; load_rates (n, n_p) are those of the loading at its times.
+        """Differentiate every step from now on; load_rates (n, n_p) are those of the loading at its times. What moves nothing (slip of jaws
+        where a force is prescribed) takes no part.
 
         StudyError under arc control, where no load is given that could be held.
         """
         if self.follower is not None:
             raise StudyError("sensitivities: under arc control the load is an unknown; prescribe the displacement of the end instead")
-        one_way = self.settings.coupling == "one-way"
+        one_way, places = self.settings.coupling == "one-way", moving(asked.names, load_rates)
+        if 0 < len(places) < len(asked.names):
+            asked, load_rates = asked.of(places), load_rates[:, places]
         rates = condition_rates(parameters, asked.names, self.law if one_way else None)
         rates = rates.on_sets(tuple(self.body.films), tuple(self.settings.films))
         self.rates = Differentiator(self.body, self.law, parameters, rates, asked, one_way=one_way)
@@ -259,11 +262,11 @@ class _Run:
     def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> Linearised:
         """The tangent of a converged step under force control: elastic steps in a row share one factor, since their stiffness hardly
         changes, until one of them had to mend its answers; a factor with which equilibrium was just found at once is good enough; otherwise
-        a fresh one.
+        a fresh one. For many directions at once that is always the cheaper one: its answers need no mending.
         """
         flows = bool(np.any(found.state[:, :, LAMBDA] > before[:, :, LAMBDA]))
         here = Linearised(found.u, theta, before, found.state)
-        if self.body.top >= 0:
+        if self.body.top >= 0 and (self.rates is None or not self.rates.many):
             worn = self.rates is not None and self.rates.mended
             kept = self.solver.good_factor() if flows else None if worn else self.elastic
             if kept is not None:

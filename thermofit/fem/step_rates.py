@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,19 @@ class Sensitivities:
     names: tuple[str, ...]
     collect: Callable[[int, Sensitivity], None]
     tolerance: float = 0.5
+
+    def of(self, places: Sequence[int]) -> Sensitivities:
+        """The same by the names at these places alone; derivatives by the others are handed on as the zeros that they are."""
+
+        def every(some: np.ndarray) -> np.ndarray:
+            out = np.zeros((*some.shape[:-1], len(self.names)))
+            out[..., places] = some
+            return out
+
+        def collect(n: int, at: Sensitivity) -> None:
+            self.collect(n, Sensitivity(every(at.u), every(at.theta), every(at.force)))
+
+        return replace(self, names=tuple(self.names[k] for k in places), collect=collect)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import LOAD, effect, effects
 from thermofit.fem.body import tension_body
 from thermofit.fem.dogbone import dogbone_mesh
-from thermofit.fem.loading import felt_force, felt_force_rate
+from thermofit.fem.loading import felt_force, felt_force_rate, moving
 from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 from thermofit.fem.newton import NewtonSettings
 from thermofit.fem.sensitivity import Sensitivities, Sensitivity
@@ -117,6 +117,21 @@ def test_influence_on_a_whole_run_is_that_of_differences(loading: Loading, value
             size = np.abs(expected).max()
             noise = 4e-8 * np.abs(getattr(there, field)).max() / h
             assert np.abs(value[..., k] - expected).max() < 2e-4 * size + noise, (field, name, size)
+
+
+def test_what_moves_nothing_takes_no_part_and_keeps_its_zero_columns() -> None:
+    """Under a prescribed force jaws and frame move nothing; at a crosshead they do. Names and columns stay in their places."""
+    names = ("E", *AMPLITUDES, "M_y0")
+    assert moving(names, FORCE.rates(BASE, names)) == [0, 1, 2, 5]
+    assert moving(names, CROSSHEAD.rates(BASE.replace(**ON), names)) == [0, 1, 2, 3, 4, 5]
+    assert moving(names, OWN_END.rates(BASE, names)) == [0, 5]
+    handed: list[Sensitivity] = []
+    asked = Sensitivities(names, lambda n, at: handed.append(at)).of([0, 5])
+    assert asked.names == ("E", "M_y0")
+    asked.collect(0, Sensitivity(np.full((2, 3, 2), [1.0, 2.0]), np.full((2, 2), [3.0, 4.0]), np.array([5.0, 6.0])))
+    np.testing.assert_array_equal(handed[0].u[1, 2], [1.0, 0.0, 0.0, 0.0, 0.0, 2.0])
+    np.testing.assert_array_equal(handed[0].theta[1], [3.0, 0.0, 0.0, 0.0, 0.0, 4.0])
+    np.testing.assert_array_equal(handed[0].force, [5.0, 0.0, 0.0, 0.0, 0.0, 6.0])
 
 
 def test_an_error_of_force_cannot_be_told_from_a_modulus_while_all_is_elastic() -> None:

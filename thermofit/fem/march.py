@@ -262,11 +262,11 @@ class _Run:
     def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> Linearised:
         """The tangent of a converged step under force control: elastic steps in a row share one factor, since their stiffness hardly
         changes, until one of them had to mend its answers; a factor with which equilibrium was just found at once is good enough; otherwise
-        a fresh one. For many directions at once that is always the cheaper one: its answers need no mending.
+        a fresh one.
         """
         flows = bool(np.any(found.state[:, :, LAMBDA] > before[:, :, LAMBDA]))
         here = Linearised(found.u, theta, before, found.state)
-        if self.body.top >= 0 and (self.rates is None or not self.rates.many):
+        if self.body.top >= 0:
             worn = self.rates is not None and self.rates.mended
             kept = self.solver.good_factor() if flows else None if worn else self.elastic
             if kept is not None:

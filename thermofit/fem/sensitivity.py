@@ -50,9 +50,6 @@ _WEAK = 0.05
 less may be left, by its fourth power: a sweep lessens it by the square at best."""
 _BORROWED = 0.2
 """Share of the tolerance where the factor is that of an earlier elastic step: its answers are less exact."""
-_MANY = 24
-"""Directions from which a fresh factor in every step is cheaper than what answers of a kept one cost: force rates of all of them, and
-another pass and solve where they have to be mended."""
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
 _ASYMMETRY = 4e-4
@@ -88,7 +85,6 @@ class Differentiator:
         self.body, self.law, self.conditions, self.asked, self.one_way = body, law, conditions, asked, one_way
         self.along = directions(parameters, asked.names, law)
         self.m = padded(len(asked.names))
-        self.many = self.m >= _MANY
         self._sources = source_law(law, self.along)
         n_el = body.mesh.n_elements
         self._states = (lane_zeros((n_el, 8, N_STATE, self.m)), lane_zeros((n_el, 8, N_STATE, self.m)))
@@ -153,7 +149,7 @@ class Differentiator:
         self._respond(mechanics)
         self._take_buffer(start)
         theta = self.resting if self.one_way else self._guess(start, ends.step.length)
-        borrowed = (mechanics.kept or self.many) and mechanics.largest_increment == 0.0
+        borrowed = mechanics.kept and mechanics.largest_increment == 0.0
         tolerance = self._tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
         softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))

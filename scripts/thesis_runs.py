@@ -134,6 +134,7 @@ RUNS = (
     Run("exp2", "5.4", "exp2.yaml"),
     Run("exp1", "5.3", "exp1.yaml"),
     Run("exp2-model-1", "5.4", "exp2.yaml", _MODEL_1, "exp2"),
+    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch", "--jobs", "1"),)),
     Run("exp1-model-2", "5.4", "exp1-models.yaml", _MODEL_2, "exp1-models"),
     Run("exp3-air", "5.5", "exp3.yaml", ("sensitivity.quantity=theta_air", f"sensitivity.values={list(AIR)}"), "exp3", (("sensitivity",),)),
     Run(
@@ -145,7 +146,6 @@ RUNS = (
         (*_fixed(alpha_exp=23.0e-6, kappa=200.0, c0=2.43), "stages.thermal.free=[beta, alpha_air, alpha_clamp]"), "exp3", _THERMAL_ONLY,
     ),
     Run("exp3-model-1", "5.4", "exp3.yaml", _KNOWN_FILMS, "exp3", _SEARCH),
-    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch", "--jobs", "2"),)),
     *(plan.run for plan in PLANS),
 )  # fmt: skip
 """In the order in which they begin: the longest first, and every run behind the one that it takes over."""

@@ -134,9 +134,9 @@ RUNS = (
     Run("exp2", "5.4", "exp2.yaml"),
     Run("exp1", "5.3", "exp1.yaml"),
     Run("exp2-model-1", "5.4", "exp2.yaml", _MODEL_1, "exp2"),
-    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch", "--jobs", "1"),)),
     Run("exp1-model-2", "5.4", "exp1-models.yaml", _MODEL_2, "exp1-models"),
     Run("exp3-air", "5.5", "exp3.yaml", ("sensitivity.quantity=theta_air", f"sensitivity.values={list(AIR)}"), "exp3", (("sensitivity",),)),
+    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch", "--jobs", "1"),)),
     Run(
         "exp3-isothermal", "5.5", "exp3.yaml",
         (*_fixed(alpha_air=0.0, alpha_clamp=1.0e8), f"stages.thermal.free=[{', '.join(_THERMAL)}]"), "exp3", _THERMAL_ONLY,

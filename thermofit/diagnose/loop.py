@@ -85,7 +85,6 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         sharp = _sharpened(here, first, how)
         if sharp is not None:
             first, here, fit, refit, numerical = sharp
-            first = here if first is here else retraced(first)
         here = retraced(here)
         first = first if accepted else here
         trials: list[Trial] = []
@@ -121,7 +120,11 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
     parameters, fit = sharp.nearby(case.parameters, "error of the force")
     now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
-    begin = now if here is first else traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
+    if here is first:
+        return now, now, fit, sharp.refit, sharp.numerical
+    begin = traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
+    # What was found first was found where nothing was hidden: only the error there is told again.
+    begin = replace(begin, ranking=first.ranking, proofs=first.proofs, settings=first.settings, warmed=first.warmed)
     return begin, now, fit, sharp.refit, sharp.numerical
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case
+from thermofit.diagnose.case import Case, Sharper
 from thermofit.diagnose.loop import before_after, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
 from thermofit.effects.catalogue import effect
@@ -123,3 +125,46 @@ def test_an_effect_that_does_not_stand_off_neutral_is_refused() -> None:
     found = closed(2, **{"ir_drift.rate": 1e-3})
     later = [row for r in found.rounds[1:] for row in ranking_rows(r.traced)]
     assert later and all(row["remark"] for row in later)
+
+
+def with_gain_as_noise(case: Case, near: float) -> tuple[Case, list[float]]:
+    """A case that takes an error of the gain for noise once the drift is known to `near` K/s, and the drifts at which it was asked."""
+    planted = case.model
+    (plain_one,) = planted.comparisons
+    asked: list[float] = []
+    column = plain_one.residual(np.repeat(field(BASE)[:, :, None] - 297.0, 1, axis=2))
+    sharp_model = replace(planted, comparisons=(plain_one.blurred(1e-3 * column[:, None]),))
+
+    def sharper(parameters: Parameters) -> Sharper | None:
+        asked.append(parameters["ir_drift.rate"])
+        if abs(parameters["ir_drift.rate"] - 0.02) > near:
+            return None
+        fit = refitting(sharp_model)
+        return Sharper(sharp_model, None, fit, fit, np.zeros(plain_one.n))
+
+    return replace(case, sharper=sharper), asked
+
+
+def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -> None:
+    """Not before the drift is in; then once, with the error at first told again by that problem, and the ranking as it was at first."""
+    case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), 1e-3)
+    parameters, fit = refitting(case.model)(case.parameters, "joint")
+    plain_end = close_loop(replace(case, parameters=parameters, sharper=None), fit, refitting(case.model), 3, None)
+    found = close_loop(replace(case, parameters=parameters), fit, refitting(case.model), 3, None)
+    assert found.accepted == plain_end.accepted == ("ir_drift",)
+    assert len(asked) == 2 and asked[0] == 0.0 and asked[1] == pytest.approx(0.02, rel=0.05)
+    sharp_model = found.last.case.model
+    assert found.last.case.sharper is None and sharp_model is not case.model and found.first.case.model is sharp_model
+    np.testing.assert_allclose(found.first.columns.residual, sharp_model.residual(parameters))
+    assert found.first.ranking is found.rounds[0].traced.ranking and found.numerical is not None
+    assert (
+        found.refit is not None
+        and found.last.columns.residual @ found.last.columns.residual < found.first.columns.residual @ found.first.columns.residual
+    )
+
+
+def test_the_loop_stays_with_the_plain_problem_where_it_is_never_near() -> None:
+    case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), -1.0)
+    parameters, fit = refitting(case.model)(case.parameters, "joint")
+    found = close_loop(replace(case, parameters=parameters), fit, refitting(case.model), 3, None)
+    assert found.accepted == ("ir_drift",) and len(asked) == 2 and found.last.case.model is case.model and found.numerical is None

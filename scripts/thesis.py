@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def carry_out(sections: Sequence[str], place: Place, jobs: int) -> None:
     """Carry out the runs of the sections, and keep how long that took."""
-    runs, begin = chosen(sections), time.perf_counter()
+    runs, begin = chosen(sections, place.mesh), time.perf_counter()
     anew = not any((place.dir_of(run.name) / COST).exists() for run in runs)
     spent = cpu_of(runs, place)
     execute(runs, place, jobs, lambda line: print(line, flush=True))

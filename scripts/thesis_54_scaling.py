@@ -64,7 +64,10 @@ def scaling(place: Place) -> list[str]:
 def coupled_sentence(place: Place) -> str:
     """Where the fully coupled searches of model 1 end, said from their records."""
     if not place.has(COUPLED, "gridsearch"):
-        return "The fully coupled search of model 1 with cooling has not been carried out on this mesh yet."
+        return (
+            "The fully coupled search of model 1 with cooling is carried out with `MESH=full` alone: more than forty coupled runs for each "
+            "of four starts."
+        )
     record = place.record(COUPLED, "gridsearch")
     best = best_of(record)
     share = 1.0 - best["c0"] / effective(best)

@@ -44,6 +44,8 @@ class Run:
     settings: tuple[str, ...] = ()
     after: str = ""
     commands: tuple[tuple[str, ...], ...] = _WHOLE
+    only: str = ""
+    """The one mesh of `MESHES` for which it is carried out; empty: all."""
 
 
 def _fixed(**values: float) -> tuple[str, ...]:
@@ -55,8 +57,8 @@ AIR = (296.70, 296.80, 297.00, 297.20, 297.30, 297.50, 297.60, 297.80)
 _MODEL_1 = ("model=1", "parameters.beta={start: 1.0, bounds: [0.0, 50.0]}")
 """The bounds (4.25) of beta are those of model 2."""
 _MODEL_2 = ("model=2", "parameters.beta={start: 1.0, bounds: [0.0, 6.92]}")
-_COUPLED = ("mesh={n_x: 3, n_y: 20, n_z: 1}", "stages.thermal.coupling=full", "stages.thermal.max_evaluations=40")
-"""Every evaluation is a coupled run: on a rough mesh, and not for ever along the valley."""
+_COUPLED = ("mesh={n_x: 3, n_y: 20, n_z: 1}", "stages.thermal.coupling=full", "stages.thermal.max_evaluations=120")
+"""Every evaluation is a coupled run: on a rough mesh. The way along the valley is long: 40 of them do not suffice."""
 _FOUR = (
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 1.0}",
     "{alpha_exp: 23.0e-6, kappa: 200.0, c0: 2.43, beta: 0.1}",
@@ -136,7 +138,7 @@ RUNS = (
     Run("exp2-model-1", "5.4", "exp2.yaml", _MODEL_1, "exp2"),
     Run("exp1-model-2", "5.4", "exp1-models.yaml", _MODEL_2, "exp1-models"),
     Run("exp3-air", "5.5", "exp3.yaml", ("sensitivity.quantity=theta_air", f"sensitivity.values={list(AIR)}"), "exp3", (("sensitivity",),)),
-    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch", "--jobs", "1"),)),
+    Run("exp2-model-1-coupled", "5.4", "exp2.yaml", (*_MODEL_1, *_COUPLED), "exp2-model-1", (("gridsearch", "--jobs", "1"),), "full"),
     Run(
         "exp3-isothermal", "5.5", "exp3.yaml",
         (*_fixed(alpha_air=0.0, alpha_clamp=1.0e8), f"stages.thermal.free=[{', '.join(_THERMAL)}]"), "exp3", _THERMAL_ONLY,
@@ -193,10 +195,10 @@ def place_of(runs: Path, mesh: str) -> Place:
     return Place(runs.absolute() / f"thesis-{mesh}", mesh)
 
 
-def chosen(sections: Sequence[str]) -> tuple[Run, ...]:
-    """The runs of the named sections, and those that they take over."""
+def chosen(sections: Sequence[str], mesh: str = "full") -> tuple[Run, ...]:
+    """The runs of the named sections on a mesh, and those that they take over."""
     names = {other.name for run in RUNS if run.section in sections for other in (run, base_of(run))}
-    return tuple(run for run in RUNS if run.name in names)
+    return tuple(run for run in RUNS if run.name in names and run.only in ("", mesh))
 
 
 def execute(runs: Sequence[Run], place: Place, jobs: int, say: Callable[[str], None]) -> None:

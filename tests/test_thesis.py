@@ -125,6 +125,7 @@ def test_a_run_begins_behind_the_one_that_it_takes_over(scripts: Any) -> None:
     for run in runs.RUNS:
         assert not run.after or names.index(run.after) < names.index(run.name)
     assert {"exp3", "exp3-model-1"} <= {run.name for run in runs.chosen(["5.4"])}
+    assert {run.name for run in runs.chosen(["5.4"])} - {run.name for run in runs.chosen(["5.4"], "coarse")} == {"exp2-model-1-coupled"}
     for run in runs.RUNS:
         load_study(ROOT / "configs" / run.study, [f"mesh={'coarse'}", *run.settings])
 

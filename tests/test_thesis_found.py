@@ -33,7 +33,7 @@ def place(scripts: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     runs = scripts("thesis_runs")
     kept = os.environ.get("THERMOFIT_RUNS")
     where = runs.place_of(Path(kept) if kept else tmp_path_factory.mktemp("runs"), "coarse")
-    runs.execute(runs.RUNS, where, 2, print)
+    runs.execute(runs.chosen(list(runs.SECTIONS.values()), "coarse"), where, 2, print)
     return where
 
 

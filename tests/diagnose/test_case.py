@@ -36,6 +36,9 @@ def test_only_overstress_is_asked_beside_neutral() -> None:
     linearised(replace(case, scored=None))
     assert seen == 2 * [{n: v if n.startswith("rate_") else 0.0 for n, v in changed.items()}]
     assert seen[0]["rate_power.K"] > 0.0
+    both = (*known, effect("rate_logarithmic"))
+    linearised(replace(case, known=both, parameters=AT.replace(**{"rate_logarithmic.C": 0.01}).with_free(("rate_logarithmic.C",))))
+    assert seen[-1]["rate_power.K"] == 0.0, "an overstress that is on makes points flow; a second one may be more than the run bears"
 
 
 def test_scans_are_shares_of_the_largest_strain_of_the_test() -> None:

@@ -167,6 +167,11 @@ def feels_rate(effect: Effect, parameters: Parameters) -> bool:
     return bool(np.imag(found) != 0.0)
 
 
+def _beside_neutral(effect: Effect, case: Case) -> bool:
+    """Whether an effect is asked beside its neutral value: one of the overstress."""
+    return effect.amplitude.name not in case.instruments and feels_rate(effect, case.parameters)
+
+
 @dataclass(frozen=True)
 class Linearised:
     """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by.
@@ -185,7 +190,9 @@ def linearised(case: Case) -> Linearised:
     dormant = case.dormant()
     heated = [e for e in dormant if case.scored is not None and acts_in_heat(e)]
     coupled = [e for e in dormant if e not in heated]
-    tiny = {e.amplitude.name: _tiny(e) for e in coupled if e.amplitude.name not in case.instruments and feels_rate(e, case.parameters)}
+    # Where an overstress is on already, what rests flows by that one.
+    flows = any(feels_rate(e, case.parameters) for e in case.known if e not in dormant)
+    tiny = {} if flows else {e.amplitude.name: _tiny(e) for e in coupled if _beside_neutral(e, case)}
     felt = {e.name: _felt(e) for e in coupled}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))

@@ -80,9 +80,14 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     """Rounds until nothing is accepted, at most `max_effects` effects; `case` is at its optimum `fit`."""
     rounds: list[Round] = []
     accepted: list[str] = []
+    remarks: list[str] = []
     here = first = traced(case, numerical, how)
     while True:
-        sharp = _sharpened(here, first, how)
+        try:
+            sharp = _sharpened(here, first, how)
+        except NumericsError as error:
+            sharp, here = None, replace(here, case=replace(here.case, sharper=None))
+            remarks.append(f"the force is taken as exact to the end: a run of the problem that knows its error failed ({error})")
         if sharp is not None:
             first, here, fit, refit, numerical = sharp
         here = retraced(here)
@@ -94,7 +99,10 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             for score in candidates(here):
                 if winner is not None and not case.cheap and not _rivals(here, score.effect, best):
                     break
-                trial, found = _tried(here, fit, score, refit, numerical, how)
+                try:
+                    trial, found = _tried(here, fit, score, refit, numerical, how)
+                except NumericsError as error:
+                    trial, found = Trial(score, None, score.estimate, {}, 0.0, f"a run that judges it failed: {error}"), None
                 trials.append(trial)
                 if found is not None and (winner is None or trial.gain > best):
                     winner, best = (*found, score.effect), trial.gain
@@ -108,7 +116,9 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         if not _still_needed(here, name):
             here, fit = _without(here, name, refit, numerical, how)
             dropped.append(name)
-    return Closed(tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical)
+    return Closed(
+        tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical, tuple(remarks)
+    )
 
 
 def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:

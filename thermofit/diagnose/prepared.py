@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.artefact import open_record
-from thermofit.core.errors import UntrustworthyError
+from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
@@ -17,7 +17,7 @@ from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.diagnose.case import Case, Sharper, slots_of
 from thermofit.diagnose.elsewhere import Elsewhere
-from thermofit.diagnose.errors_told import explains_nothing, told
+from thermofit.diagnose.errors_told import Told, explains_nothing, told
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.refit import JointFit
@@ -100,9 +100,8 @@ class _Joint:
     parts: Joint | JointSeveral | None = None
     plain: Joint | JointSeveral | None = None
     """The problem of a body before its errors were told."""
-    whole: Joint | JointSeveral | None = None
-    """The problem that knows the error of its force, also where the model is too far from the data to use that."""
-    far: bool = False
+    errors: Told | None = None
+    """Its errors, told at the optimum of the stages."""
     rows: Rows | None = None
     elsewhere: tuple[Elsewhere, ...] = ()
 
@@ -129,7 +128,7 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
 
 def _unknown_force(study: Study, joint: _Joint) -> tuple[str, ...]:
     """A remark where the error of a prescribed force is not known."""
-    if joint.whole is None or joint.whole.knows_force_error or study.force.drives != "force":
+    if joint.errors is None or joint.errors.whole.knows_force_error or study.force.drives != "force":
         return ()
     again = f"thermofit interpolate {study.source.name} --force"
     return (f"the force is taken as exact: interpolate.h5 holds no error of it ({again} adds that to a record of an earlier version)",)
@@ -138,14 +137,20 @@ def _unknown_force(study: Study, joint: _Joint) -> tuple[str, ...]:
 def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper | None] | None:
     """The problem that knows the error of the force, which was taken as exact, where that could explain what the residual shows of it. The
     errors are told again at the parameters at hand: an effect that was added brings gradients of its own."""
-    plain, whole = joint.plain, joint.whole
-    if plain is None or whole is None or not joint.far:
+    plain, first = joint.plain, joint.errors
+    if plain is None or first is None or not first.far:
         return None
 
     def sharp(parameters: Parameters) -> Sharper | None:
-        if explains_nothing(whole, parameters):
+        found = first
+        if explains_nothing(first.whole, parameters):
             return None
-        found = told(plain, parameters)
+        try:
+            found = told(plain, parameters)
+        except NumericsError as error:
+            refit.failures.append(
+                f"errors of mesh and force: a run that tells them failed, those of the stages' optimum are kept ({error})"
+            )
         fitting = replace(refit, model=found.whole.model, parts=found.whole)
         return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole, fitting.heated)
 
@@ -205,8 +210,7 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
         size,
         found.parts,
         plain,
-        found.whole,
-        found.far,
+        found,
         elsewhere=bodies_elsewhere(study, size, free, base),
     )
 
@@ -234,8 +238,7 @@ def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
         size,
         found.parts,
         plain,
-        found.whole,
-        found.far,
+        found,
         joined_rows({name: part.model for name, part in plain.parts.items()}, spans),
         bodies_elsewhere(study, size, free, base),
     )

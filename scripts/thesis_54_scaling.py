@@ -65,8 +65,8 @@ def coupled_sentence(place: Place) -> str:
     """Where the fully coupled searches of model 1 end, said from their records."""
     if not place.has(COUPLED, "gridsearch"):
         return (
-            "The fully coupled search of model 1 with cooling is carried out with `MESH=full` alone: more than forty coupled runs for each "
-            "of four starts."
+            "The fully coupled search of model 1 with cooling is carried out with `MESH=full` alone: every evaluation of its four starts "
+            "is a coupled run."
         )
     record = place.record(COUPLED, "gridsearch")
     best = best_of(record)

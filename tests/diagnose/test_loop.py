@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Sharper
-from thermofit.diagnose.loop import before_after, close_loop, ranking_rows
+from thermofit.diagnose.loop import Closed, Refit, _rivals, before_after, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
+from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.covariance import covariance
 from thermofit.fit.minimise import minimise
@@ -59,7 +62,7 @@ def case_of(seed: int, **planted: float) -> Case:
     return Case(model, BASE.with_free(("kappa", "c0")), KNOWN, spans, instruments)
 
 
-def refitting(model: StageModel):  # type: ignore[no-untyped-def]
+def refitting(model: StageModel) -> Refit:
     def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         names = start.free
         problem = Problem(
@@ -73,19 +76,20 @@ def refitting(model: StageModel):  # type: ignore[no-untyped-def]
         )
         fit = minimise(problem, "least-squares", Settings(f_tolerance=0.01))
         spread = covariance(fit.jacobian, fit.residual, names, fit.at_bound)
-        from dataclasses import replace
-
         return start.with_vector(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
 
     return refit
 
 
-def closed(seed: int, **planted: float):  # type: ignore[no-untyped-def]
-    case = case_of(seed, **planted)
-    refit = refitting(case.model)
-    parameters, fit = refit(case.parameters, "joint")
-    here = Case(case.model, parameters, case.known, case.spans, case.instruments)
-    return close_loop(here, fit, refit, 3, None)
+def settled(case: Case) -> tuple[Case, FitResult]:
+    """A case at the optimum of its model."""
+    parameters, fit = refitting(case.model)(case.parameters, "joint")
+    return replace(case, parameters=parameters), fit
+
+
+def closed(seed: int, **planted: float) -> Closed:
+    case, fit = settled(case_of(seed, **planted))
+    return close_loop(case, fit, refitting(case.model), 3, None)
 
 
 def test_nothing_is_added_where_nothing_is_missing() -> None:
@@ -148,14 +152,14 @@ def with_gain_as_noise(case: Case, near: float) -> tuple[Case, list[float]]:
 def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -> None:
     """Not before the drift is in; then once, with the error at first told again by that problem, and the ranking as it was at first."""
     case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), 1e-3)
-    parameters, fit = refitting(case.model)(case.parameters, "joint")
-    plain_end = close_loop(replace(case, parameters=parameters, sharper=None), fit, refitting(case.model), 3, None)
-    found = close_loop(replace(case, parameters=parameters), fit, refitting(case.model), 3, None)
+    case, fit = settled(case)
+    plain_end = close_loop(replace(case, sharper=None), fit, refitting(case.model), 3, None)
+    found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == plain_end.accepted == ("ir_drift",)
     assert len(asked) == 2 and asked[0] == 0.0 and asked[1] == pytest.approx(0.02, rel=0.05)
     sharp_model = found.last.case.model
     assert found.last.case.sharper is None and sharp_model is not case.model and found.first.case.model is sharp_model
-    np.testing.assert_allclose(found.first.columns.residual, sharp_model.residual(parameters))
+    np.testing.assert_allclose(found.first.columns.residual, sharp_model.residual(case.parameters))
     assert found.first.ranking is found.rounds[0].traced.ranking and found.numerical is not None
     assert (
         found.refit is not None
@@ -165,6 +169,81 @@ def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -
 
 def test_the_loop_stays_with_the_plain_problem_where_it_is_never_near() -> None:
     case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), -1.0)
-    parameters, fit = refitting(case.model)(case.parameters, "joint")
-    found = close_loop(replace(case, parameters=parameters), fit, refitting(case.model), 3, None)
+    case, fit = settled(case)
+    found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == ("ir_drift",) and len(asked) == 2 and found.last.case.model is case.model and found.numerical is None
+
+
+DRIFTING = {"ir_drift.rate": 0.02}
+
+
+def test_an_effect_whose_judgement_fails_is_refused_with_the_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run at the end of its refit has no solution: the loop says so and goes on."""
+
+    def failing(case: Case, *rest: Any) -> Traced:
+        if case.parameters["ir_drift.rate"] != 0.0:
+            raise NumericsError("no equilibrium at 12 s")
+        return traced(case, *rest)
+
+    monkeypatch.setattr("thermofit.diagnose.loop.traced", failing)
+    found = closed(5, **DRIFTING)
+    (trial,) = [t for t in found.rounds[0].trials if t.score.effect == "ir_drift"]
+    assert trial.refused == "a run that judges it failed: no equilibrium at 12 s" and trial.proof is None
+    assert "ir_drift" not in found.accepted
+
+
+def test_the_loop_goes_on_where_the_error_of_the_force_cannot_be_told() -> None:
+    case, fit = settled(case_of(5, **DRIFTING))
+    asked: list[Parameters] = []
+
+    def failing(parameters: Parameters) -> Sharper:
+        asked.append(parameters)
+        raise NumericsError("the finer run failed")
+
+    found = close_loop(replace(case, sharper=failing), fit, refitting(case.model), 3, None)
+    assert found.accepted == ("ir_drift",) and len(asked) == 1 and found.last.case.model is case.model
+    (said,) = found.remarks
+    assert said.startswith("the force is taken as exact to the end") and "the finer run failed" in said
+
+
+def test_the_loop_goes_on_where_the_motion_cannot_be_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(here: Traced) -> Traced:
+        raise NumericsError("step 3 does not converge")
+
+    monkeypatch.setattr("thermofit.diagnose.loop.retraced", failing)
+    found = closed(5, **DRIFTING)
+    assert found.accepted == ("ir_drift",) and len(found.remarks) == len(found.rounds)
+    assert all("no effect was judged on the known motion" in said and "step 3" in said for said in found.remarks)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_fails(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
+    monkeypatch.setattr("thermofit.diagnose.loop._still_needed", lambda *_: False)
+    case, fit = settled(case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0}))
+    refit = refitting(case.model)
+
+    def failing(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        if fails and label.startswith("without"):
+            raise NumericsError("no start can be run")
+        return refit(start, label)
+
+    found = close_loop(case, fit, failing, 3, None)
+    first, second = (r.accepted for r in found.rounds[:2])
+    assert {first, second} == {"ir_drift", "ir_emissivity"}
+    if fails:
+        assert found.accepted == (first, second) and found.dropped == ()
+        (said,) = found.remarks
+        assert said == f"{first} is no longer needed, but stays in: the fit without it failed (no start can be run)"
+    else:
+        assert found.accepted == (second,) and found.dropped == (first,) and found.remarks == ()
+    assert all(
+        (effect(str(name)).amplitude.name in found.last.case.parameters.free) is (name in found.accepted) for name in (first, second)
+    )
+
+
+def test_an_effect_is_a_rival_while_its_linearised_gain_may_exceed_what_was_gained() -> None:
+    here = traced(settled(case_of(5, **DRIFTING))[0])
+    (one,) = (name for name in here.proofs if name == "ir_drift")
+    gain, sigma = here.proofs[one].gain, here.proofs[one].sigma
+    assert sigma > 0.0
+    assert _rivals(here, one, gain + 1.9 * sigma) and not _rivals(here, one, gain + 2.1 * sigma)

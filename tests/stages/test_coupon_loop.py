@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 import yaml
-from test_coupon_chain import FIXED, MECHANICAL, call, record, write_record
+from pulled import HEAT, pulled_study
+from test_coupon_chain import MECHANICAL, call
 
 ROOT = Path(__file__).resolve().parents[2]
 Loop = Callable[..., dict[str, Any]]
@@ -20,29 +21,7 @@ Loop = Callable[..., dict[str, Any]]
 @pytest.fixture
 def pulled(tmp_path: Path) -> Path:
     """A study on one monotonic virtual record with temperature, whose model has no thermal expansion."""
-    write_record(tmp_path / "pull.csv", [(0.0, 0.0), (50.0, 0.03), (58.0, 0.027), (75.0, 0.03), (80.0, 0.05)], 23.0, 1)
-    tree = {
-        "name": "pulled",
-        "run_dir": str(tmp_path / "run"),
-        "model": 1,
-        "coupon": {"records": [record("pull", 23.0)]},
-        "parameters": {
-            "E": {"start": 190e3, "bounds": [1e5, 3e5]},
-            "M_y0": {"start": 300.0, "bounds": [50.0, 1000.0]},
-            "M_yinf": {"start": 580.0, "bounds": [100.0, 2000.0]},
-            "H_exp": {"start": 12.0, "bounds": [0.1, 100.0]},
-            "beta": {"start": 0.8, "bounds": [0.0, 5.0]},
-            "tau": {"start": 45.0, "bounds": [1.0, 1e5]},
-            "lag": {"start": 0.6, "bounds": [0.0, 20.0]},
-            "alpha_exp": 0.0,
-            **FIXED,
-        },
-        "stages": {"thermal": {"free": ["beta", "tau", "lag"], "channels": {"dtheta": {}}}},
-        "diagnosis": {"max_effects": 1, "channels": ["dtheta"], "free": ["beta", "tau", "lag", "theta_air"]},
-    }
-    path = tmp_path / "pulled.yaml"
-    path.write_text(yaml.safe_dump(tree), encoding="utf-8")
-    return path
+    return pulled_study(tmp_path, (*HEAT, "theta_air"), alpha_exp=0.0)
 
 
 def test_two_effects_of_one_family_are_not_freed_together(pulled: Path) -> None:

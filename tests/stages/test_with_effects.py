@@ -8,39 +8,19 @@ from typing import Any
 
 import pytest
 import yaml
-from test_coupon_chain import FIXED, call, record, write_record
+from pulled import HEAT, pulled_study
+from test_coupon_chain import call, record, write_record
 
 from thermofit.core.study import load_study
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.study_with_effects import study_text
 
-CORNERS = [(0.0, 0.0), (50.0, 0.03), (58.0, 0.027), (75.0, 0.03), (80.0, 0.05)]
-
 
 @pytest.fixture
 def looped(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
     """A coupon pulled, unloaded and pulled on, whose model does not expand; a second record that no fit sees. After `close-loop`."""
-    write_record(tmp_path / "pull.csv", CORNERS, 23.0, 1)
     write_record(tmp_path / "other.csv", [(0.0, 0.0), (30.0, 0.02), (38.0, 0.016), (60.0, 0.04)], 25.0, 2)
-    tree = {
-        "name": "pulled",
-        "model": 1,
-        "coupon": {"records": [record("pull", 23.0), {**record("other", 25.0), "held_out": True}]},
-        "parameters": {
-            "E": {"start": 190e3, "bounds": [1e5, 3e5]},
-            "M_y0": {"start": 300.0, "bounds": [50.0, 1000.0]},
-            "M_yinf": {"start": 580.0, "bounds": [100.0, 2000.0]},
-            "H_exp": {"start": 12.0, "bounds": [0.1, 100.0]},
-            "beta": {"start": 0.8, "bounds": [0.0, 5.0]},
-            "tau": {"start": 45.0, "bounds": [1.0, 1e5]},
-            "lag": {"start": 0.6, "bounds": [0.0, 20.0]},
-            **FIXED,
-        },
-        "stages": {"thermal": {"free": ["beta", "tau", "lag"], "channels": {"dtheta": {}}}},
-        "diagnosis": {"max_effects": 1, "channels": ["dtheta"], "free": ["beta", "tau", "lag"]},
-    }
-    path = tmp_path / "pulled.yaml"
-    path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    path = pulled_study(tmp_path, HEAT, ({**record("other", 25.0), "held_out": True},))
     result = call("close-loop", path, "--run-dir", tmp_path / "run", "--set", "parameters.alpha_exp=0", "--json")
     assert result.exit_code in (0, 5), result.output
     return tmp_path / "run" / "with-effects.yaml", dict(json.loads(result.stdout))

@@ -47,8 +47,7 @@ class HeatFit:
 @dataclass(frozen=True)
 class Sharper:
     """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, also from
-    close to its optimum, the error (n,) of the mesh that is left in its residual, and how to
-    fit the temperatures alone."""
+    close to its optimum, the error (n,) of the mesh that is left in its residual, and how to fit the temperatures alone."""
 
     model: StageModel
     scored: Scored | None

@@ -50,11 +50,11 @@ def _own(parameters: Parameters, name: str) -> Parameters:
 
 
 def _chosen(parts: Joint | JointSeveral, left: np.ndarray, exact: np.ndarray, found: list[Discretised], parameters: Parameters) -> Told:
-    far = explains_nothing(parts, parameters)
+    far = too_far(parts, parameters)
     strain = max(one.largest_strain for one in found)
     return Told(parts.without_force_error() if far else parts, exact if far else left, parts, left, strain, far)
 
 
-def explains_nothing(parts: Joint | JointSeveral, parameters: Parameters) -> bool:
+def too_far(parts: Joint | JointSeveral, parameters: Parameters) -> bool:
     """Whether a model misses more at given parameters than the error of its prescribed force could explain."""
     return parts.knows_force_error and parts.force_misfit(parameters) > FAR

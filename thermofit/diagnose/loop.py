@@ -90,7 +90,10 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             remarks.append(f"the force is taken as exact to the end: a run of the problem that knows its error failed ({error})")
         if sharp is not None:
             first, here, fit, refit, numerical = sharp
-        here = retraced(here)
+        try:
+            here = retraced(here)
+        except NumericsError as error:
+            remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
         first = first if accepted else here
         trials: list[Trial] = []
         winner: tuple[Traced, FitResult, str] | None = None
@@ -114,8 +117,11 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     dropped = []
     for name in accepted[:-1]:
         if not _still_needed(here, name):
-            here, fit = _without(here, name, refit, numerical, how)
-            dropped.append(name)
+            try:
+                here, fit = _without(here, name, refit, numerical, how)
+                dropped.append(name)
+            except NumericsError as error:
+                remarks.append(f"{name} is no longer needed, but stays in: the fit without it failed ({error})")
     return Closed(
         tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical, tuple(remarks)
     )

@@ -17,7 +17,7 @@ from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.diagnose.case import Case, Sharper, slots_of
 from thermofit.diagnose.elsewhere import Elsewhere
-from thermofit.diagnose.errors_told import Told, explains_nothing, told
+from thermofit.diagnose.errors_told import Told, told, too_far
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.refit import JointFit
@@ -143,7 +143,7 @@ def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper |
 
     def sharp(parameters: Parameters) -> Sharper | None:
         found = first
-        if explains_nothing(first.whole, parameters):
+        if too_far(first.whole, parameters):
             return None
         try:
             found = told(plain, parameters)

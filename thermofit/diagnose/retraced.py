@@ -107,7 +107,7 @@ def _shown(here: Traced) -> np.ndarray:
 
 
 def _refitted(here: Traced, score: Score, fit: HeatFit, before: np.ndarray) -> _End | None:
-    """An effect refitted on the known motion; None where no start can be run."""
+    """An effect refitted on the known motion; None where no start can be run, which the fit notes among its failures."""
     start = with_effect(here.case.parameters, score.effect, {**score.estimate, **here.settings.get(score.effect, {})})
     try:
         parameters = fit.minimised(start, f"{score.effect} on the known motion")
@@ -180,8 +180,9 @@ def missed(there: Traced, name: str, fit: FitResult) -> float:
     """Standard errors by which the temperatures miss an effect that is on, once everything else is fitted again on the motion of `there`.
 
     A drift acts through a film: the data know the product with the film's coefficient, and the quotient has no standard error of its own
-    that says how far it is from nothing. Zero where temperatures do not show the effect. `fit`: the one that gave its parameters, with its
-    standard errors, which hold how the noise hangs together.
+    that says how far it is from nothing. Zero where temperatures do not show the effect, or where no start without it can be run, which the
+    fit notes among its failures. `fit`: the one that gave its parameters, with its standard errors, which hold how the noise hangs
+    together.
     """
     names, amplitudes = effect(name).names, tuple(p.name for p in effect(name).amplitudes)
     parameters = there.case.parameters

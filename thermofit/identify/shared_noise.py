@@ -47,21 +47,25 @@ class SharedNoise:
 
     def innovations(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals (n_i, ...), each whitened on its own, without what those before tell of the common errors."""
-        out, mean = list(parts), None
-        for place, one in self.shown.items():
-            if mean is not None:
-                out[place] = out[place] - one.columns @ (one.modes.T @ mean)
-            told = one.gain @ (one.basis.T @ out[place])
-            mean = told if mean is None else mean + told
-        return out
+        found, _ = self._filtered(dict(enumerate(parts)))
+        return [found.get(place, part) for place, part in enumerate(parts)]
 
     def told(self, parts: Mapping[int, np.ndarray]) -> np.ndarray:
         """Mean (k,) of the common errors after the first comparisons, of which the whitened residuals (n_i,) are given by place."""
-        mean = np.zeros(len(next(iter(self.shown.values())).modes))
+        _, mean = self._filtered(parts)
+        return mean
+
+    def _filtered(self, parts: Mapping[int, np.ndarray]) -> tuple[dict[int, np.ndarray], np.ndarray]:
+        """Innovations (n_i, ...) of the comparisons that show common errors and of which the residuals are given by place, and the mean
+        (k, ...) of these errors after them."""
+        first = next(iter(self.shown.values()))
+        mean = np.zeros((len(first.modes), *next(iter(parts.values())).shape[1:]))
+        found = {}
         for place in (p for p in self.shown if p in parts):
             one = self.shown[place]
-            mean = mean + one.gain @ (one.basis.T @ (parts[place] - one.columns @ (one.modes.T @ mean)))
-        return mean
+            found[place] = parts[place] - one.columns @ (one.modes.T @ mean)
+            mean = mean + one.gain @ (one.basis.T @ found[place])
+        return found, mean
 
     def given(self, mean: np.ndarray, places: Mapping[int, int]) -> Given:
         """What is left of the common errors in the comparisons at `places` (old: new), where the others told their mean (k,)."""

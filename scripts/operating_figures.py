@@ -66,8 +66,8 @@ class Driver:
 DRIVERS = {
     "point": Driver(
         cast(Tests, operating_point),
-        tuple(range(340, 380)),
-        tuple(range(60, 64)),
+        tuple(range(600, 640)),
+        tuple(range(70, 74)),
         (
             *("second_hardening", "rate_logarithmic", "thermal_softening", "yield_plateau", "stored_energy", "backstress_first"),
             *("elastic_degradation", "linear_hardening", "ir_drift", "ir_gain", "ir_clock", "ir_lag"),
@@ -76,8 +76,8 @@ DRIVERS = {
     ),
     "body": Driver(
         operating_body.SMALL,
-        tuple(range(420, 440)),
-        tuple(range(60, 62)),
+        tuple(range(640, 660)),
+        tuple(range(74, 76)),
         (
             *("rate_logarithmic", "thermal_softening", "lamp", "air_drift", "clamp_drift", "initial_gradient", "latent_heat"),
             *("ir_drift", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending"),

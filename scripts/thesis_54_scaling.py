@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from thesis_before import before
 from thesis_printed import TABLE_5_10, TABLE_5_14, TABLE_5_15
 from thesis_read import percent
 from thesis_runs import Place
@@ -72,8 +73,8 @@ def coupled_sentence(place: Place) -> str:
     best = best_of(record)
     share = 1.0 - best["c0"] / effective(best)
     return (
-        f"Fully coupled, as the thesis searches (on a mesh of {COUPLED_MESH}, because every evaluation is a coupled run), the program "
-        "says: "
+        f"Searched fully coupled, as in the thesis, on a mesh of {COUPLED_MESH}, because every evaluation is a coupled run. "
+        f"{before(place, f'before-{COUPLED}')} Of the search it says: "
         f"{record.summary['verdict']}. At its best optimum 9 K alpha_exp^2 theta is {percent(share)} of the heat capacity; in Table 5.14 "
         "it is all "
         "of it."

@@ -147,10 +147,19 @@ def test_default_tolerance_is_enough_for_a_fit() -> None:
         assert np.all(error < tolerance), (field, dict(zip(BODY, error, strict=True)))
 
 
-def test_default_tolerance_is_enough_where_expansion_takes_half_of_the_heat() -> None:
-    """9 K alpha^2 theta_0 = c0, where a search along the valley of model 1 ends, not 4 % of it as in aluminium: against central
-    differences, with steps of 2 s."""
-    strong = {"alpha_exp": 2.5e-4, "kappa": 1460.0, "c0": 11.5, "beta": 4.0}
+STRONG_COUPLING = {
+    "a twelfth": {"alpha_exp": 6e-5, "kappa": 500.0, "c0": 7.8, "beta": 3.0},
+    "half": {"alpha_exp": 2.5e-4, "kappa": 1460.0, "c0": 11.5, "beta": 4.0},
+    "most": {"alpha_exp": 3.57e-4, "kappa": 2240.0, "c0": 3.8, "beta": 16.0},
+    "nearly all": {"alpha_exp": 4.2e-4, "kappa": 2650.0, "c0": 0.05, "beta": 18.9},
+}
+"""Parts of the heat that expansion takes along the valley of model 1, in aluminium 4 %; the last is Table 5.14, with its c0 << 1."""
+
+
+@pytest.mark.parametrize("part", STRONG_COUPLING)
+def test_default_tolerance_is_enough_where_expansion_takes_much_of_the_heat(part: str) -> None:
+    """Against central differences, with steps of 2 s."""
+    strong = STRONG_COUPLING[part]
     times = np.array([0.0, 1.0, *np.arange(3.0, 26.0, 2.0), 30.0, 35.0, 36.0, *np.arange(37.0, 61.0, 2.0)])
 
     def run(sensitivities: Sensitivities | None = None, **changes: float) -> History:
@@ -160,11 +169,12 @@ def test_default_tolerance_is_enough_where_expansion_takes_half_of_the_heat() ->
     quick = Collected()
     run(Sensitivities(tuple(strong), quick.collect))
     for k, (name, value) in enumerate(strong.items()):
-        there, back = (run(**{name: (1.0 + x) * value}) for x in (2e-4, -2e-4))
+        h = 5e-4 * value
+        there, back = (run(**{name: value + x}) for x in (h, -h))
         for field in ("u", "theta"):
-            expected = (getattr(there, field) - getattr(back, field)) / (4e-4 * value)
+            expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
             error = np.linalg.norm(quick.field(field)[..., k] - expected)
-            assert error < 1e-2 * np.linalg.norm(expected), (name, field)
+            assert error < 3e-3 * np.linalg.norm(expected), (name, field)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda c: f"{c.control}-{c.coupling}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.fem.element import ElementData, element_data
-from thermofit.fem.heat import FacetData, capacity_matrices, conduction_matrices, facet_data, film_matrices
+from thermofit.fem.heat import FacetData, capacity_matrices, conduction_matrices, facet_data, film_matrices, swelling_matrices
 from thermofit.fem.linear import BandPattern, band_pattern, scatter, slots
 from thermofit.fem.mesh import Mesh, boundary_facets
 
@@ -32,6 +32,7 @@ class Body:
     thermal: BandPattern
     thermal_slot: np.ndarray
     capacity: np.ndarray
+    swelling: np.ndarray
     films: Mapping[str, FacetData]
     film_slot: Mapping[str, np.ndarray]
 
@@ -79,8 +80,9 @@ def tension_body(mesh: Mesh, *, control: str = "force", f_bar: bool = True, symm
     mechanical = band_pattern(element_equation, n_equations)
     thermal = band_pattern(mesh.hexes, mesh.n_nodes)
     thermal_slot = slots(thermal, mesh.hexes)
-    capacity = np.zeros(thermal.n_slots)
+    capacity, swelling = np.zeros(thermal.n_slots), np.zeros(thermal.n_slots)
     scatter(capacity_matrices(data), thermal_slot, capacity)
+    scatter(swelling_matrices(data), thermal_slot, swelling)
     return Body(
         mesh=mesh,
         data=data,
@@ -93,6 +95,7 @@ def tension_body(mesh: Mesh, *, control: str = "force", f_bar: bool = True, symm
         thermal=thermal,
         thermal_slot=thermal_slot,
         capacity=capacity,
+        swelling=swelling,
         films={name: facet_data(facets) for name, facets in mesh.facets.items()},
         film_slot={name: slots(thermal, facets) for name, facets in mesh.facets.items()},
     )

@@ -42,7 +42,7 @@ from thermofit.fem.heat_effect_rates import (
 )
 from thermofit.fem.heat_effects import Flow, Loads, Moment, about_middle, weighted_conduction
 from thermofit.fem.lanes import multiply_directions
-from thermofit.fem.linear import Factor
+from thermofit.fem.linear import Factor, multiply_symmetric
 from thermofit.fem.shape_rates import add_conduction_rates, add_film_rates
 from thermofit.material.law import Law, law_of
 from thermofit.material.law_rates import STEP, padded
@@ -192,7 +192,7 @@ def add_effect_sources(
 
 
 def heat_answer(body: Body, step: HeatStep, heat_rates: np.ndarray) -> np.ndarray:
-    """What `heat_step_rates` owes to the nodal heat (n_np, m) alone."""
+    """What `heat_step_rates` owes to the nodal heat (n_np, m) alone: R h, also of one nodal heat (n_np,) mJ."""
     gamma = GAMMA if len(step.stages) == 2 else 1.0
     return _through_stages(body, step, np.zeros_like(heat_rates), [gamma * heat_rates] * len(step.stages))
 
@@ -200,9 +200,10 @@ def heat_answer(body: Body, step: HeatStep, heat_rates: np.ndarray) -> np.ndarra
 def _through_stages(body: Body, step: HeatStep, start_rates: np.ndarray, supplies: Sequence[np.ndarray]) -> np.ndarray:
     """Rates (n_np, m) at the end of a step whose stages get the supplies (n_np, m) beside the heat stored at their start."""
     p, capacity = body.thermal, step.conditions.c0 * step.capacity
+    times = multiply_symmetric if start_rates.ndim == 1 else multiply_directions
     gamma, from_rates = GAMMA if len(step.stages) == 2 else 1.0, start_rates
     for supply in supplies:
-        right = multiply_directions(p.row, p.column, capacity, from_rates)
+        right = times(p.row, p.column, capacity, from_rates)
         right += supply
         theta_rates = np.ascontiguousarray(step.factor.solve(right))
         from_rates = start_rates + (1.0 - gamma) / gamma * (theta_rates - start_rates)

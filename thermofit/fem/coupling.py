@@ -9,6 +9,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.fem.body import Body, thermal_geometry
 from thermofit.fem.conduction import HeatConditions, HeatStep, heat_step, same_step, stored_heat
+from thermofit.fem.fixed_stress import STRONG, expansion_capacity, left_of
 from thermofit.fem.heat import heat_of_increment, smallest_dissipation
 from thermofit.fem.heat_effects import source_heat
 from thermofit.fem.history import Balance, State, point_history, top_displacement
@@ -24,13 +25,15 @@ class HeatOfStep:
     """Heat equation of the step from `start` to time t s, on whatever deformation and sources the mechanics has so far.
 
     Its geometry is formed on the first iterate and again where the body moved on. The temperature that goes back to the mechanics is
-    relaxed by c0 / (c0 + 9 K alpha^2 theta_0): free expansion at constant stress takes the rest of the heat (fixed-stress split).
+    relaxed by c0 / (c0 + 9 K alpha^2 theta_0): free expansion at constant stress takes the rest of the heat (fixed-stress split). Where
+    that rest is large, conduction counts as well (`fixed_stress`).
     """
 
     def __init__(self, body: Body, law: Law, conditions: HeatConditions, start: State, when: tuple[float, str]) -> None:
         self._t, self._scheme = when
         self._body, self._law, self._conditions, self._start = body, law_in_step(law, self._t - start.time), conditions, start
-        self._share = conditions.c0 / (conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
+        self._more = expansion_capacity(law)
+        self._share, self._strong = conditions.c0 / (conditions.c0 + self._more), self._more > STRONG * conditions.c0
         self._before = point_history(start.points, start.dilatation)
         self._length = float(np.ptp(body.mesh.nodes[:, 1]))
         self._u: np.ndarray | None = None
@@ -41,7 +44,13 @@ class HeatOfStep:
     def __call__(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, float]:
         """Temperature (n_np,) K for the mechanics after an iterate, and how far it still is from the heat equation's answer, K."""
         change = self.solve(u, points, dilatation, theta) - theta
-        return theta + self._share * change, float(np.max(np.abs(change)))
+        return theta + self._eased(change), float(np.max(np.abs(change)))
+
+    def _eased(self, change: np.ndarray) -> np.ndarray:
+        """The part of a change of temperature (n_np,) K that the mechanics is given."""
+        if not self._strong:
+            return np.asarray(self._share * change)
+        return left_of(self._body, self._solved, self._more, change)
 
     def solve(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Temperature (n_np,) at the end of the step; theta (n_np,) K is the latest estimate of it."""

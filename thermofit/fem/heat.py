@@ -55,6 +55,15 @@ def capacity_matrices(data: ElementData) -> np.ndarray:
     return out
 
 
+def swelling_matrices(data: ElementData) -> np.ndarray:
+    """int N_a dV int N_b dV / V of every element, (n_el, 8, 8) in mm^3: with F_bar its volume feels the mean of its temperature alone, and
+    what it takes for that is spread evenly. Without F_bar the capacity matrix."""
+    if data.f_bar != 1:
+        return capacity_matrices(data)
+    share = data.volume @ data.shape
+    return np.asarray(share[:, :, None] * share[:, None, :] / data.volume.sum(axis=1)[:, None, None])
+
+
 @kernel(parallel=True)
 def conduction_matrices(data: ElementData, u: np.ndarray, out: np.ndarray) -> None:
     """int grad N_a . J C^-1 . grad N_b dV of every element into out (n_el, 8, 8), mm: conduction for unit kappa."""

@@ -23,6 +23,7 @@ from thermofit.fem.body import LOADED, Body, ThermalGeometry
 from thermofit.fem.conduction import HeatConditions
 from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates, usual_change
 from thermofit.fem.extrapolation import lagrange
+from thermofit.fem.fixed_stress import STRONG, expansion_capacity, left_of
 from thermofit.fem.heat_rates import PointRates, SourceSlopes, add_dilatation_heat, heat_source_rates, source_law, source_slopes
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
@@ -46,8 +47,12 @@ _FORCE_SHARE = 4e-3
 _ELASTIC_SHARE = 2.0
 """So much more where no point flows: u' and J' alone take part in it, and the answer at the end of a sweep mends both."""
 _WEAK = 0.05
-"""Coupling 9 K alpha^2 theta_0 / c0, about that of metals, at which a sweep lessens what is left some thousand times. Of a stronger one
-less may be left, by its fourth power: a sweep lessens it by the square at best."""
+"""Ratio 9 K alpha^2 theta_0 / c0, about that of metals, at which a sweep lessens what is left some thousand times. Of a larger one less may
+be left, by its fourth power: a sweep lessens it by the square at best."""
+_STRONG_SHARE = 0.02
+"""Share of the tolerance where the ratio is `STRONG`, and both fields agree within each sweep but for what flow makes of it."""
+_LEFT = 1e-3
+"""Relative disagreement of both fields, per tolerance, at which the answers of a sweep end there."""
 _BORROWED = 0.2
 """Share of the tolerance where the factor is that of an earlier elastic step: its answers are less exact."""
 _NEGLIGIBLE = 1e-3
@@ -110,8 +115,10 @@ class Differentiator:
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
         self._parameter_scale[: len(asked.names)] = [usual_change(parameters, name) for name in asked.names]
-        self._coupling = 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref / law.c0
-        self._tolerance = asked.tolerance * (_WEAK / max(self._coupling, _WEAK)) ** 4
+        self._more = expansion_capacity(law)
+        self._coupling = self._more / law.c0
+        self._strong = self._coupling > STRONG and not one_way
+        self._tolerance = asked.tolerance * (_STRONG_SHARE if self._strong else (_WEAK / max(self._coupling, _WEAK)) ** 4)
 
     def collect(self, n: int, rates: Rates) -> None:
         """Hand the derivatives of recorded time n to the caller."""
@@ -162,9 +169,7 @@ class Differentiator:
             found = self._heat(start, (u, PointRates(dilatation, points)), theta, ends, slopes)
             size = self._change(found, theta)
             if self._exact_forces or np.any(size > min(_RESOLVED, tolerance)):
-                change = np.zeros_like(found) if self.one_way else found - felt
-                answer, series = self._answer(mechanics, ends, (u, dilatation), change)
-                found, felt = found + answer, felt + series * change
+                found, felt = self._agreed(mechanics, ends, (u, dilatation), found, felt)
                 size = self._change(found, theta)
             theta = found
             if np.all(size <= tolerance):
@@ -183,14 +188,37 @@ class Differentiator:
         scale = np.maximum(np.abs(found).max(axis=0), _NEGLIGIBLE / self._parameter_scale)
         return np.asarray(np.abs(found - theta).max(axis=0) / scale)
 
+    def _agreed(
+        self, mechanics: Linearised, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], found: np.ndarray, felt: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """theta' (n_np, m) by the heat equation and that which u' and J' of the end of a step (= end) have followed, after these followed;
+        the histories of the points do not. NumericsError where a strong coupling does not come to agree.
+        """
+        if not self._strong:
+            change = np.zeros_like(found) if self.one_way else found - felt
+            answer, followed = self._answer(mechanics, ends, end, change)
+            return found + answer, felt + followed
+        for _ in range(MAX_SWEEPS):
+            change = left_of(self.body, ends.step, self._more, found - felt)
+            answer, followed = self._answer(mechanics, ends, end, change)
+            found, felt = found + answer, felt + followed
+            self._loads[:] = 0.0  # what the first answer has balanced
+            if np.all(self._change(found, felt) <= _LEFT * self.asked.tolerance):
+                return found, felt
+        raise NumericsError(
+            f"sensitivities: expansion takes {self._coupling:.3g} times the heat that warms the body, and both fields still disagree after "
+            f"{MAX_SWEEPS} answers; check alpha_exp and c0"
+        )
+
     def _answer(
         self, mechanics: Linearised, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], change: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """u' and J' of the end of a step (= end) follow a change of theta' (n_np, m); the answer (n_np, m) of theta' to that, and the
-        multiple (m,) of the change that they have followed.
+        change that they have followed.
 
         The body swells with theta' and takes heat for it: c0 / (c0 + 9 K alpha^2 theta_0) is left of a change that is even over the body
-        and free to expand. The part of the answer that is in proportion to the change goes on as a geometric series.
+        and free to expand. The part of the answer that is in proportion to the change goes on as a geometric series; where it is large it
+        is left of the change already (`fixed_stress`).
         """
         (u, dilatation), swelling = end, self._swelling
         moved, warming = self._warm(mechanics, change)
@@ -201,12 +229,12 @@ class Differentiator:
             add_dilatation_heat(self.body.data, ends.after.dilatation, ends.middle, self.law, swelling, heat)
             answer = heat_answer(self.body, ends.step, heat)
         back = (answer * change).sum(axis=0) / np.maximum((change * change).sum(axis=0), 1e-300)
-        series = 1.0 / (1.0 + np.clip(-back, 0.0, self._coupling))
+        series = np.ones(self.m) if self._strong else 1.0 / (1.0 + np.clip(-back, 0.0, self._coupling))
         u += series * moved
         dilatation += series * swelling
         self._held = self._held + series * warming
         self._top_rate = self._top_rate + series * (warming + self._by_stiffness(mechanics, moved))
-        return np.asarray(series * answer), series
+        return np.asarray(series * answer), np.asarray(series * change)
 
     def _take_buffer(self, start: Rates) -> None:
         """The buffers of the new state: those that do not hold its start. Points that never yielded are not written, so that their zeros

@@ -31,6 +31,8 @@ ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "runs" / "operating_figures.jsonl"
 AMPLITUDES = (3.0, 10.0, 1.0)
 PAIRED = 6.0
+APART = 100
+"""Between the seeds of two kinds of runs."""
 
 
 class Tests(Protocol):
@@ -67,7 +69,7 @@ DRIVERS = {
     "point": Driver(
         cast(Tests, operating_point),
         tuple(range(600, 640)),
-        tuple(range(70, 74)),
+        tuple(range(1000, 1004)),
         (
             *("second_hardening", "rate_logarithmic", "thermal_softening", "yield_plateau", "stored_energy", "backstress_first"),
             *("elastic_degradation", "linear_hardening", "ir_drift", "ir_gain", "ir_clock", "ir_lag"),
@@ -77,7 +79,7 @@ DRIVERS = {
     "body": Driver(
         operating_body.SMALL,
         tuple(range(640, 660)),
-        tuple(range(74, 76)),
+        tuple(range(1000, 1002)),
         (
             *("rate_logarithmic", "thermal_softening", "lamp", "air_drift", "clamp_drift", "initial_gradient", "latent_heat"),
             *("ir_drift", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending"),
@@ -115,20 +117,22 @@ def run_one(driver: Driver, study: Study, folder: Path, planted: dict[str, float
 
 
 def plan(name: str, driver: Driver, smallest: dict[str, float]) -> list[dict[str, Any]]:
-    """All runs of a driver: nothing planted, every effect at every amplitude, pairs."""
+    """All runs of a driver: nothing planted, every effect at every amplitude, pairs. Each kind has noise of its own, so that what one noise
+    resembles by chance is not counted for all of them."""
     runs: list[dict[str, Any]] = [{"driver": name, "kind": "none", "planted": {}, "times": 0.0, "seed": seed} for seed in driver.nulls]
     for planted, times in ((e, t) for t in driver.amplitudes for e in driver.effects):
+        seeds = [seed + APART * driver.effects.index(planted) for seed in driver.seeds]
         if planted in smallest:
             p = effect(planted).amplitude
             value = p.neutral + np.sign(p.probe or 1.0) * times * smallest[planted]
             if p.lower <= value <= p.upper:
                 one = {"driver": name, "kind": planted, "planted": {p.name: value}, "times": times}
-                runs += [{**one, "seed": seed} for seed in driver.seeds]
-    for pair in driver.pairs:
+                runs += [{**one, "seed": seed} for seed in seeds]
+    for k, pair in enumerate(driver.pairs, start=len(driver.effects)):
         if all(e in smallest for e in pair):
             values = {effect(e).amplitude.name: effect(e).amplitude.neutral + PAIRED * smallest[e] for e in pair}
             one = {"driver": name, "kind": "+".join(pair), "planted": values, "times": PAIRED}
-            runs += [{**one, "seed": driver.seeds[0] + 100 + k} for k in range(4)]
+            runs += [{**one, "seed": driver.seeds[0] + APART * k + j} for j in range(4)]
     return sorted(runs, key=lambda run: run["times"] == 1.0)  # what is hardly detectable comes last
 
 

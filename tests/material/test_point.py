@@ -12,7 +12,7 @@ from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, la
 from scipy.linalg import logm, sqrtm
 from scipy.spatial.transform import Rotation
 
-from thermofit.material.law import Law, dissipated_energy, flow_stress, law_of, thermoelastic_heat
+from thermofit.material.law import Law, dissipated_energy, flow_stress, law_in_step, law_of, thermoelastic_heat
 from thermofit.material.point import ALPHA, ELASTIC, INVERTED, LAMBDA, NO_CONVERGENCE, PLASTIC
 
 HILL_PAIRS = {"L": (0, 1), "M": (1, 2), "N": (0, 2)}
@@ -73,6 +73,34 @@ def test_adiabatic_tension_is_the_reference(model: int) -> None:
         assert answer.stress[1, 1] == pytest.approx(table["P_adiab_MPa"][n], rel=5e-6)
     assert table["theta_adiabatic_K"][0] - theta_0 == pytest.approx(-0.36382, abs=1e-5)
     assert theta - theta_0 > 5.0
+
+
+OVERSTRESS = {
+    "logarithmic": {"rate_logarithmic.C": 0.006, "rate_logarithmic.reference": 1.0},
+    "power": {"rate_power.K": 10.0, "rate_power.m": 0.2, "rate_power.reference": 1.0},
+}
+
+
+@given(
+    kind=st.sampled_from(sorted(OVERSTRESS)),
+    log_reference=st.floats(-9.0, -1.0),
+    log_step=st.floats(-4.0, 1.5),
+    log_excess=st.floats(-9.0, -1.5),
+)
+def test_return_map_converges_at_every_rate_and_step(kind: str, log_reference: float, log_step: float, log_excess: float) -> None:
+    """At the onset of yield the overstress rises within reference rate times step, down to 1e-13 of Lambda."""
+    numbers = {name: 10.0**log_reference if name.endswith("reference") else value for name, value in OVERSTRESS[kind].items()}
+    law = law_in_step(law_of(NOMINAL.replace(**numbers), 2), 10.0**log_step)
+    onset = np.eye(3) + np.diag([-0.34, 1.0, -0.34]) * NOMINAL["M_y0"] / NOMINAL["E"]
+    c = onset.T @ onset
+    share = NOMINAL["M_y0"] / (law.mu * math.sqrt(float(np.sum(c * hill_tensor(law, c)))))
+    f = np.eye(3) + (onset - np.eye(3)) * share * (1.01 + 10.0**log_excess)
+    answer = update(f, law)
+    assert answer.status == PLASTIC
+    grown = answer.state[LAMBDA]
+    stress, _, _ = flow_stress(answer.state[ALPHA], grown, grown, 296.7, law)
+    c = answer.fp_inv.T @ f.T @ f @ answer.fp_inv
+    assert law.mu * math.sqrt(float(np.sum(c * hill_tensor(law, c)))) == pytest.approx(stress, rel=1e-9)
 
 
 @pytest.mark.parametrize("law", laws())

@@ -154,6 +154,11 @@ def yield_stress_at_rate(alpha: float, accumulated: float, rate: float, theta: f
     return (value + added_yield_stress(accumulated, rate, theta, law)) * yield_factor(accumulated, rate, theta, law)
 
 
+_NEAR, _SHARE = 1e-13, 1e-5
+"""Increment of Lambda over which the slope of effects is taken: absolute, and relative to that of the step. An overstress rises within
+rate times step, which is 1e-10 for slow rates and short steps; a longer reach takes too small a slope, and Newton goes to and fro."""
+
+
 @kernel(inline="always")
 def flow_stress(alpha: float, accumulated: float, d_lambda: float, theta: float, law: Law) -> tuple[float, float, float]:
     """Yield stress with all effects: (base + sum of terms) * product of factors, MPa, at the rate d_lambda / dt and theta K.
@@ -165,7 +170,7 @@ def flow_stress(alpha: float, accumulated: float, d_lambda: float, theta: float,
         return value, by_alpha, by_lambda
     rate = d_lambda * law.per_second
     total = (value + added_yield_stress(accumulated, rate, theta, law)) * yield_factor(accumulated, rate, theta, law)
-    h = 1e-7 + 1e-5 * d_lambda
+    h = _NEAR + _SHARE * d_lambda
     more, faster = accumulated + h, (d_lambda + h) * law.per_second
     factor = yield_factor(more, faster, theta, law)
     ahead = (value + by_lambda * h + added_yield_stress(more, faster, theta, law)) * factor

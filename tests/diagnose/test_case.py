@@ -47,3 +47,9 @@ def test_scans_are_shares_of_the_largest_strain_of_the_test() -> None:
     centres, widths = param("latent_heat.centre").scan, param("latent_heat.width").scan
     expected = {(0.4 * c, 0.4 * w) for c in centres for w in widths}
     assert {(s["latent_heat.centre"], s["latent_heat.width"]) for s in tried} == expected and len(tried) == 20
+
+
+def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:
+    assert [p.name.partition(".")[2] for p in effect("latent_heat").exponents] == ["centre", "width", "rounding"]
+    assert [p.name.partition(".")[2] for p in effect("lamp").exponents] == ["start"]
+    assert effect("bending").exponents == () and param("bending.contraction").scan, "kept at its one value"

@@ -107,12 +107,25 @@ def test_latent_heat_in_total() -> None:
     none = np.zeros(1)
 
     def power(accumulated: float) -> float:
-        return float(heat_source(none + 300.0, none + accumulated, none + 1.0, 0.0, none, none, 40.0, 0.03, 0.02)[0])
+        return float(heat_source(none + 300.0, none + accumulated, none + 1.0, 0.0, none, none, 40.0, 0.03, 0.02, 0.1)[0])
 
     assert quad(power, 0.0, 0.1, points=(0.02, 0.04))[0] == pytest.approx(40.0 * 0.02, rel=1e-6)
     assert power(0.03) == pytest.approx(40.0, rel=1e-4) and power(0.0) < 1e-3
-    twice = heat_source(none + 300.0, none + 0.03, none + 2.0, 0.0, none, none, 40.0, 0.03, 0.02)
+    twice = heat_source(none + 300.0, none + 0.03, none + 2.0, 0.0, none, none, 40.0, 0.03, 0.02, 0.1)
     assert float(twice[0]) == pytest.approx(2.0 * power(0.03))
+
+
+def test_a_round_window_is_the_rate_of_a_logistic_transformation() -> None:
+    """heat x width of it in total whatever the rounding; at 1 the rate of (1 + tanh((Lambda - centre) / e)) / 2 within 2 % of its peak."""
+    none, width = np.zeros(4001), 0.008
+    accumulated = np.linspace(0.0, 0.12, 4001)
+    for rounding in (0.02, 0.3, 1.0):
+        power = heat_source(none + 300.0, accumulated, none + 1.0, 0.0, none, none, 40.0, 0.06, width, rounding)
+        assert np.trapezoid(power, accumulated) == pytest.approx(40.0 * width, rel=1e-3)
+    power = heat_source(none + 300.0, accumulated, none + 1.0, 0.0, none, none, 40.0, 0.06, width, 1.0)
+    e = 1.08 * width
+    logistic = 40.0 * width * 0.5 / e / np.cosh((accumulated - 0.06) / e) ** 2
+    assert np.abs(power - logistic).max() < 0.02 * logistic.max()
 
 
 @pytest.mark.parametrize("factor", [capacity, conductivity])

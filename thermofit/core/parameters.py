@@ -31,6 +31,8 @@ class Param:
     scan_of: str = ""
     """What the values of `scan` are shares of: "time" of the time between begin and end of the test (a moment), "duration" of its length,
     "strain" of the largest plastic strain Lambda; empty: they are values."""
+    follows: bool = False
+    """True for a Param of which one value is tried, and which is fitted as soon as the amplitude is known; else one value is kept."""
     logarithmic: bool = False
     """True where the order of magnitude is what is known: it is fitted by its logarithm."""
     prior: float | None = None

@@ -177,7 +177,7 @@ def _tried(
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
-    scanned = tuple(p.name for p in effect(score.effect).params if len(p.scan) > 1)
+    scanned = tuple(p.name for p in effect(score.effect).exponents)
     freed, said = _freed((parameters, after), scanned, score.effect, refit)
     if not here.case.cheap:
         trial, found = _judged(here, fit, score, freed or (parameters, after), numerical, how)

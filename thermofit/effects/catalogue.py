@@ -70,6 +70,11 @@ class Effect:
         return tuple(p for p in self.params if not p.scan)
 
     @property
+    def exponents(self) -> tuple[Param, ...]:
+        """Params that are fitted once the amplitude is known: those of which several values are scanned, and those that follow."""
+        return tuple(p for p in self.params if len(p.scan) > 1 or p.follows)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the Params."""
         return tuple(p.name for p in self.params)

@@ -10,6 +10,7 @@ import pytest
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, HeatFit
 from thermofit.diagnose.loop import Refit, close_loop
+from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.retraced import missed, retraced
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
@@ -158,3 +159,23 @@ def test_an_effect_that_is_not_there_is_not_missed() -> None:
     start = case.parameters.replace(**{"air_drift.rate": 1e-3}).with_free((*FREE, "air_drift.rate"))
     parameters, fit = refit_of(case.model)(start, "air_drift")
     assert missed(traced(replace(case, parameters=parameters)), "air_drift", fit) < 2.5
+
+
+@pytest.mark.parametrize("settles", [True, False])
+def test_on_coupons_exponents_that_do_not_settle_are_held(settles: bool) -> None:
+    """However far the objective has fallen by them."""
+    start = traces(1, **{"clamp_drift.rate": 0.003})[0].case
+    case, refit = replace(start, known=KNOWN[1:2], cheap=True), refit_of(start.model)
+    _, fit = refit(case.parameters, "joint")
+
+    def wandering(begin: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        parameters, found = refit(begin.with_free(tuple(n for n in begin.free if n != "clamp_drift.time")), label)
+        if not label.endswith(EXPONENTS):
+            return parameters, found
+        return parameters.replace(**{"clamp_drift.time": 77.0}), replace(found, f=found.f - 1e3, converged=settles)
+
+    closed = close_loop(case, fit, wandering, 1, None)
+    (trial,) = closed.rounds[0].trials
+    assert closed.accepted == ("clamp_drift",) and trial.estimate["clamp_drift.rate"] == pytest.approx(0.003, rel=0.05)
+    assert ("with them free the fit does not settle" in trial.exponents) is not settles
+    assert settles or closed.last.case.parameters["clamp_drift.time"] != 77.0

@@ -74,3 +74,10 @@ def test_the_like_of_what_only_resembles_does_not_explain_it() -> None:
         patch.setattr(unlisted_loop, "unlisted", lambda here, error, aside=(): asked.append(aside) or true(here, error, aside))
         ended(known, closed.refit, numerical(), "auto")
     assert asked == [(), ["ir_drift", "ir_gain"]]
+
+
+def test_on_coupons_no_field_stands_in_the_stead_of_effects() -> None:
+    """A stress over the time of a record follows all that is smooth."""
+    closed = with_accepted(2, tuple(AMPLITUDES), spotted=True)
+    coupon = replace(closed.last, case=replace(closed.last.case, cheap=True))
+    assert in_their_stead(replace(closed, last=coupon), numerical()) == ()

@@ -182,11 +182,15 @@ def _tried(
     if not here.case.cheap:
         trial, found = _judged(here, fit, score, freed or (parameters, after), numerical, how)
         return replace(trial, exponents=said), found
-    ends = [((parameters, after), said if freed is None else f"{_held(parameters, scanned)}: freeing them gains nothing on held-out data")]
-    ends += [(freed, said)] if freed is not None else []
+    held = _held(parameters, scanned)
+    if freed is not None:
+        said, of_freed = f"{held}: freeing them gains nothing on held-out data", said
+        if not freed[1].converged:  # what does not settle is not determined, however well it interpolates
+            said, freed = f"{held}: with them free the fit does not settle", None
+    ends = [((parameters, after), said)] + ([(freed, of_freed)] if freed is not None else [])
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
         singly = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
-        ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None]
+        ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None and one[0][1].converged]
     judged = [(*_judged(here, fit, score, end, numerical, how), words) for end, words in ends]
     trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found

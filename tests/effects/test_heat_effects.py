@@ -103,29 +103,37 @@ def test_jaws_differ_by_the_difference() -> None:
 
 
 def test_latent_heat_in_total() -> None:
-    """Over the whole window: heat x width, at any rate of flow; in its middle the full heat per strain."""
+    """Over the whole window: heat x 2 s / tanh(s / e), at any rate of flow; in its middle the full heat per strain."""
     none = np.zeros(1)
 
     def power(accumulated: float) -> float:
         return float(heat_source(none + 300.0, none + accumulated, none + 1.0, 0.0, none, none, 40.0, 0.03, 0.02, 0.1)[0])
 
-    assert quad(power, 0.0, 0.1, points=(0.02, 0.04))[0] == pytest.approx(40.0 * 0.02, rel=1e-6)
+    half = 0.5 * np.arccosh(np.cosh(10.0) - 2.0)
+    assert quad(power, 0.0, 0.1, points=(0.02, 0.04))[0] == pytest.approx(40.0 * 0.02 * 0.1 * 2.0 * half / np.tanh(half), rel=1e-6)
     assert power(0.03) == pytest.approx(40.0, rel=1e-4) and power(0.0) < 1e-3
     twice = heat_source(none + 300.0, none + 0.03, none + 2.0, 0.0, none, none, 40.0, 0.03, 0.02, 0.1)
     assert float(twice[0]) == pytest.approx(2.0 * power(0.03))
 
 
-def test_a_round_window_is_the_rate_of_a_logistic_transformation() -> None:
-    """heat x width of it in total whatever the rounding; at 1 the rate of (1 + tanh((Lambda - centre) / e)) / 2 within 2 % of its peak."""
-    none, width = np.zeros(4001), 0.008
-    accumulated = np.linspace(0.0, 0.12, 4001)
-    for rounding in (0.02, 0.3, 1.0):
-        power = heat_source(none + 300.0, accumulated, none + 1.0, 0.0, none, none, 40.0, 0.06, width, rounding)
-        assert np.trapezoid(power, accumulated) == pytest.approx(40.0 * width, rel=1e-3)
-    power = heat_source(none + 300.0, accumulated, none + 1.0, 0.0, none, none, 40.0, 0.06, width, 1.0)
-    e = 1.08 * width
-    logistic = 40.0 * width * 0.5 / e / np.cosh((accumulated - 0.06) / e) ** 2
-    assert np.abs(power - logistic).max() < 0.02 * logistic.max()
+@pytest.mark.parametrize("rounding", [0.02, 0.1, 0.3, 0.5, 0.56])
+def test_a_window_has_its_height_and_its_width_however_round_its_ends_are(rounding: float) -> None:
+    """At the centre all of the heat, half of it at half a width; in total heat 2 s / tanh(s / e)."""
+    accumulated = np.array([0.06, 0.056, 0.064])
+    power = heat_source(accumulated + 240.0, accumulated, np.ones(3), 0.0, accumulated, accumulated, 40.0, 0.06, 0.008, rounding)
+    assert power == pytest.approx([40.0, 20.0, 20.0], rel=1e-9)
+    fine = np.linspace(0.0, 0.12, 4001)
+    power = heat_source(fine + 240.0, fine, np.ones(4001), 0.0, fine, fine, 40.0, 0.06, 0.008, rounding)
+    half = 0.5 * np.arccosh(np.cosh(1.0 / rounding) - 2.0)
+    assert np.trapezoid(power, fine) == pytest.approx(40.0 * 0.008 * rounding * 2.0 * half / np.tanh(half), rel=1e-3)
+
+
+def test_the_roundest_window_is_the_rate_of_a_logistic_transformation() -> None:
+    """That of (1 + tanh((Lambda - centre) / e)) / 2, within 1 % of its peak, with the same width at half its height."""
+    accumulated = np.linspace(0.0, 0.12, 401)
+    power = heat_source(accumulated + 240.0, accumulated, np.ones(401), 0.0, accumulated, accumulated, 40.0, 0.06, 0.008, 0.56)
+    e = 0.008 / (2.0 * np.arccosh(np.sqrt(2.0)))
+    assert np.abs(power - 40.0 / np.cosh((accumulated - 0.06) / e) ** 2).max() < 0.4
 
 
 @pytest.mark.parametrize("factor", [capacity, conductivity])

@@ -88,12 +88,15 @@ def document(title: str, place: Place, parts: Sequence[str], statements: Sequenc
 
 def _time_of(place: Place) -> str:
     """How long the last call from nothing took, or that there was none."""
-    calls = [entry for entry in noted(place.folder / TOTAL) if entry["from_nothing"]]
-    if not calls:
+    calls = noted(place.folder / TOTAL)
+    anew = [n for n, entry in enumerate(calls) if entry["from_nothing"]]
+    if not anew:
         spent = cpu_of(RUNS, place)
         return f"The runs behind the pages were made in several goes, with {spent / 60.0:.1f} minutes of CPU time in all."
-    last, cores = calls[-1], os.cpu_count()
+    last, later = calls[anew[-1]], calls[anew[-1] + 1 :]
+    wall, cpu = (sum(entry[key] for entry in later) / 60.0 for key in ("wall_s", "cpu_s"))
+    again = f" Later calls made anew what had changed since, in {wall:.1f} minutes with {cpu:.1f} minutes of CPU time." if later else ""
     return (
         f"All runs behind section(s) {', '.join(last['sections'].split())} were made from nothing in {last['wall_s'] / 60.0:.1f} minutes, "
-        f"{last['jobs']} at a time, with {last['cpu_s'] / 60.0:.1f} minutes of CPU time, on a machine of {cores} cores."
+        f"{last['jobs']} at a time, with {last['cpu_s'] / 60.0:.1f} minutes of CPU time, on a machine of {os.cpu_count()} cores.{again}"
     )

@@ -8,7 +8,8 @@ from scipy.stats import norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Param, declare, param
-from thermofit.diagnose.score import Columns, indistinguishable, likeness, ranked
+from thermofit.diagnose.held_out import Rows, proof, split_by_blocks
+from thermofit.diagnose.score import CONVINCING, Columns, indistinguishable, likeness, ranked
 
 N, P = 4000, 6
 for _name in ("made", "other", "third", "fourth"):
@@ -37,7 +38,38 @@ def test_planted_effect_is_first_with_its_estimate_and_drop() -> None:
     rest = residual - full @ np.linalg.lstsq(full, residual, rcond=None)[0]
     assert first.predicted_drop == pytest.approx(residual @ residual - rest @ rest, rel=1e-9)
     assert first.z == pytest.approx(np.sqrt(first.predicted_drop), rel=1e-9)
-    assert first.detectable == pytest.approx(found.threshold * first.sigma["made_third.a"])
+    # what convinces held out is more than the threshold asks, and more than three thousandths of these few rows
+    assert first.detectable == pytest.approx(CONVINCING * first.sigma["made_third.a"]) and CONVINCING == pytest.approx(4.449, abs=1e-3)
+
+
+@pytest.mark.parametrize("n", [2000, 20000])  # few rows: the standard error decides; many: what is worth an effect
+@pytest.mark.parametrize("correlated", [False, True])
+def test_an_effect_as_small_as_is_said_is_named_half_of_the_time(n: int, correlated: bool) -> None:
+    """At `detectable` z passes the threshold and held-out data convince with even odds; at half of it hardly ever, at twice always."""
+    random = np.random.default_rng(3)
+    fitted, block = random.normal(size=(n, P)), 0.3 * random.normal(size=(n, 1))
+    if correlated:  # neighbours err alike, and the effect shows in them alike
+        block = np.repeat(block[: n // 4], 4, axis=0)
+    rows = Rows(np.zeros(n, dtype=int), np.arange(float(n)), np.zeros((n, 2)), np.zeros(n, dtype=int))
+    split = split_by_blocks(rows, (25, 1), (0.0, 0.0))
+    far = (np.full(P, np.inf), np.ones(1) * np.inf)
+    rooms = ((-far[0], far[0]), (-far[1], far[1]))
+
+    def noise(a: np.ndarray) -> np.ndarray:
+        return np.repeat(a.reshape(n // 4, 4, -1).sum(axis=1), 4, axis=0) if correlated else a
+
+    def named(times: float) -> float:
+        count = 0
+        for _ in range(40):
+            error = np.repeat(random.normal(size=n // 4), 4) if correlated else random.normal(size=n)
+            fresh = Columns(error, fitted, {"made_made": (("made_made.a",), block)}, noise)
+            residual = error - times * ranked(fresh).scores[0].detectable * block[:, 0]
+            found = ranked(Columns(residual, fitted, fresh.dormant, noise))
+            held = proof(residual, (fitted, block), rows, split, rooms, noise)
+            count += found.scores[0].z > found.threshold and held.convinces
+        return count / 40
+
+    assert named(0.5) < 0.1 and 0.25 < named(1.0) < 0.75 and named(2.0) > 0.9
 
 
 def test_what_a_fitted_parameter_takes_up_is_not_an_effect() -> None:

@@ -9,10 +9,10 @@ from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh, reference_table
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import Body, tension_body, thermal_geometry
-from thermofit.fem.conduction import HeatStep, heat_conditions, heat_step, same_step
+from thermofit.fem.conduction import HeatStep, expansion_capacity, heat_conditions, heat_step, same_step
 from thermofit.fem.conduction_rates import heat_answer
 from thermofit.fem.dogbone import dogbone_mesh
-from thermofit.fem.fixed_stress import expansion_capacity, left_of
+from thermofit.fem.fixed_stress import left_of
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.march import Loading, MarchSettings, march
 from thermofit.material.law import law_of

@@ -2,7 +2,7 @@
 
 The coupon of `point.driver` is run through every programme of `point.programmes` with the fitted parameters, and the same sensitivities are
 taken: columns of stress and temperature over their noise, without what the fitted parameters can do. A programme parts two effects where
-|cos| of their columns is below ALIKE; the smallest amplitude that it shows is the threshold over their length.
+|cos| of their columns is below ALIKE; the smallest amplitude that it shows is CONVINCING over their length.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import NAMES, Parameters, bare_name
 from thermofit.diagnose.case import TINY, slots_of
-from thermofit.diagnose.score import ALIKE, likeness
+from thermofit.diagnose.score import ALIKE, CONVINCING, likeness
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.identify.missing_coupon import CouponMissing
@@ -124,8 +124,7 @@ def _told(named: Named, own: dict[str, np.ndarray], family: tuple[str, ...]) -> 
         return None
     alike = likeness(there)
     largest = max((cos for (a, b), cos in alike.items() if a != b), default=0.0)
-    threshold = 3.0
-    shown = {n: float(threshold / np.linalg.norm(s[:, 0])) for n, s in there.items()}
+    shown = {n: float(CONVINCING / np.linalg.norm(s[:, 0])) for n, s in there.items()}
     return Told(named, 1.0 if len(there) < len(family) else largest, shown)
 
 

@@ -15,8 +15,8 @@ from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_r
 from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.retraced import missed, retraced
-from thermofit.diagnose.score import Score, ranked
-from thermofit.diagnose.trace import OVER_NUMERICAL, Traced, best_scan, room_of, traced
+from thermofit.diagnose.score import OVER_NUMERICAL, Score, ranked
+from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 from thermofit.identify.priors import improbable

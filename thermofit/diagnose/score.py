@@ -19,12 +19,17 @@ from scipy.stats import chi2, norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import param
+from thermofit.diagnose.held_out import PRACTICAL, SURE
 from thermofit.identify.reciprocal import RECIPROCAL
 
 ALIKE = 0.9
 """|cos| of two effects above which a test cannot tell them apart."""
 LEVEL = 0.05
 """Chance that any effect at all passes the threshold where there is none."""
+OVER_NUMERICAL = 4.0
+"""Multiple of what the discretisation error alone would let the square sum fall by."""
+CONVINCING = SURE + (SURE**2 + 2.0) ** 0.5
+"""|z| from which the held-out error is expected to fall by more than SURE standard errors: (z^2 - 2) / (2 z) > SURE, see `_named_from`."""
 _UNFELT = 1e-6
 """Part of a column, relative to its length, below which the fitted parameters take it up entirely."""
 
@@ -79,8 +84,8 @@ class Score:
     """What the residual says of one effect.
 
     `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
-    r.r, `numerical_drop` that of the discretisation error alone; `detectability` |s| / |S| in 0..1; `detectable` the smallest amplitude
-    that would pass the threshold; `vetoed` says in words why the estimate cannot be, empty where it can.
+    r.r, `numerical_drop` that of the discretisation error alone; `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is
+    named with even odds, see `_named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
     """
 
     effect: str
@@ -204,19 +209,33 @@ def _score(
     felt = _felt_names(names, block, s)
     sd = np.sqrt(np.diag(covariance))
     estimate = {name: _moved(name, float(a)) for name, a in zip(felt, step, strict=True)}
+    numerical = 0.0 if columns.numerical is None else _drop(s, columns.numerical, inverse)
     part = float(np.linalg.norm(columns.data(s)) / np.linalg.norm(columns.data(block)))
     return Score(
         effect=effect,
         z=_normal_quantile(size, len(step)),
         predicted_drop=float(-right @ step),
-        numerical_drop=0.0 if columns.numerical is None else _drop(s, columns.numerical, inverse),
+        numerical_drop=numerical,
         estimate=estimate,
         sigma=dict(zip(felt, sd.tolist(), strict=True)),
         detectability=part,
-        detectable=float(threshold * sd[0]),
+        detectable=_named_from(columns, float(sd[0]), float(inverse[0, 0]), numerical, threshold),
         vetoed=_veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
         family=family,
     )
+
+
+def _named_from(columns: Columns, sd: float, inverse: float, numerical: float, threshold: float) -> float:
+    """Amplitude a of an effect of standard error `sd` that is expected to pass all that an effect has to pass to be named.
+
+    z = a / sd passes the threshold. Held out, r.r falls by k (z^2 - 2), k = sd^2 / `inverse` = 1 for independent noise: a^2 / `inverse`
+    that the effect explains, less what predicting the rows and fitting them cost. That is more than SURE of its standard errors 2 k z from
+    CONVINCING on; it has to be worth an effect (PRACTICAL), and more than the error of the discretisation explains.
+    """
+    k = sd**2 / inverse
+    worth = PRACTICAL * float(columns.data(columns.left) @ columns.data(columns.left))
+    z = max(threshold, CONVINCING, np.sqrt(worth / k + 2.0), np.sqrt(OVER_NUMERICAL * numerical / k))
+    return float(z * sd)
 
 
 def _moved(name: str, step: float) -> float:

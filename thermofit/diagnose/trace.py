@@ -11,14 +11,12 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
 from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
-from thermofit.diagnose.score import Columns, Ranking, Score, drop_of, ranked
+from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 from thermofit.identify.priors import improbable
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
-OVER_NUMERICAL = 4.0
-"""Multiple of what the discretisation error alone would let the square sum fall by."""
 _BLOCKS = (25, 5)
 _BUFFER_SHARE = 0.01
 

@@ -18,7 +18,7 @@ import numpy as np
 from thermofit.core.parameters import bare_name
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
-from thermofit.diagnose.trace import OVER_NUMERICAL
+from thermofit.diagnose.score import OVER_NUMERICAL
 
 BLOCKS = (16, 6, 2)
 """Blocks in time, y and x."""

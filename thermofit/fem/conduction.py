@@ -61,13 +61,19 @@ def heat_conditions(parameters: Parameters) -> HeatConditions:
     return HeatConditions(v["kappa"], v["c0"], films, heat_effects(parameters))
 
 
+def expansion_capacity(law: Law) -> float:
+    """9 K alpha^2 theta_0 in mJ/(mm^3 K): what heating at constant stress needs more than at constant strain. Complex for a law along an
+    imaginary step."""
+    return 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref
+
+
 def at_constant_stress(conditions: HeatConditions, law: Law) -> HeatConditions:
     """Conditions for mechanics that was solved at one temperature and lacks the thermal expansion.
 
     The heat that free expansion takes, 3 alpha K theta d(ln J) with d(ln J) = 3 alpha dtheta, enters the heat capacity instead:
     c0 + 9 K alpha^2 theta_0, that of constant stress; without it temperatures rise 3.5 % too much in aluminium.
     """
-    return replace(conditions, c0=conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
+    return replace(conditions, c0=conditions.c0 + expansion_capacity(law))
 
 
 @dataclass(frozen=True)

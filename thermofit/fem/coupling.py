@@ -8,8 +8,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.fem.body import Body, thermal_geometry
-from thermofit.fem.conduction import HeatConditions, HeatStep, heat_step, same_step, stored_heat
-from thermofit.fem.fixed_stress import STRONG, expansion_capacity, left_of
+from thermofit.fem.conduction import HeatConditions, HeatStep, expansion_capacity, heat_step, same_step, stored_heat
+from thermofit.fem.fixed_stress import STRONG, left_of
 from thermofit.fem.heat import heat_of_increment, smallest_dissipation
 from thermofit.fem.heat_effects import source_heat
 from thermofit.fem.history import Balance, State, point_history, top_displacement

@@ -21,17 +21,11 @@ from thermofit.fem.body import Body
 from thermofit.fem.conduction import HeatStep
 from thermofit.fem.conduction_rates import heat_answer
 from thermofit.fem.linear import multiply_symmetric
-from thermofit.material.law import Law
 
 STRONG = 0.08
 """Ratio 9 K alpha^2 theta_0 / c0 from which conduction is taken into account; that of metals and polymers is less."""
 _EXACT = 1e-3
 _RESTART, _CYCLES = 40, 5
-
-
-def expansion_capacity(law: Law) -> float:
-    """9 K alpha^2 theta_0 in mJ/(mm^3 K): what heating at constant stress needs more than at constant strain."""
-    return float(9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
 
 
 def left_of(body: Body, step: HeatStep, more: float, change: np.ndarray) -> np.ndarray:

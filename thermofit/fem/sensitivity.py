@@ -20,10 +20,10 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import LOADED, Body, ThermalGeometry
-from thermofit.fem.conduction import HeatConditions
+from thermofit.fem.conduction import HeatConditions, expansion_capacity
 from thermofit.fem.conduction_rates import ConditionRates, add_effect_sources, heat_answer, heat_step_rates, steady_rates, usual_change
 from thermofit.fem.extrapolation import lagrange
-from thermofit.fem.fixed_stress import STRONG, expansion_capacity, left_of
+from thermofit.fem.fixed_stress import STRONG, left_of
 from thermofit.fem.heat_rates import PointRates, SourceSlopes, add_dilatation_heat, heat_source_rates, source_law, source_slopes
 from thermofit.fem.linear import multiply_symmetric
 from thermofit.fem.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates

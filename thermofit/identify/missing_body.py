@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csr_array
 
 from thermofit.core.parameters import Parameters
 from thermofit.fem.body import Body, thermal_geometry
-from thermofit.fem.conduction import GAMMA, HeatStep, heat_step
+from thermofit.fem.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
 from thermofit.fem.films import conditions_of
 from thermofit.fem.heat_effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.fem.history import History
@@ -122,8 +122,7 @@ class BodyMissing:
         """The steps of the heat equation on the known motion; the capacity is that of constant stress, because the body expands freely."""
         settings = self.whole.settings
         law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
-        conditions = conditions_of(self.body, parameters, settings.films)
-        conditions = replace(conditions, c0=conditions.c0 + 9.0 * law.bulk * law.alpha_exp**2 * law.theta_ref)
+        conditions = at_constant_stress(conditions_of(self.body, parameters, settings.films), law)
         first, nothing = float(history.time[0]), np.zeros(self.body.mesh.n_nodes)
         before = thermal_geometry(self.body, history.u[0])
         for n, dt in enumerate(np.diff(history.time)):

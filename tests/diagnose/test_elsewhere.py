@@ -79,7 +79,7 @@ def test_what_the_unseen_test_contradicts_is_refused() -> None:
     found = closed(another(11), **DRIFT)
     assert found.accepted == () and found.first.proofs["ir_drift"].on == "second"
     row = next(r for r in ranking_rows(found.first) if r["effect"] == "ir_drift")
-    assert "on second falls by -" in row["remark"]
+    assert "held-out error on second rises by" in row["remark"]
 
 
 def test_what_belongs_to_the_fitted_test_is_judged_there() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from thermofit.diagnose.held_out import Rows, compared, held_out_residual, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import Proof, Rows, compared, held_out_residual, proof, split_by_blocks, split_by_phase
 
 N_T, N_S = 60, 50
 
@@ -113,3 +113,10 @@ def test_standard_error_of_a_gain_is_the_smaller_of_its_bounds() -> None:
     uneven = compared(noise - change, noise, here, 5)
     expected = 2.0 * float(np.sqrt(change @ change)) / float(np.sum((noise - change) ** 2))
     assert uneven.sigma == pytest.approx(expected, rel=0.4)
+
+
+def test_a_proof_says_whether_the_error_falls_or_rises() -> None:
+    said = {gain: Proof(1.0, 1.0 - gain, {}, gain, 0.01, 5, "second").words for gain in (0.2, -0.2, -9.0)}
+    assert said[0.2] == "held-out error on second falls by 20.00 % +- 1.00 %"
+    assert said[-0.2] == "held-out error on second rises by 20.00 % +- 1.00 %"
+    assert said[-9.0] == "held-out error on second rises to 10 times as much"

@@ -46,6 +46,8 @@ def _estimate(row: Mapping[str, Any]) -> str:
 def _gain(row: Mapping[str, Any]) -> str:
     if row["held_out_gain"] is None:
         return "-"
+    if row["held_out_gain"] < -1.0:
+        return "worse"
     return f"{100 * row['held_out_gain']:.2f} +- {100 * row['held_out_sigma']:.2f}"
 
 

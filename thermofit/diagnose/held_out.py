@@ -111,9 +111,12 @@ class Proof:
 
     @property
     def words(self) -> str:
-        """By how much the held-out error falls."""
+        """By how much the held-out error falls or rises."""
         where = f" on {self.on}" if self.on else ""
-        return f"held-out error{where} falls by {100 * self.gain:.2f} % +- {100 * self.sigma:.2f} %"
+        if self.gain < -1.0:
+            return f"held-out error{where} rises to {1.0 - self.gain:.3g} times as much"
+        way = "rises" if self.gain < 0.0 else "falls"
+        return f"held-out error{where} {way} by {100 * abs(self.gain):.2f} % +- {100 * self.sigma:.2f} %"
 
 
 Noise = Callable[[np.ndarray], np.ndarray]

@@ -254,7 +254,7 @@ def _refusal(there: Traced, name: str, found: tuple[Mapping[str, float], Mapping
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
     if not proof.convinces:
-        return f"{proof.words} only"
+        return f"{proof.words} only" if proof.gain > 0.0 else proof.words
     amplitude = effect(name).amplitude
     own = [p for p in effect(name).params if not p.scan]
     if fit.at_bound[fit.names.index(amplitude.name)]:

@@ -56,7 +56,7 @@ class Traced:
         if proved is None:
             return "weaker than others, not tried on held-out data"
         if not proved.convinces:
-            return f"{proved.words}: not enough"
+            return f"{proved.words}: not enough" if proved.gain > 0.0 else proved.words
         return ""
 
 

@@ -115,6 +115,18 @@ def test_a_load_beyond_the_material_is_told_in_one_sentence() -> None:
     assert solver.solve(u, theta, state, 100.0 * AREA, fresh=True).iterations <= 5
 
 
+def test_fields_that_never_agree_are_told_by_the_temperature() -> None:
+    """The residual is small: it would not say what failed."""
+    body = bar()
+    u, theta, state = rest(body)
+
+    def restless(_u: np.ndarray, _state: np.ndarray, _dilatation: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, float]:
+        return before, 0.25
+
+    with pytest.raises(NumericsError, match=r"temperature still changes by 2\.5e-01 K from sweep to sweep, expected 1e-04 K"):
+        Equilibrator(body, law_of(NOMINAL), NewtonSettings()).solve(u, theta, state, 50.0 * AREA, thermal=(restless, 1e-4))
+
+
 def test_an_inverted_start_is_told() -> None:
     body = bar()
     u, theta, state = rest(body)

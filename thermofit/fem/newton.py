@@ -171,10 +171,10 @@ class Equilibrator:
                 self._factor = None
             exact, here = False, there
             norms.append(here.norm)
-        raise NumericsError(
-            f"equilibrium: no convergence in {self.settings.max_iterations} iterations, relative residual {here.norm / here.scale:.1e}, "
-            f"expected {tolerance:.0e}"
-        )
+        left = f"relative residual {here.norm / here.scale:.1e}, expected {tolerance:.0e}"
+        if thermal is not None and here.norm <= tolerance * here.scale:
+            left = f"the temperature still changes by {change:.1e} K from sweep to sweep, expected {thermal[1]:.0e} K"
+        raise NumericsError(f"equilibrium: no convergence in {self.settings.max_iterations} iterations, {left}")
 
     def good_factor(self) -> Factor | None:
         """The kept factor, if its last step left next to nothing of the residual: then it is nearly that of the equilibrium found."""

@@ -180,6 +180,21 @@ def test_modes_of_the_error_make_its_standard_error(smoothed: SmoothForce) -> No
     assert np.median(together) > 0.5
 
 
+def test_what_the_smoothed_force_leaves_out_is_in_its_error(truth: Truth) -> None:
+    """Bends that are not worth a knot, where the material flows: e^T (M M^T)^-1 e is no more than M has modes (five times that without)."""
+    times = times_of(truth, 10.0)
+    for seed in range(30, 36):
+        smooth = smooth_force(truth.record(times, seed))
+        edges = np.concatenate([smooth.phases.kinks, smooth.phases.knees])
+        t = np.arange(8.0, truth.kinks[-1], 1.0)
+        true = np.interp(t, truth.time, truth.force)
+        flows = (np.gradient(true, t) < 100.0) & (true >= np.maximum.accumulate(true)) & (np.min(np.abs(t[:, None] - edges), axis=1) > 1.0)
+        error, modes = (smooth.evaluate(t) - true)[flows], smooth.error_modes(t[flows])
+        square = float(error @ np.linalg.solve(modes @ modes.T + 0.03**2 * np.eye(len(error)), error))
+        assert square < 1.2 * modes.shape[1]
+        assert np.sqrt(np.mean(error**2)) < 1.5 * np.sqrt(np.mean(smooth.sigma(t[flows]) ** 2))
+
+
 def test_mean_force_at_the_knee_is_not_biased(rounded: Truth) -> None:
     times = np.arange(0.0, 25.0, 0.1)
     true = np.interp(times, rounded.time, rounded.force)

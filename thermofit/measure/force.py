@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from thermofit.core.errors import DataError, StudyError
+from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.experiment import ForceRecord
 from thermofit.measure.phases import Phases, check_record, find_phases, force_noise, working_sigma
 from thermofit.measure.splines import GAIN, Curve, Fit, adaptive_fit, fit_curve, halved, monotone
@@ -36,8 +36,8 @@ class SmoothForce:
     `time` s (n,) and `force` N (n,) at the times of the record; `knots` s: all breaks and knots; `phases` of the
     programme; `noise` N: sigma of the raw force; `residual_rms` N, `residual_autocorrelation` at lag one and
     `residual_max` (largest |raw - smooth| / noise) of what was taken away; `n` samples; `spurious_reversals`: how often
-    dF/dt has the wrong sign within a loading or unloading phase. `curve` and `covariance` N^2, (n_c, n_c) or its
-    diagonal (n_c,), are for `evaluate` and `sigma`.
+    dF/dt has the wrong sign within a loading or unloading phase. `curve` is for `evaluate`; `finer`, a curve with more
+    knots that was fitted to the same record, and its `covariance` N^2, (n_c, n_c) or its diagonal (n_c,), tell the error.
     """
 
     time: np.ndarray
@@ -51,6 +51,7 @@ class SmoothForce:
     n: int
     spurious_reversals: int
     curve: Curve
+    finer: Curve
     covariance: np.ndarray
 
     def evaluate(self, t: np.ndarray | float) -> np.ndarray:
@@ -62,21 +63,31 @@ class SmoothForce:
         return _shaped(self.curve.evaluate(_within(self, t), 1), t)
 
     def sigma(self, t: np.ndarray | float) -> np.ndarray:
-        """Standard error of the smoothed force in N at times t in s, for the chosen knots; DataError outside the record."""
-        design = self.curve.design(_within(self, t))
+        """Standard error of the smoothed force in N at times t in s, see `error_modes`; DataError outside the record."""
+        times = _within(self, t)
+        design = self.finer.design(times)
         if self.covariance.ndim == 1:
-            variance = design.multiply(design) @ self.covariance
+            variance = np.asarray(design.multiply(design) @ self.covariance)
         else:
             variance = np.asarray(design.multiply(design @ self.covariance).sum(axis=1)).ravel()
-        return _shaped(np.sqrt(np.maximum(np.asarray(variance), 0.0)), t)
+        return _shaped(np.sqrt(np.maximum(variance, 0.0) + self._left_out(times) ** 2), t)
 
     def error_modes(self, t: np.ndarray | float) -> np.ndarray:
         """Modes of the error of the smoothed force in N at times t s (n,), (n, k): its covariance is modes modes^T; those of less than a
-        thousandth of the largest are left out. DataError outside the record."""
-        design = self.curve.design(_within(self, t))
+        thousandth of the largest are left out. DataError outside the record.
+
+        smooth - truth = (smooth - finer) + (finer - truth): a knot has to be worth much, so that a bend which is not worth one is left out
+        of the smoothed force. What a finer curve shows of such bends is one mode, its own standard errors are the others.
+        """
+        times = _within(self, t)
+        design = self.finer.design(times)
         root = np.diag(np.sqrt(self.covariance)) if self.covariance.ndim == 1 else np.linalg.cholesky(self.covariance)
-        u, s, _ = np.linalg.svd(np.asarray(design @ root), full_matrices=False)
+        u, s, _ = np.linalg.svd(np.column_stack([design @ root, self._left_out(times)]), full_matrices=False)
         return np.asarray((u * s)[:, s > 1e-3 * s[0]])
+
+    def _left_out(self, times: np.ndarray) -> np.ndarray:
+        """What the finer curve shows and the smoothed force does not, N (n,)."""
+        return self.finer.evaluate(times) - self.curve.evaluate(times)
 
 
 def _within(smooth: SmoothForce, t: np.ndarray | float) -> np.ndarray:
@@ -113,7 +124,7 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     if smoothing == "none":
         inner = record.time[1:-1]
         curve = Curve(record.time[[0, -1]], (inner,), (1,), record.force)
-        return _summary(record, phases, level, (curve, np.full(record.time.size, level**2)))
+        return _summary(record, phases, level, (curve, curve, np.full(record.time.size, level**2)))
     if phases.kinks.size + phases.knees.size > _MOST_BREAKS:
         raise DataError(
             f"force record: found {phases.kinks.size} kinks and {phases.knees.size} knees at a noise of {level:.3g} N, "
@@ -128,7 +139,8 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     phases = _renamed(phases, edges, curve.edges)
     fit = fit_curve(curve, record.time, record.force)
     fit = _without_reversals(fit, record, phases, sigma)
-    return _summary(record, phases, level, (fit.curve, level**2 * fit.solve(np.eye(fit.curve.coefficients.size))))
+    finer = _finer(fit, record)
+    return _summary(record, phases, level, (fit.curve, finer.curve, level**2 * finer.solve(np.eye(finer.curve.coefficients.size))))
 
 
 def _settle_knees(record: ForceRecord, phases: Phases, sigma: float) -> np.ndarray:
@@ -280,13 +292,26 @@ def _without_reversals(fit: Fit, record: ForceRecord, phases: Phases, sigma: flo
     return bound
 
 
+def _finer(fit: Fit, record: ForceRecord) -> Fit:
+    """The fit with every interval between knots cut into four where it holds samples enough, else as far as the record determines it."""
+    for _ in range(_HALVINGS):
+        curve = fit.curve
+        for piece in range(len(curve.knots)):
+            curve = halved(curve, piece, record.time)
+        try:
+            fit = fit_curve(curve, record.time, record.force)
+        except NumericsError:
+            return fit
+    return fit
+
+
 def _chi_square(fit: Fit, sigma: float) -> float:
     return float(fit.residual @ fit.residual) / sigma**2
 
 
-def _summary(record: ForceRecord, phases: Phases, noise: float, result: tuple[Curve, np.ndarray]) -> SmoothForce:
+def _summary(record: ForceRecord, phases: Phases, noise: float, result: tuple[Curve, Curve, np.ndarray]) -> SmoothForce:
     """The smoothed force with what was taken away, in numbers."""
-    curve, covariance = result
+    curve, finer, covariance = result
     force = curve.evaluate(record.time)
     residual = record.force - force
     power = float(residual @ residual)
@@ -303,6 +328,7 @@ def _summary(record: ForceRecord, phases: Phases, noise: float, result: tuple[Cu
         n=residual.size,
         spurious_reversals=int(_reversals(curve, _senses(curve, phases)).sum()),
         curve=curve,
+        finer=finer,
         covariance=covariance,
     )
 

@@ -32,3 +32,12 @@ def test_material_is_that_of_simulate_and_not_that_of_the_study(tmp_path: Path) 
 def test_truth_value_is_no_model(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"simulate\.model.*expected 1 or 2"):
         load_study(tiny.write(tmp_path, tiny.tree(tmp_path / "run")), ["simulate.model=true"])
+
+
+@pytest.mark.parametrize("name", ["ir_clock.offset", "bending.curvature"])
+def test_truth_that_the_virtual_instruments_do_not_know_is_refused(tmp_path: Path, name: str) -> None:
+    """It would be left out without a word, and nobody would find what is not there."""
+    content = tiny.tree(tmp_path / "run")
+    content["simulate"]["truth"] = {**content["simulate"]["truth"], name: 1e-3}
+    with pytest.raises(StudyError, match=f"simulate.truth.{name}' is an effect of the measurement"):
+        tiny.stage_run("simulate")(load_study(tiny.write(tmp_path, content)))

@@ -16,6 +16,7 @@ from thermofit.core.study import Study
 from thermofit.core.study_each import each
 from thermofit.core.study_section import MeshSize, mesh_size
 from thermofit.core.study_virtual import Simulate
+from thermofit.effects.catalogue import KINEMATICS, MEASUREMENT, effects
 from thermofit.fem.body import Body, tension_body
 from thermofit.fem.dogbone import dogbone_mesh
 from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
@@ -55,6 +56,7 @@ def _settings(study: Study) -> Simulate:
 def _make(study: Study, settings: Simulate) -> Made:
     set_threads(study.numerics.threads)
     truth = study.truth_parameters()
+    _refuse_instruments(study, truth)
     specimen = Specimen(**settings.specimen.model_dump())
     instruments = instruments_of(settings)
     steps = programme_of([item.model_dump() for item in settings.programme])
@@ -81,6 +83,16 @@ def _make(study: Study, settings: Simulate) -> Made:
     raw = study.run_dir / "raw"
     summary = write_raw(raw, fields, instruments, settings.seed)
     return _made(study, truth, history, summary, path_digest(raw))
+
+
+def _refuse_instruments(study: Study, truth: Parameters) -> None:
+    """StudyError where the truth holds an effect that acts after the fields are solved: virtual instruments have settings."""
+    on = [e for e in effects((*KINEMATICS, *MEASUREMENT)) if any(truth[p.name] != p.neutral for p in e.amplitudes)]
+    if on:
+        raise StudyError(
+            f"{study.source.name}: key 'simulate.truth.{on[0].amplitude.name}' is an effect of the measurement, and virtual instruments "
+            "know none but those of simulate.machine, simulate.dic, simulate.ir and simulate.force; set these, or leave the key out"
+        )
 
 
 def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray) -> tuple[Body, History]:

@@ -122,3 +122,20 @@ def test_misfit_of_the_force(scale: float, low: float, high: float) -> None:
             seen[name] = replace(observation, value=observation.value + right[name] + made + noise)
         misfit.append(replace(found, data=replace(data, displacement=seen["u"], temperature=seen["theta"])).force_misfit(PARAMETERS))
     assert low < np.mean(misfit) < high, misfit
+
+
+def test_parameters_that_follow_the_force_do_not_count_as_its_misfit() -> None:
+    """A fit that took the force as exact followed its error: what a joint step of the parameters takes back is no misfit of the model."""
+    here, free = joint(COURSE, 20.0 * MODES), ("E", "M_y0", "M_yinf")
+    history, right = here.shown(PARAMETERS)
+    found = with_force_error(here, history, PARAMETERS)
+    data, random = found.data, np.random.default_rng(8)
+    assert data.temperature is not None
+    seen = {
+        o.name: replace(o, value=o.value + right[o.name] + o.sigma * random.normal(size=o.value.shape))
+        for o in (data.displacement, data.temperature)
+    }
+    holding = replace(found, data=replace(data, displacement=seen["u"], temperature=seen["theta"]))
+    off = PARAMETERS.replace(M_y0=1.02 * PARAMETERS["M_y0"])
+    assert holding.force_misfit(off.with_free(("nu",))) > 9.0
+    assert holding.force_misfit(off.with_free(free)) < 2.0

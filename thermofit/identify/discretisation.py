@@ -17,7 +17,7 @@ from thermofit.core.study_section import MeshSize
 from thermofit.fem.history import History
 from thermofit.identify.force_error import with_force_error
 from thermofit.identify.inputs import Measured, temperature_of
-from thermofit.identify.joint import Joint
+from thermofit.identify.joint import Joint, beyond
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.measure.observation import FieldObservation
@@ -78,11 +78,9 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
 
 def _share(told: np.ndarray, residual: np.ndarray, fitted: np.ndarray) -> float:
     """Share of an error (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, 0 to 1."""
-    size = np.linalg.norm(fitted, axis=0)
-    basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
-    beyond = told - basis @ (basis.T @ told)
-    length = float(beyond @ beyond)
-    return 1.0 if length <= _PLAIN**2 else float(np.clip(beyond @ residual / length, 0.0, 1.0))
+    own = beyond(told, fitted)
+    length = float(own @ own)
+    return 1.0 if length <= _PLAIN**2 else float(np.clip(own @ residual / length, 0.0, 1.0))
 
 
 def _holding(data: Measured, error: Errors, share: float) -> Measured:

@@ -213,11 +213,13 @@ class Joint:
 
     def force_misfit(self, parameters: Parameters) -> float:
         """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
-        make: about one where the model is right. NumericsError where the run fails."""
-        errors, shown = self.prediction.errors(parameters), []
-        model = self.model
+        make: about one where the model is right. NumericsError where the run fails.
+
+        The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error.
+        """
+        model, shown = self.model, []
+        residual = beyond(*model.linearised(parameters, parameters.free or self.settings.free))
         ends = np.cumsum([c.n for c in model.comparisons])
-        residual = model.assemble(errors)
         for common in model.common:
             for place, one in common.shown.items():
                 own = residual[ends[place] - model.comparisons[place].n : ends[place]]
@@ -234,6 +236,13 @@ class Joint:
             columns = [comparisons[place].slope(right, modes.field(k)) for k in range(modes.modes.shape[1])]
             found[place] = Modes(np.stack(columns, axis=1), modes.turned, modes.doubt)
         return found
+
+
+def beyond(residual: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """A residual (n,) without what the columns (n, p) of the fitted parameters could take of it."""
+    size = np.linalg.norm(fitted, axis=0)
+    basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
+    return np.asarray(residual - basis @ (basis.T @ residual))
 
 
 def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:

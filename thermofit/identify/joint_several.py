@@ -50,7 +50,8 @@ class JointSeveral:
 
     def force_misfit(self, parameters: Parameters) -> float:
         """The largest one of all experiments, see `Joint`."""
-        return max(part.force_misfit(seen_by(parameters, name)) for name, part in self.parts.items())
+        own = {name: tuple(free_in(parameters.free, name).values()) for name in self.parts}
+        return max(part.force_misfit(seen_by(parameters, name).with_free(own[name])) for name, part in self.parts.items())
 
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled runs, with their points kept."""

@@ -52,9 +52,11 @@ def mistaken() -> float:
 
 
 def write_on(path: str) -> None:
-    """Say that this process lives, as long as it does, at most a minute."""
+    """Say that this process lives, as long as it does, at most a minute. The file is whole whenever it is there: a writer may be killed."""
+    draft = Path(f"{path}.draft")
     for turn in range(600):
-        Path(path).write_text(f"{os.getpid()} {turn}")
+        draft.write_text(f"{os.getpid()} {turn}")
+        draft.replace(path)
         time.sleep(0.1)
 
 

@@ -34,10 +34,23 @@ def test_truth_value_is_no_model(tmp_path: Path) -> None:
         load_study(tiny.write(tmp_path, tiny.tree(tmp_path / "run")), ["simulate.model=true"])
 
 
-@pytest.mark.parametrize("name", ["ir_clock.offset", "bending.curvature"])
-def test_truth_that_the_virtual_instruments_do_not_know_is_refused(tmp_path: Path, name: str) -> None:
-    """It would be left out without a word, and nobody would find what is not there."""
+@pytest.mark.parametrize("name", ["ir_clock.offset", "bending.curvature", "machine_compliance.compliance"])
+def test_truth_that_no_virtual_test_would_show_is_refused(tmp_path: Path, name: str) -> None:
+    """It would be left out without a word, and nobody would find what is not there; so it is where a record without it is fresh."""
     content = tiny.tree(tmp_path / "run")
-    content["simulate"]["truth"] = {**content["simulate"]["truth"], name: 1e-3}
-    with pytest.raises(StudyError, match=f"simulate.truth.{name}' is an effect of the measurement"):
-        tiny.stage_run("simulate")(load_study(tiny.write(tmp_path, content)))
+    path = tiny.write(tmp_path, content)
+    simulate = tiny.stage_run("simulate")
+    simulate(load_study(path))
+    content["simulate"]["truth"] = {**content["simulate"]["truth"], name: 1e-6}
+    with pytest.raises(StudyError, match=f"simulate.truth.{name}' is an effect"):
+        simulate(load_study(tiny.write(tmp_path, content)))
+
+
+def test_truth_that_changes_the_force_on_the_specimen_acts(tmp_path: Path) -> None:
+    (tmp_path / "right").mkdir()
+    (tmp_path / "less").mkdir()
+    whole = dissipated(tmp_path / "right")
+    content = tiny.tree(tmp_path / "less" / "run")
+    content["simulate"]["truth"] = {**content["simulate"]["truth"], "force_scale.gain": 0.02}
+    outcome = tiny.stage_run("simulate")(load_study(tiny.write(tmp_path / "less", content)))
+    assert abs(float(outcome.record.summary["energy_mJ"]["dissipated"]) / whole - 1.0) > 0.01

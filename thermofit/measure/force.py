@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from thermofit.core.errors import DataError, NumericsError, StudyError
+from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import ForceRecord
 from thermofit.measure.phases import Phases, check_record, find_phases, force_noise, working_sigma
 from thermofit.measure.splines import GAIN, Curve, Fit, adaptive_fit, fit_curve, halved, monotone
@@ -293,15 +293,15 @@ def _without_reversals(fit: Fit, record: ForceRecord, phases: Phases, sigma: flo
 
 
 def _finer(fit: Fit, record: ForceRecord) -> Fit:
-    """The fit with every interval between knots cut into four where it holds samples enough, else as far as the record determines it."""
+    """The fit with every interval between knots of its cubic pieces cut into four, where it holds samples enough.
+
+    A piece that a straight line or a parabola fits stays what it is, such as an elastic unloading: its bends are in no error.
+    """
     for _ in range(_HALVINGS):
         curve = fit.curve
         for piece in range(len(curve.knots)):
             curve = halved(curve, piece, record.time)
-        try:
-            fit = fit_curve(curve, record.time, record.force)
-        except NumericsError:
-            return fit
+        fit = fit_curve(curve, record.time, record.force)
     return fit
 
 

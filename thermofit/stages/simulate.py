@@ -16,9 +16,10 @@ from thermofit.core.study import Study
 from thermofit.core.study_each import each
 from thermofit.core.study_section import MeshSize, mesh_size
 from thermofit.core.study_virtual import Simulate
-from thermofit.effects.catalogue import KINEMATICS, MEASUREMENT, effects
+from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, effects
 from thermofit.fem.body import Body, tension_body
 from thermofit.fem.dogbone import dogbone_mesh
+from thermofit.fem.loading import felt_force
 from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
 from thermofit.fem.newton import NewtonSettings
 from thermofit.material.law import in_model_axes
@@ -27,6 +28,8 @@ from thermofit.measure.virtual import RawSummary, write_raw
 from thermofit.measure.virtual_setup import VirtualFields, instrument_times, instruments_of, solution_times
 
 NAME = "simulate"
+_FORCE = np.array([0.0, 1e3])
+"""N; a force that an effect of the machine changes, or not."""
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -38,6 +41,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     if study.experiments:
         return each(study, NAME, run, lambda one: one.virtual, force=force)
     settings = _settings(study)
+    _refuse_unseen(study)
     study = study.model_copy(update={"model": settings.model or study.model})
     task = job(study.run_dir, NAME, study.config_of("name", "model", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
@@ -56,7 +60,6 @@ def _settings(study: Study) -> Simulate:
 def _make(study: Study, settings: Simulate) -> Made:
     set_threads(study.numerics.threads)
     truth = study.truth_parameters()
-    _refuse_instruments(study, truth)
     specimen = Specimen(**settings.specimen.model_dump())
     instruments = instruments_of(settings)
     steps = programme_of([item.model_dump() for item in settings.programme])
@@ -85,14 +88,18 @@ def _make(study: Study, settings: Simulate) -> Made:
     return _made(study, truth, history, summary, path_digest(raw))
 
 
-def _refuse_instruments(study: Study, truth: Parameters) -> None:
-    """StudyError where the truth holds an effect that acts after the fields are solved: virtual instruments have settings."""
-    on = [e for e in effects((*KINEMATICS, *MEASUREMENT)) if any(truth[p.name] != p.neutral for p in e.amplitudes)]
-    if on:
-        raise StudyError(
-            f"{study.source.name}: key 'simulate.truth.{on[0].amplitude.name}' is an effect of the measurement, and virtual instruments "
-            "know none but those of simulate.machine, simulate.dic, simulate.ir and simulate.force; set these, or leave the key out"
-        )
+def _refuse_unseen(study: Study) -> None:
+    """StudyError where the truth holds an effect that nothing of a virtual experiment would show: the instruments and what is between them
+    and the specimen have settings of their own, and of the machine only what changes its force acts on the specimen."""
+    truth = study.truth_parameters()
+    on = [e for e in effects((*LOAD, *KINEMATICS, *MEASUREMENT)) if any(truth[p.name] != p.neutral for p in e.amplitudes)]
+    for e in on:
+        alone = Parameters.of({name: truth[name] for name in e.names})
+        if e.slot not in LOAD or np.array_equal(felt_force(_FORCE, alone), _FORCE):
+            raise StudyError(
+                f"{study.source.name}: key 'simulate.truth.{e.amplitude.name}' is an effect of the measurement or of the machine that no "
+                "virtual test would show; set simulate.machine, simulate.dic, simulate.ir or simulate.force, or leave the key out"
+            )
 
 
 def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray) -> tuple[Body, History]:

@@ -1,0 +1,23 @@
+"""The ranking of effects on a terminal."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from thermofit.cli.printing_loop import show
+
+
+@pytest.mark.parametrize(
+    ("gain", "said"),
+    [(0.1234, "12.34 +- 0.20"), (-0.5, "-50.00 +- 0.20"), (-1.5, "worse"), (None, "-")],
+    ids=["gain", "loss", "more than doubled", "not judged"],
+)
+def test_gain_on_held_out_data_in_words_that_can_be_read(gain: float | None, said: str) -> None:
+    """An effect that the held-out data refuse may make their error a thousand times as large: a per cent figure says nothing then."""
+    row = {"effect": "lamp", "family": ["lamp"], "z": 5.0, "estimate": {}, "held_out_gain": gain, "held_out_sigma": 0.002}
+    out = StringIO()
+    show(Console(file=out, width=140), {"ranking": [{**row, "detectable": 0.01, "accepted": False, "remark": ""}]})
+    assert f" {said} " in next(line for line in out.getvalue().splitlines() if "lamp" in line)

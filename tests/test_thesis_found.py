@@ -89,6 +89,11 @@ def test_verdict_is_foreseen_before_any_data(place: Any, run: str) -> None:
         assert all(ratio in foreseen["verdict"] for ratio in ("alpha_exp/beta", "kappa/beta", "c0/beta"))
 
 
+def test_one_optimum_of_a_coupled_search_of_model_1_is_foreseen(place: Any) -> None:
+    """Only 9 K alpha_exp^2 theta, a twentieth of the heat capacity of aluminium, parts it from a valley: foreseen is a weak optimum."""
+    assert place.record("before-exp2-model-1-coupled", "identifiability-a-priori").summary["kind"] == "weak"
+
+
 def test_reactions_and_softening_are_foreseen_before_any_data(place: Any, scripts: Any) -> None:
     before, five = scripts("thesis_before"), scripts("thesis_55")
     assert before.moved_by(place, "before-exp1-elastic", before.MOTION)["E"] < -0.01

@@ -247,3 +247,21 @@ def test_an_effect_is_a_rival_while_its_linearised_gain_may_exceed_what_was_gain
     gain, sigma = here.proofs[one].gain, here.proofs[one].sigma
     assert sigma > 0.0
     assert _rivals(here, one, gain + 1.9 * sigma) and not _rivals(here, one, gain + 2.1 * sigma)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "first"),
+    [(0.9, "ir_drift"), (1.1, "ir_gain")],
+    ids=["within the error of the difference", "beyond the error of the difference"],
+)
+def test_of_effects_with_equal_gain_the_one_with_the_larger_z_comes_first(ahead: float, first: str) -> None:
+    """Held-out gains are told with an error, and what stands out from the noise more is then the better guess."""
+    here = traced(case_of(3, **{"ir_drift.rate": 4e-4}))
+    like = next(s for s in here.ranking.scores if s.effect == "ir_drift")
+    proved = here.proofs["ir_drift"]
+    sigma = 0.05 * proved.gain
+    scores = tuple(replace(like, effect=name, z=z) for name, z in (("ir_drift", 30.0), ("ir_gain", 10.0), ("ir_emissivity", 20.0)))
+    gains = {"ir_drift": proved.gain, "ir_gain": proved.gain + ahead * np.sqrt(2.0) * sigma, "ir_emissivity": 0.5 * proved.gain}
+    proofs = {name: replace(proved, gain=gain, sigma=sigma) for name, gain in gains.items()}
+    ordered = [s.effect for s in replace(here, ranking=replace(here.ranking, scores=scores), proofs=proofs).promising()]
+    assert ordered[0] == first and ordered[-1] == "ir_emissivity"

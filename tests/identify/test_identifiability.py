@@ -63,6 +63,22 @@ def test_valley_of_two() -> None:
     assert "fix one of" in analysis.verdict
 
 
+@pytest.mark.parametrize(("sigma", "kind"), [(0.05, "unique"), (0.3, "weak"), (0.95, "weak"), (1.1, "valley"), (20.0, "valley")])
+def test_a_direction_with_a_finite_standard_error_has_one_optimum(sigma: float, kind: str) -> None:
+    """Two columns that differ by so little that a common change of both parameters is told to `sigma`: below a factor e searches end in
+    one point, but what is told to no better than 10 % is said to be."""
+    linear = wall()
+    jacobian = linear.jacobian.copy()
+    apart = np.linalg.qr(jacobian)[0][:, 3]  # what neither of the others does
+    jacobian[:, 3] = (-jacobian[:, 2] * linear.x[2] + np.sqrt(2.0) / sigma * apart) / linear.x[3]
+    analysis = analysed(replace(linear, jacobian=jacobian))
+    assert analysis.spectrum.sigma.max() == pytest.approx(sigma, rel=0.01)
+    assert analysis.kind == kind and analysis.verdict.startswith("weak: one optimum, but " if kind == "weak" else f"{kind}: ")
+    assert (analysis.fixing == ((),)) == (kind == "unique")
+    if kind != "unique":
+        assert "kappa, alpha_clamp can move together" in analysis.verdict and "fix one of" in analysis.verdict
+
+
 def test_parameter_at_a_bound_closes_the_valley() -> None:
     """At the optimum a parameter on its bound is held there; before a test nothing is."""
     linear = wall(before=False, kappa=(130.0, 1e3))

@@ -109,6 +109,10 @@ class Proof:
         """True where the held-out error falls by more than its uncertainty, and by what is worth an effect."""
         return self.gain > max(SURE * self.sigma, PRACTICAL)
 
+    def not_less_than(self, other: Proof) -> bool:
+        """True where this gain is below another one by no more than the standard error of the difference of the two."""
+        return other.gain - self.gain <= float(np.hypot(self.sigma, other.sigma))
+
     @property
     def words(self) -> str:
         """By how much the held-out error falls or rises."""

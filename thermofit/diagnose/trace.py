@@ -40,9 +40,15 @@ class Traced:
     """Effects that were refitted on the known motion: proof, estimate and family are those of the refit."""
 
     def promising(self) -> tuple[Score, ...]:
-        """Effects worth a refit, the largest held-out gain first."""
-        found = [s for s in self.ranking.scores if s.effect in self.proofs and self.why_not(s) == ""]
-        return tuple(sorted(found, key=lambda s: -self.proofs[s.effect].gain))
+        """Effects worth a refit, the largest held-out gain first; where gains differ by less than their standard error, the largest z."""
+        left = [s for s in self.ranking.scores if s.effect in self.proofs and self.why_not(s) == ""]
+        found: list[Score] = []
+        while left:
+            best = max((self.proofs[s.effect] for s in left), key=lambda proved: proved.gain)
+            equal = [s for s in left if self.proofs[s.effect].not_less_than(best)]
+            found.append(max(equal, key=lambda s: s.z))
+            left.remove(found[-1])
+        return tuple(found)
 
     def why_not(self, score: Score) -> str:
         """In words why an effect is not worth a refit, empty where it is."""

@@ -24,8 +24,11 @@ from thermofit.fit.information import (
 )
 from thermofit.identify.linear import Linear, moved
 
-Kind = Literal["unique", "valley", "undetermined"]
-"""`valley`: several parameters can move together; `undetermined`: a single one is not felt."""
+Kind = Literal["unique", "weak", "valley", "undetermined"]
+"""`weak`: there is one optimum, but a direction is given to no better than `FREEDOM`; `valley`: several parameters can move together, and
+the data do not tell one place along it from another; `undetermined`: a single one is not felt."""
+OPEN = 1.0
+"""Relative standard error along a direction from which on the data do not tell one optimum: a factor e. Below it searches end in one."""
 _MOST_SETS = 8
 STRONG = 0.01
 """Relative move of a parameter by an error of something prescribed from which on it is said."""
@@ -88,6 +91,8 @@ def _reference(names: tuple[str, ...]) -> str | None:
 def _kind(found: Spectrum) -> Kind:
     if not found.flat:
         return "unique"
+    if np.all(found.sigma <= OPEN):
+        return "weak"
     return "valley" if any(len(flat.members) > 1 for flat in found.flat) else "undetermined"
 
 
@@ -102,15 +107,15 @@ def _verdict(
         what = ", ".join(names) or "nothing"
         limit = f", {names[worst]} least: +- {percent(float(relative[worst]))}" if names else ""
         return f"unique: the data determine {what}{limit}{at_bound}"
-    parts = [relation(flat) for flat in found.flat]
-    return f"{kind}: {'; '.join(parts)}; {mend(fixing)}{at_bound}"
+    said = "weak: one optimum, but " if kind == "weak" else f"{kind}: "
+    return f"{said}{'; '.join(relation(flat) for flat in found.flat)}; {mend(fixing)}{at_bound}"
 
 
 def relation(flat: Flat) -> str:
     """A flat direction in words: who moves together, and what stays constant."""
     how = "the model leaves it open" if flat.exact else f"+- {percent(flat.sigma)} along it"
     if len(flat.members) == 1:
-        return f"{flat.members[0]} is not determined (+- {percent(flat.sigma)})"
+        return f"{flat.members[0]} is {'hardly' if flat.sigma <= OPEN else 'not'} determined (+- {percent(flat.sigma)})"
     constant = [combination(i, flat.reference) for i in flat.invariants]
     worst = max((i.sigma for i in flat.invariants), default=0.0)
     exact = f", which the data give to {percent(worst)}" if np.isfinite(worst) else ""

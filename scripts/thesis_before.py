@@ -29,8 +29,8 @@ def foreseen(place: Place, run: str, what: str, found: str) -> Statement:
     """Whether the verdict before the test is what the starts then found; a `weak` optimum is one optimum."""
     kind = str(record_before(place, run).summary["kind"])
     same = kind == found or (kind, found) == ("weak", "unique")
-    told = "weak', one optimum that is poorly determined" if kind == "weak" else f"{kind}'"
-    return Statement(f"the analysis before any data foresees what is found: {what}", same, f"foreseen '{told}, found '{found}'")
+    told = "'weak' (one optimum, poorly determined)" if kind == "weak" else f"'{kind}'"
+    return Statement(f"the analysis before any data foresees what is found: {what}", same, f"foreseen {told}, found '{found}'")
 
 
 def moved_by(place: Place, run: str, cause: str) -> dict[str, float]:

@@ -11,7 +11,7 @@ import pytest
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Sharper
-from thermofit.diagnose.loop import Closed, Refit, _rivals, before_after, close_loop, ranking_rows
+from thermofit.diagnose.loop import Closed, Refit, _rivals, before_after, candidates, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
@@ -265,3 +265,14 @@ def test_of_effects_with_equal_gain_the_one_with_the_larger_z_comes_first(ahead:
     proofs = {name: replace(proved, gain=gain, sigma=sigma) for name, gain in gains.items()}
     ordered = [s.effect for s in replace(here, ranking=replace(here.ranking, scores=scores), proofs=proofs).promising()]
     assert ordered[0] == first and ordered[-1] == "ir_emissivity"
+
+
+def test_the_effect_with_the_largest_gain_is_tried_though_two_with_an_equal_gain_have_a_larger_z() -> None:
+    here = traced(case_of(3, **{"ir_drift.rate": 4e-4}))
+    like, proved = next(s for s in here.ranking.scores if s.effect == "ir_drift"), here.proofs["ir_drift"]
+    told = {"ir_drift": (5.0, 0.10, 0.045), "ir_gain": (30.0, 0.06, 0.010), "ir_emissivity": (20.0, 0.056, 0.001)}
+    scores = tuple(replace(like, effect=name, z=z) for name, (z, _, _) in told.items())
+    proofs = {name: replace(proved, gain=gain, sigma=sigma) for name, (_, gain, sigma) in told.items()}
+    tied = replace(here, ranking=replace(here.ranking, scores=scores), proofs=proofs, case=replace(here.case, cheap=False))
+    assert [s.effect for s in tied.promising()] == ["ir_gain", "ir_emissivity", "ir_drift"]
+    assert [s.effect for s in candidates(tied)] == ["ir_gain", "ir_drift"]

@@ -64,9 +64,8 @@ def test_valley_of_two() -> None:
 
 
 @pytest.mark.parametrize(("sigma", "kind"), [(0.05, "unique"), (0.3, "weak"), (0.95, "weak"), (1.1, "valley"), (20.0, "valley")])
-def test_a_direction_with_a_finite_standard_error_has_one_optimum(sigma: float, kind: str) -> None:
-    """Two columns that differ by so little that a common change of both parameters is told to `sigma`: below a factor e searches end in
-    one point, but what is told to no better than 10 % is said to be."""
+def test_a_direction_is_weak_from_ten_per_cent_and_a_valley_from_a_factor_e(sigma: float, kind: str) -> None:
+    """Two columns that differ by so little that a common change of both parameters is told to `sigma`."""
     linear = wall()
     jacobian = linear.jacobian.copy()
     apart = np.linalg.qr(jacobian)[0][:, 3]  # what neither of the others does
@@ -77,6 +76,25 @@ def test_a_direction_with_a_finite_standard_error_has_one_optimum(sigma: float, 
     assert (analysis.fixing == ((),)) == (kind == "unique")
     if kind != "unique":
         assert "kappa, alpha_clamp can move together" in analysis.verdict and "fix one of" in analysis.verdict
+
+
+@pytest.mark.parametrize(("scale", "kind", "said"), [(0.3, "weak", "hardly"), (5.0, "undetermined", "not")])
+def test_a_single_parameter_that_is_told_poorly(scale: float, kind: str, said: str) -> None:
+    linear = wall()
+    jacobian = linear.jacobian.copy()
+    jacobian[:, 2] = np.linalg.qr(jacobian)[0][:, 2] / (scale * linear.x[2])
+    analysis = analysed(replace(linear, jacobian=jacobian))
+    assert analysis.kind == kind and f"kappa is {said} determined" in analysis.verdict
+
+
+def test_what_is_told_poorly_makes_no_valley_of_what_is_not_felt() -> None:
+    linear = wall()
+    jacobian = linear.jacobian.copy()
+    apart = np.linalg.qr(jacobian)[0][:, 1]
+    jacobian[:, 1] = (-jacobian[:, 0] * linear.x[0] + 5.0 * apart) / linear.x[1]
+    jacobian[:, 2] = 0.0
+    analysis = analysed(replace(linear, jacobian=jacobian))
+    assert analysis.kind == "undetermined" and len(analysis.spectrum.flat) == 2
 
 
 def test_parameter_at_a_bound_closes_the_valley() -> None:

@@ -110,7 +110,8 @@ class Proof:
         return self.gain > max(SURE * self.sigma, PRACTICAL)
 
     def not_less_than(self, other: Proof) -> bool:
-        """True where this gain is below another one by no more than the standard error of the difference of the two."""
+        """True where this gain is below another one by no more than the standard errors of both: as if they were independent, which is too
+        much for gains on the same rows."""
         return other.gain - self.gain <= float(np.hypot(self.sigma, other.sigma))
 
     @property

@@ -101,7 +101,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         if len(accepted) < max_effects:
             for score in candidates(here):
                 if winner is not None and not case.cheap and not _rivals(here, score.effect, best):
-                    break
+                    continue
                 try:
                     trial, found = _tried(here, fit, score, refit, numerical, how)
                 except NumericsError as error:
@@ -151,11 +151,13 @@ def _rivals(here: Traced, name: str, gain: float) -> bool:
 
 
 def candidates(here: Traced) -> tuple[Score, ...]:
-    """Effects that a round refits, the largest held-out gain first; where a run costs next to nothing all of them, those of their families
-    that pass the threshold, and what else passes it: a refit can tell apart what one step cannot, and can go where that step fails."""
+    """Effects that a round refits, as `promising` orders them: the first, and of the others those with the largest held-out gain. Where a
+    run costs next to nothing all of them, those of their families that pass the threshold, and what else passes it: a refit can tell apart
+    what one step cannot, and can go where that step fails."""
     promising = here.promising()
     if not here.case.cheap:
-        return promising[:TRIED_PER_ROUND]
+        others = sorted(promising[1:], key=lambda s: -here.proofs[s.effect].gain)
+        return (*promising[:1], *others[: TRIED_PER_ROUND - 1])
     alike = {member for s in promising for member in s.family}
     others = [s for s in here.ranking.scores if not s.vetoed and s.z > here.ranking.threshold and s not in promising]
     visible = [s for s in others if s.effect in alike or s.predicted_drop > OVER_NUMERICAL * s.numerical_drop]

@@ -143,12 +143,12 @@ def intervals_json(found: Mapping[str, Mapping[str, Interval]]) -> dict[str, dic
 
 
 def programme_rows(found: Sequence[Row]) -> list[Row]:
-    """Programmes ranked by the D-criterion, those that leave something open last, those that cannot be carried out at the end."""
+    """Programmes ranked by the D-criterion: first those that determine all, then those that do so poorly, then those that leave something
+    open; those that cannot be carried out at the end."""
 
     def place(row: Row) -> tuple[int, float]:
-        if row["kind"] == "failed":
-            return 2, 0.0
-        return (0, row["D"]) if row["kind"] == "unique" else (1, row["D"] if np.isfinite(row["D"]) else np.inf)
+        order = {"unique": 0, "weak": 1, "failed": 3}.get(row["kind"], 2)
+        return order, row["D"] if np.isfinite(row["D"]) and order < 3 else np.inf
 
     ordered = sorted(found, key=place)
     return [{"rank": n if row["kind"] != "failed" else None, **row} for n, row in enumerate(ordered, start=1)]

@@ -40,7 +40,7 @@ class Traced:
     """Effects that were refitted on the known motion: proof, estimate and family are those of the refit."""
 
     def promising(self) -> tuple[Score, ...]:
-        """Effects worth a refit, the largest held-out gain first; where gains differ by less than their standard error, the largest z."""
+        """Effects worth a refit, the largest held-out gain first; where they differ by no more than their errors, the largest z."""
         left = [s for s in self.ranking.scores if s.effect in self.proofs and self.why_not(s) == ""]
         found: list[Score] = []
         while left:

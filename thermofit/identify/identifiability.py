@@ -25,10 +25,10 @@ from thermofit.fit.information import (
 from thermofit.identify.linear import Linear, moved
 
 Kind = Literal["unique", "weak", "valley", "undetermined"]
-"""`weak`: there is one optimum, but a direction is given to no better than `FREEDOM`; `valley`: several parameters can move together, and
-the data do not tell one place along it from another; `undetermined`: a single one is not felt."""
+"""`weak`: to first order the data tell one optimum, but a direction of it no better than to `FREEDOM`; `valley`: several parameters move
+together, and the data do not tell one place along it from another; `undetermined`: a single one is not felt."""
 OPEN = 1.0
-"""Relative standard error along a direction from which on the data do not tell one optimum: a factor e. Below it searches end in one."""
+"""Relative standard error along a direction from which on the data do not tell one optimum: a factor e."""
 _MOST_SETS = 8
 STRONG = 0.01
 """Relative move of a parameter by an error of something prescribed from which on it is said."""
@@ -63,7 +63,7 @@ def analysed(linear: Linear, freedom: float = FREEDOM) -> Analysis:
     fixing = fixing_sets(info, freedom)[:_MOST_SETS] if found.flat else ((),)
     relative = relative_sigma(info)
     sigma = np.sqrt(s2) * spread.sigma_unit
-    kind = _kind(found)
+    kind = _kind(found, spectrum(info, _reference(info.names), max(freedom, OPEN)))
     held = tuple(name for name, at in zip(linear.names, linear.at_bound, strict=True) if at)
     return Analysis(
         kind=kind,
@@ -88,12 +88,13 @@ def _reference(names: tuple[str, ...]) -> str | None:
     return next((name for name in names if param(name).unit == "1"), None)
 
 
-def _kind(found: Spectrum) -> Kind:
+def _kind(found: Spectrum, wide: Spectrum) -> Kind:
+    """`found` holds the directions that are given poorly, `wide` those that are not given at all."""
     if not found.flat:
         return "unique"
-    if np.all(found.sigma <= OPEN):
+    if not wide.flat:
         return "weak"
-    return "valley" if any(len(flat.members) > 1 for flat in found.flat) else "undetermined"
+    return "valley" if any(len(flat.members) > 1 for flat in wide.flat) else "undetermined"
 
 
 def _verdict(

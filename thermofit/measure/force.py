@@ -295,7 +295,7 @@ def _without_reversals(fit: Fit, record: ForceRecord, phases: Phases, sigma: flo
 def _finer(fit: Fit, record: ForceRecord) -> Fit:
     """The fit with every interval between knots of its cubic pieces cut into four, where it holds samples enough.
 
-    A piece that a straight line or a parabola fits stays what it is, such as an elastic unloading: its bends are in no error.
+    A piece that a straight line fits, such as an elastic unloading, stays one: its bends are in no error.
     """
     for _ in range(_HALVINGS):
         curve = fit.curve

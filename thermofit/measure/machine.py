@@ -128,11 +128,10 @@ def uniaxial_law(parameters: Parameters, model: int = 2) -> UniaxialLaw:
 
 
 def bar_of(specimen: Specimen, law: UniaxialLaw) -> Bar:
-    """Slices of the whole dogbone: parallel part, Gauss points of the shoulders and of the gripped ends.
+    """Slices of the whole dogbone: parallel part, Gauss points of the shoulders, gripped ends.
 
-    Width in the shoulder w = w_0 + 2 (R - sqrt(R^2 - s^2)), s = |y| - L_p / 2. The jaws take the force over along the grip: a share
-    1 - s / L_g of it is left at s, as if the section were that much larger. Ends that carried all of it would yield at once, with a
-    knee in the force that no test has. StudyError where the lengths of the specimen do not fit together.
+    Width in the shoulder w = w_0 + 2 (R - sqrt(R^2 - s^2)), s = |y| - L_p / 2. StudyError where the lengths of the
+    specimen do not fit together.
     """
     radius, step = specimen.shoulder_radius, 0.5 * (specimen.grip_width - specimen.gauge_width)
     if not 0.0 <= step <= max(radius, 0.0):
@@ -150,9 +149,8 @@ def bar_of(specimen: Specimen, law: UniaxialLaw) -> Bar:
     point, weight = np.polynomial.legendre.leggauss(_SHOULDER_POINTS)
     s = 0.5 * shoulder * (point + 1.0)
     width = specimen.gauge_width + 2.0 * (radius - np.sqrt(radius**2 - s**2))
-    left = 0.5 * (1.0 - point)
-    length = np.concatenate([[specimen.parallel_length], shoulder * weight, max(grip, 0.0) * weight])
-    widths = np.concatenate([[specimen.gauge_width], width, specimen.grip_width / left])
+    length = np.concatenate([[specimen.parallel_length], shoulder * weight, [2.0 * max(grip, 0.0)]])
+    widths = np.concatenate([[specimen.gauge_width], width, [specimen.grip_width]])
     return Bar(length, widths * specimen.thickness, law)
 
 

@@ -285,8 +285,10 @@ def programme_task(study: Study, key: str, name: str, kept: Kept) -> Row:
 def compare_verdict(rows: Sequence[Row], free: Sequence[str]) -> str:
     """Which programme tells most, and which leave something open."""
     good = [row for row in rows if row["kind"] == "unique"]
-    worse = [str(row["programme"]) for row in rows if row["kind"] not in ("unique", "failed")]
-    left = f"; {', '.join(worse)} leave{'s' if len(worse) == 1 else ''} something open" if worse else ""
+    weak = [str(row["programme"]) for row in rows if row["kind"] == "weak"]
+    worse = [str(row["programme"]) for row in rows if row["kind"] not in ("unique", "weak", "failed")]
+    left = f"; {', '.join(weak)} tell{'s' if len(weak) == 1 else ''} too little of a direction" if weak else ""
+    left += f"; {', '.join(worse)} leave{'s' if len(worse) == 1 else ''} something open" if worse else ""
     if not good:
         return f"no programme determines {', '.join(free)}{left}"
     best = good[0]

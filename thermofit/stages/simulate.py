@@ -28,8 +28,8 @@ from thermofit.measure.virtual import RawSummary, write_raw
 from thermofit.measure.virtual_setup import VirtualFields, instrument_times, instruments_of, solution_times
 
 NAME = "simulate"
-_FORCE = np.array([0.0, 1e3])
-"""N; a force that an effect of the machine changes, or not."""
+_FORCES = np.concatenate([[0.0], np.geomspace(1.0, 1e7, 36)])
+"""Forces in N at which it is asked whether an effect of the machine changes the force."""
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -95,10 +95,11 @@ def _refuse_unseen(study: Study) -> None:
     on = [e for e in effects((*LOAD, *KINEMATICS, *MEASUREMENT)) if any(truth[p.name] != p.neutral for p in e.amplitudes)]
     for e in on:
         alone = Parameters.of({name: truth[name] for name in e.names})
-        if e.slot not in LOAD or np.array_equal(felt_force(_FORCE, alone), _FORCE):
+        if e.slot not in LOAD or np.array_equal(felt_force(_FORCES, alone), _FORCES):
+            name = next(p.name for p in e.amplitudes if truth[p.name] != p.neutral)
             raise StudyError(
-                f"{study.source.name}: key 'simulate.truth.{e.amplitude.name}' is an effect of the measurement or of the machine that no "
-                "virtual test would show; set simulate.machine, simulate.dic, simulate.ir or simulate.force, or leave the key out"
+                f"{study.source.name}: key 'simulate.truth.{name}' belongs to {e.name}, which acts on the measurement or the machine, and "
+                "no virtual test would show it; leave the key out (see simulate.machine, simulate.dic, simulate.ir and simulate.force)"
             )
 
 

@@ -40,14 +40,17 @@ class Traced:
     """Effects that were refitted on the known motion: proof, estimate and family are those of the refit."""
 
     def promising(self) -> tuple[Score, ...]:
-        """Effects worth a refit, the largest held-out gain first; where they differ by no more than their errors, the largest z."""
+        """Effects worth a refit, the largest held-out gain first; where gains differ by no more than their errors, one that a refit on the
+        known motion has shown comes before one that the linear model promises."""
         left = [s for s in self.ranking.scores if s.effect in self.proofs and self.why_not(s) == ""]
         found: list[Score] = []
         while left:
-            best = max((self.proofs[s.effect] for s in left), key=lambda proved: proved.gain)
-            equal = [s for s in left if self.proofs[s.effect].not_less_than(best)]
-            found.append(max(equal, key=lambda s: s.z))
-            left.remove(found[-1])
+            best = max(left, key=lambda s: self.proofs[s.effect].gain)
+            if best.effect not in self.warmed:
+                shown = [s for s in left if s.effect in self.warmed and self.proofs[s.effect].not_less_than(self.proofs[best.effect])]
+                best = max(shown, key=lambda s: self.proofs[s.effect].gain, default=best)
+            found.append(best)
+            left.remove(best)
         return tuple(found)
 
     def why_not(self, score: Score) -> str:

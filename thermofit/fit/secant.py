@@ -1,5 +1,5 @@
 """Bounded Gauss-Newton that saves forward runs: without exact derivatives the Jacobian is updated by Broyden and recomputed only where
-that fails.
+that fails; with them they also tell the second derivatives that matter where the model lacks something (`curvature`).
 
 Secant version of the damped Gauss-Newton method (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares
 Problems, 2nd ed., IMM, DTU, 2004, section 3.5) with a box as trust region: box and bounds are then one set of bounds of a
@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.fit.curvature import Curvature, Local, augmented, learnt
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
 from thermofit.fit.gauss_newton import Step, bounded_step, pinned, reached, reduce, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
-from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
+from thermofit.fit.problem import Problem, from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings
 
 FIRST_RADIUS = 0.3
@@ -33,7 +34,8 @@ class State:
     """Point z (n_p,), its residual (n,) and Jacobian (n, n_p) with respect to z, half width `radius` of the trust box.
 
     `fresh`: the Jacobian was computed at z, not updated; `rejected`: trials in a row that did not lower f; `failed`: the last
-    one because the forward model failed.
+    one because the forward model failed; `curvature`: what is known of the second derivatives, None where derivatives are not exact or
+    the data say nothing along some direction.
     """
 
     z: np.ndarray
@@ -43,6 +45,12 @@ class State:
     fresh: bool = True
     rejected: int = 0
     failed: bool = False
+    curvature: Curvature | None = None
+
+    @property
+    def local(self) -> Local:
+        """Residual and Jacobian of the point."""
+        return Local(self.residual, self.jacobian)
 
 
 def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
@@ -76,14 +84,21 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
 def _first(evaluations: Evaluations, settings: Settings) -> State:
     problem = evaluations.problem
     if problem.linearise is not None:
-        residual, jacobian = evaluations.linearised(problem.start)
-        return State(to_scaled(problem, problem.start), residual, pinned(jacobian * problem.scale, residual), FIRST_RADIUS_EXACT)
+        return _exact(problem, problem.start, *evaluations.linearised(problem.start))
     residual = evaluations.residual(problem.start)
     given = problem.first_jacobian
     if given is not None and given.shape == (residual.size, len(problem.names)):
         return State(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
     jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
     return State(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
+
+
+def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> State:
+    """The state at a point with an exact dr/dx (n, n_p)."""
+    scaled = jacobian * problem.scale
+    matrix = pinned(scaled, residual)
+    curvature = Curvature(np.zeros((x.size, x.size))) if matrix is scaled else None
+    return State(to_scaled(problem, x), residual, matrix, FIRST_RADIUS_EXACT, curvature=curvature)
 
 
 def _refresh(evaluations: Evaluations, state: State, settings: Settings) -> State:
@@ -94,9 +109,12 @@ def _refresh(evaluations: Evaluations, state: State, settings: Settings) -> Stat
 
 
 def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
-    """Minimum of the linear model within bounds and box."""
+    """Minimum within bounds and box of the linear model, or of the quadratic one where that has proved better."""
     lower, upper = scaled_bounds(evaluations.problem)
     room = np.maximum(lower - state.z, -radius), np.minimum(upper - state.z, radius)
+    curvature = state.curvature
+    if curvature is not None and curvature.used:
+        return bounded_step(augmented(state.local, curvature.S), room)
     return bounded_step(reduce(state.jacobian, state.residual), room)
 
 
@@ -110,16 +128,21 @@ def _advance(evaluations: Evaluations, state: State, settings: Settings) -> Stat
     outcome = evaluations.outcome(x, purpose)
     if outcome.residual is None:
         return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=True)
-    z = to_scaled(problem, x)
     ratio = (float(state.residual @ state.residual) - outcome.f) / step.drop if step.drop > 0.0 else -1.0
-    exact = outcome.jacobian is not None
+    accepted = ratio > 1e-4
     if outcome.jacobian is not None:
-        jacobian = pinned(outcome.jacobian * problem.scale, outcome.residual)
-    else:
-        jacobian = _update(state, z - state.z, outcome.residual)
-    if ratio > 1e-4:
-        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=exact)
-        return moved if exact or ratio >= BELIEVED else _refresh(evaluations, moved, settings)
+        there = _exact(problem, x, outcome.residual, outcome.jacobian)
+        if state.curvature is not None and there.curvature is not None:
+            there = replace(there, curvature=learnt(state.curvature, state.local, there.local, there.z - state.z, accepted))
+        if accepted:
+            return replace(there, radius=_radius(state.radius, length, ratio))
+        rejected = replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
+        return rejected if there.curvature is None else replace(rejected, curvature=there.curvature)
+    z = to_scaled(problem, x)
+    jacobian = _update(state, z - state.z, outcome.residual)
+    if accepted:
+        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
+        return moved if ratio >= BELIEVED else _refresh(evaluations, moved, settings)
     if state.fresh:
         return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
     if state.rejected == 0:

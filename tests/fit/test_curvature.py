@@ -1,0 +1,112 @@
+"""Second derivatives that Gauss-Newton leaves out: the secant update, the quadratic model, and searches whose residual stays large."""
+
+import numpy as np
+import pytest
+from fit_models import BAR_TRUE, bar_problem, complex_step, exact, problem
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from thermofit.fit.curvature import Curvature, Local, augmented, learnt, updated
+from thermofit.fit.gauss_newton import bounded_step
+from thermofit.fit.minimise import minimise
+from thermofit.fit.settings import Settings
+
+FREE = (np.full(4, -np.inf), np.full(4, np.inf))
+
+
+def symmetric(rng, size):
+    matrix = rng.standard_normal((size, size))
+    return matrix + matrix.T
+
+
+@settings(max_examples=100)
+@given(seed=st.integers(0, 10**6), size=st.integers(1, 6))
+def test_update_is_symmetric_and_explains_the_step(seed, size):
+    rng = np.random.default_rng(seed)
+    S, d, curving, turning = symmetric(rng, size), *rng.standard_normal((3, size))
+    result = updated(S, d, curving, turning if turning @ d > 0.0 else -turning)
+    assert np.allclose(result, result.T) and np.allclose(result @ d, curving, atol=1e-9 * np.abs(result).max())
+
+
+def test_update_is_refused_where_the_gradient_does_not_rise():
+    S = symmetric(np.random.default_rng(1), 3)
+    assert updated(S, np.ones(3), np.ones(3), np.array([1.0, -1.0, 0.0])) is S
+    assert updated(S, np.ones(3), np.ones(3), -np.ones(3)) is S
+
+
+def test_what_was_learnt_where_the_residual_was_larger_does_not_outlive_it():
+    """Sized by the curvature along the step: across it S = 100 falls to 1 as well."""
+    assert updated(100.0 * np.eye(2), np.array([1.0, 0.0]), np.array([1.0, 0.0]), np.array([1.0, 0.0])) == pytest.approx(np.eye(2))
+
+
+def parabolas(z):
+    """Residual of one variable with constant second derivatives 2, -1, 3."""
+    return np.array([1.0 + z[0] + z[0] ** 2, 4.0 - 2.0 * z[0] - 0.5 * z[0] ** 2, 5.0 + 1.5 * z[0] ** 2])
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_one_variable_is_learnt_from_one_trial(moved):
+    """S = sum r_i r_i'' at the point that the search goes on from: 2 - 4 + 15 at z = 0."""
+    here, there = (Local(parabolas(z), complex_step(parabolas, z)) for z in (np.array([0.0]), np.array([0.1])))
+    S = learnt(Curvature(np.zeros((1, 1))), here, there, np.array([0.1]), moved).S
+    at = there if moved else here
+    assert S == pytest.approx(np.array([[at.residual @ [2.0, -1.0, 3.0]]]))
+
+
+def test_quadratic_model_is_used_where_it_is_right_and_gauss_newton_is_wrong():
+    here, there = (Local(parabolas(z), complex_step(parabolas, z)) for z in (np.array([0.0]), np.array([0.7])))
+    assert learnt(Curvature(np.array([[13.0]])), here, there, np.array([0.7]), False).used
+    assert not learnt(Curvature(np.array([[-13.0]])), here, there, np.array([0.7]), False).used
+    # A small residual: Gauss-Newton is right within a few per cent, and stays, unless the other one is used already.
+    small = [Local(1e-2 * np.array([1.0, 2.0]) + [z - 0.5, 0.02 * z**2], np.array([[1.0], [0.04 * z]])) for z in (0.0, 0.4)]
+    right = np.array([[0.02 * 0.04]])
+    assert not learnt(Curvature(right), *small, np.array([0.4]), True).used
+    assert learnt(Curvature(right, used=True), *small, np.array([0.4]), True).used
+
+
+@settings(max_examples=60)
+@given(seed=st.integers(0, 10**6), badly=st.floats(0.0, 5.0))
+def test_step_of_the_quadratic_model(seed, badly):
+    """J^T J + S is its matrix where that is positive definite, whatever the scales; its minimum is Newton's step."""
+    rng = np.random.default_rng(seed)
+    scales = 10.0 ** (badly * rng.uniform(-1, 1, 4))
+    jacobian, residual = rng.standard_normal((12, 4)) * scales, rng.standard_normal(12)
+    S = 0.1 * symmetric(rng, 4) * np.outer(scales, scales)
+    model = augmented(Local(residual, jacobian), S)
+    hessian, gradient = jacobian.T @ jacobian + S, jacobian.T @ residual
+    assert np.allclose((model.R.T @ model.R) / np.outer(scales, scales), hessian / np.outer(scales, scales), atol=1e-8)
+    step = bounded_step(model, FREE)
+    assert step.d * scales == pytest.approx(-np.linalg.solve(hessian / np.outer(scales, scales), gradient / scales), rel=1e-5, abs=1e-8)
+    assert step.drop == pytest.approx(-(2.0 * gradient @ step.d + step.d @ hessian @ step.d), rel=1e-6)
+
+
+def test_negative_curvature_goes_down():
+    model = augmented(Local(np.array([1.0, 0.1]), np.eye(2)), np.diag([0.0, -3.0]))
+    assert bounded_step(model, (np.full(2, -9.0), np.full(2, 9.0))).d == pytest.approx([-1.0, -0.05])
+
+
+@pytest.mark.parametrize("start", [[25.0, 5.0, -5.0, -1.0], [2.5, 5.0, -5.0, -1.0], [-10.0, 12.0, -1.0, 1.0]])
+def test_large_residual(start):
+    """Brown and Dennis' function (J. J. More, B. S. Garbow, K. E. Hillstrom, ACM Trans. Math. Softw. 7, 1981, no. 16), minimum 85822.2:
+    steps of Gauss-Newton alone take 53, 35 and 30 runs."""
+    t = np.arange(1, 21) / 5.0
+
+    def residual(x):
+        return (x[0] + t * x[1] - np.exp(t)) ** 2 + (x[2] + x[3] * np.sin(t) - np.cos(t)) ** 2
+
+    base = problem(residual, start, [-100.0] * 4, [100.0] * 4)
+    fit = minimise(exact(base), settings=Settings(x_tolerance=1e-6, f_tolerance=1e-9))
+    assert fit.converged and fit.f == pytest.approx(85822.2016, rel=1e-8)
+    assert fit.x == pytest.approx([-11.594440, 13.203630, -0.403439, 0.236779], abs=1e-4)
+    assert fit.counts.forward < 24
+
+
+def test_model_that_lacks_something_ends_where_a_search_without_derivatives_does():
+    """A misfit that no parameter can follow, hundreds of times the noise."""
+    base = bar_problem(BAR_TRUE)
+    lacking = np.where(np.arange(base.residual(BAR_TRUE).size) % 7 < 3, 300.0, -150.0)
+    wrong = problem(lambda x: base.residual(x) + lacking, BAR_TRUE, base.lower, base.upper, base.scale, base.names)
+    sharp = Settings(x_tolerance=1e-7, f_tolerance=1e-7, max_evaluations=20000)
+    fit, reference = minimise(exact(wrong), settings=sharp), minimise(wrong, "nelder-mead", sharp)
+    assert fit.converged and reference.converged, (fit.message, reference.message)
+    assert fit.f <= reference.f * (1.0 + 1e-9)

@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 
 Run = dict[str, Any]
 FAR = 10.0
-"""Scales beyond which it does not matter how far a Param is: a drift that takes ten tests to settle is a straight line."""
+"""Scales beyond which it does not matter how late a time is: a drift that takes ten tests to settle is a straight line."""
 KINDS = {
     "point": "coupon records",
     "body": "full fields on a small body",
@@ -50,8 +50,9 @@ def over_floor(runs: Sequence[Run], nulls: Sequence[Run]) -> str:
 
 
 def bias(runs: Sequence[Run]) -> str:
-    """Median relative error of the amplitude where the planted effect itself was accepted; "other form" where it was only in another one."""
-    values, others = [], 0
+    """Median relative error of the amplitude where the planted effect itself was accepted; "other form" where only in another one."""
+    values: list[float] = []
+    others = 0
     for r in runs:
         for n in r["kind"].split("+"):
             if n in r["estimates"]:
@@ -61,17 +62,19 @@ def bias(runs: Sequence[Run]) -> str:
                 else:
                     others += 1
     left = f"other form in {others}" if others else "-"
-    return f"{100 * float(np.median(values)):+.0f} %" + (f", {left}" if others else "") if values else left
+    if not values:
+        return left
+    return f"{100 * float(np.median(values)):+.0f} %" + (f" in {len(values)}, {left}" if others else "")
 
 
 def as_planted(run: Run, name: str) -> bool:
     """Whether the other Params of an accepted effect, which are planted at their neutral values, came out alike: within their scale or a
-    factor of four, or both far beyond the scale. Amplitudes of two forms of an effect cannot be compared."""
+    factor of four, or times that are both far beyond the scale. Amplitudes of two forms of an effect cannot be compared."""
     pairs = [(p, run["estimates"][name][p.name]) for p in effect(name).params if p.name != effect(name).amplitude.name]
     return all(
         abs(found - p.neutral) <= p.scale
         or p.neutral <= 4.0 * found <= 16.0 * p.neutral
-        or min(abs(found), abs(p.neutral)) > FAR * p.scale
+        or (p.unit == "s" and min(found, p.neutral) > FAR * p.scale)
         for p, found in pairs
     )
 

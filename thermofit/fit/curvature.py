@@ -44,7 +44,7 @@ class Local:
 def augmented(here: Local, S: np.ndarray) -> Reduced:
     """The quadratic model of f with J^T J + S in the form of a linear least-squares problem: R^T R = J^T J + S, R^T c = J^T r.
 
-    A direction of negative curvature counts by its magnitude, so that a step goes down along it as far as the box lets it.
+    A direction of negative curvature counts by its magnitude: a step goes down along it, as far as for a valley of that curvature.
     """
     norms = np.linalg.norm(here.jacobian, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
@@ -72,10 +72,10 @@ def learnt(known: Curvature, here: Local, there: Local, d: np.ndarray, moved: bo
 
 
 def updated(S: np.ndarray, d: np.ndarray, curving: np.ndarray, turning: np.ndarray) -> np.ndarray:
-    """Secant update of Dennis, Gay and Welsch (2.6-2.8): the result, symmetric (n_p, n_p), maps the step d to `curving`.
+    """Secant update of Dennis, Gay and Welsch: the result, symmetric (n_p, n_p), maps the step d to `curving`.
 
     `curving`: (J(z + d) - J(z))^T r, `turning`: change of the gradient J^T r; all (n_p,). S is first sized, so that what was learnt
-    where the residual was larger does not outlive it. S itself where the gradient does not rise along the step.
+    where the residual was larger does not outlive it. Unlike there, S is kept where the gradient does not rise along the step.
     """
     slope = float(turning @ d)
     if slope <= _SMALLEST * float(np.linalg.norm(turning) * np.linalg.norm(d)):

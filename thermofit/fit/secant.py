@@ -35,7 +35,7 @@ class State:
 
     `fresh`: the Jacobian was computed at z, not updated; `rejected`: trials in a row that did not lower f; `failed`: the last
     one because the forward model failed; `curvature`: what is known of the second derivatives, None where derivatives are not exact or
-    the data say nothing along some direction.
+    the data say nothing along some direction or are fewer than twice the parameters.
     """
 
     z: np.ndarray
@@ -63,7 +63,7 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
     try:
         state = _first(evaluations, settings)
         while True:
-            full = _step(evaluations, state, np.inf)
+            full = _full(evaluations, state)
             f = float(state.residual @ state.residual)
             end = reached(full, f, state.residual.size, settings)
             if end and state.fresh:
@@ -97,7 +97,8 @@ def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.n
     """The state at a point with an exact dr/dx (n, n_p)."""
     scaled = jacobian * problem.scale
     matrix = pinned(scaled, residual)
-    curvature = Curvature(np.zeros((x.size, x.size))) if matrix is scaled else None
+    told = matrix is scaled and residual.size >= 2 * (x.size + 1)
+    curvature = Curvature(np.zeros((x.size, x.size))) if told else None
     return State(to_scaled(problem, x), residual, matrix, FIRST_RADIUS_EXACT, curvature=curvature)
 
 
@@ -116,6 +117,16 @@ def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
     if curvature is not None and curvature.used:
         return bounded_step(augmented(state.local, curvature.S), room)
     return bounded_step(reduce(state.jacobian, state.residual), room)
+
+
+def _full(evaluations: Evaluations, state: State) -> Step:
+    """The step without a box, by which a search ends. Where steps are based on second derivatives, which are learnt from few trials, the
+    linear model must agree that nothing is left: the longer step and the larger drop of both."""
+    plain = _step(evaluations, replace(state, curvature=None), np.inf)
+    if state.curvature is None or not state.curvature.used:
+        return plain
+    curved = _step(evaluations, state, np.inf)
+    return Step(max(plain.d, curved.d, key=lambda d: float(np.max(np.abs(d)))), max(plain.drop, curved.drop))
 
 
 def _advance(evaluations: Evaluations, state: State, settings: Settings) -> State:
@@ -137,7 +148,11 @@ def _advance(evaluations: Evaluations, state: State, settings: Settings) -> Stat
         if accepted:
             return replace(there, radius=_radius(state.radius, length, ratio))
         rejected = replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
-        return rejected if there.curvature is None else replace(rejected, curvature=there.curvature)
+        if state.curvature is None or there.curvature is None:
+            return rejected
+        # What one model promised in vain says nothing of the other, on which the next trial is based.
+        count = rejected.rejected if there.curvature.used == state.curvature.used else 0
+        return replace(rejected, curvature=there.curvature, rejected=count)
     z = to_scaled(problem, x)
     jacobian = _update(state, z - state.z, outcome.residual)
     if accepted:

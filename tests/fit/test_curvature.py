@@ -168,3 +168,16 @@ def test_second_derivatives_are_not_asked_where_the_data_say_nothing(p, n, monke
     curved = problem(lambda x: np.array([x[0] ** 2 + 30.0, x[0] - 1.0, *rest]) + 0.0 * x[-1], [0.1, 2.0][:p], [-9.0] * p, [9.0] * p)
     fit = minimise(exact(curved), settings=Settings(f_tolerance=1e-6))
     assert fit.x[0] == pytest.approx(1.0 / 61.0, rel=0.05) and (p == 1 or fit.x[1] == 2.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_of_the_residual_ends_a_search_whose_second_derivatives_outweigh(seed):
+    """J^T J is 1, S is 60: a gradient of noise promises the linear model sixty times what there is to gain."""
+
+    def noisy(x):
+        noise = np.random.default_rng([seed, *np.real(x).tobytes()]).standard_normal(4)
+        return np.array([x[0] ** 2 + 30.0, x[0] - 1.0, 5.0, 5.0]) + 0.01 * noise
+
+    fit = minimise(exact(problem(noisy, [0.1], [-9.0], [9.0])), settings=Settings(f_tolerance=1e-4))
+    assert fit.converged, fit.message
+    assert 61.0 * (fit.x[0] - 1.0 / 61.0) ** 2 < 0.01 * fit.f / 3

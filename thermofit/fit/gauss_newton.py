@@ -21,6 +21,9 @@ UNRESOLVED = 25.0
 """Predicted drop, in units of the tolerance, that noise of the residual or of its derivatives may promise wrongly at the optimum: a
 trial step that then raises f ends the search. With f_tolerance = 0.01 this is half a standard error."""
 
+AT_NOISE = "the objective no longer changes by more than it is resolved"
+"""Message of a search that ends so."""
+
 
 @dataclass(frozen=True)
 class Reduced:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.optimize
 
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import UNRESOLVED, Step, full_step, pinned, reached, unresolved
+from thermofit.fit.gauss_newton import AT_NOISE, UNRESOLVED, Step, full_step, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings, relative_drop
@@ -25,9 +25,6 @@ class Ending:
 
     converged: bool
     message: str
-
-
-_UNRESOLVED = "the objective no longer changes by more than it is resolved"
 
 
 class Reached(Exception):
@@ -64,7 +61,7 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
     if search.at_edge:
         return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
     if result.status > 0 and search.unresolved:
-        return Ending(True, _UNRESOLVED)
+        return Ending(True, AT_NOISE)
     if result.status > 0:
         return Ending(
             False,
@@ -108,7 +105,7 @@ class _Search:
             f, n = self._here[0], evaluations.size
             # A rise beyond that is no noise but curvature: a shorter step may still do better.
             if f <= outcome.f <= f * (1.0 + UNRESOLVED * relative_drop(self._settings, n, z.size)):
-                raise Reached(_UNRESOLVED)
+                raise Reached(AT_NOISE)
         return outcome.residual
 
     def jacobian(self, z: np.ndarray) -> np.ndarray:

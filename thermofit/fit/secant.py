@@ -15,7 +15,7 @@ import numpy as np
 
 from thermofit.fit.curvature import Curvature, Local, augmented, learnt
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import Step, bounded_step, pinned, reached, reduce, unresolved
+from thermofit.fit.gauss_newton import AT_NOISE, Step, bounded_step, pinned, reached, reduce, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.problem import Problem, from_scaled, scaled_bounds, to_scaled
@@ -64,15 +64,15 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
         state = _first(evaluations, settings)
         while True:
             full = _full(evaluations, state)
-            f = float(state.residual @ state.residual)
+            f = state.local.f
             end = reached(full, f, state.residual.size, settings)
             if end and state.fresh:
                 return Ending(True, end)
             if state.fresh and state.rejected and not state.failed and unresolved(full, f, state.residual.size, settings):
-                return Ending(True, "the objective no longer changes by more than it is resolved")
+                return Ending(True, AT_NOISE)
             exhausted = state.radius < 0.01 * settings.x_tolerance
             if exhausted and state.fresh:
-                return _stuck(state)
+                return _stuck(evaluations, state, settings)
             if end or exhausted:
                 state = _refresh(evaluations, state, settings)
                 continue
@@ -184,7 +184,13 @@ def _update(state: State, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
     return np.asarray(state.jacobian + np.outer(miss, d / square))
 
 
-def _stuck(state: State) -> Ending:
+def _stuck(evaluations: Evaluations, state: State, settings: Settings) -> Ending:
+    """No step lowers f, down to the shortest. Where second derivatives outweigh J^T J, the linear model takes the noise of the residual
+    for many times the drop that the quadratic one does: that one decides."""
+    curvature = None if state.curvature is None else replace(state.curvature, used=True)
+    curved = _step(evaluations, replace(state, curvature=curvature), np.inf)
+    if not state.failed and unresolved(curved, state.local.f, state.residual.size, settings):
+        return Ending(True, AT_NOISE)
     if state.failed:
         return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
     return Ending(

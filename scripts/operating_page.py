@@ -123,7 +123,8 @@ def write(runs: list[Run], folder: Path) -> None:
         ]
         for kind in dict.fromkeys(r["kind"] for r in sound if r["driver"] == driver):
             counts = Counter(str(r["first"]) for r in sound if r["driver"] == driver and r["kind"] == kind and r["times"] != 1.0)
-            lines.append(f"| {kind} | {', '.join(f'{name} {n}' for name, n in counts.most_common())} |")
+            if counts:
+                lines.append(f"| {kind} | {', '.join(f'{name} {n}' for name, n in counts.most_common())} |")
     folder.joinpath("operating_figures.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     _plot(sound, folder / "operating_figures.png")
 

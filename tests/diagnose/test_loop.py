@@ -131,6 +131,9 @@ def test_an_effect_that_does_not_stand_off_neutral_is_refused() -> None:
     assert later and all(row["remark"] for row in later)
 
 
+DRIFTING = {"ir_drift.rate": 0.02}
+
+
 def with_gain_as_noise(case: Case, near: float) -> tuple[Case, list[float]]:
     """A case that takes an error of the gain for noise once the drift is known to `near` K/s, and the drifts at which it was asked."""
     planted = case.model
@@ -167,14 +170,30 @@ def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -
     )
 
 
+def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermined() -> None:
+    case, _ = with_gain_as_noise(case_of(5, **DRIFTING), 1e-3)
+    case, fit = settled(case)
+    sharper = case.sharper
+    assert sharper is not None
+
+    def holding(parameters: Parameters) -> Sharper | None:
+        sharp = sharper(parameters)
+        if sharp is None:
+            return None
+        nearby = sharp.nearby
+        return replace(sharp, nearby=lambda start, label: nearby(start.with_free(n for n in start.free if n != "c0"), label))
+
+    found = close_loop(replace(case, sharper=holding), fit, refitting(case.model), 3, None)
+    assert found.accepted == ("ir_drift",) and "c0" not in found.last.case.parameters.free
+    (said,) = found.remarks
+    assert said == f"held at c0 = {found.last.case.parameters['c0']:.3g}: free beside the error of the force, it does not settle"
+
+
 def test_the_loop_stays_with_the_plain_problem_where_it_is_never_near() -> None:
     case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), -1.0)
     case, fit = settled(case)
     found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == ("ir_drift",) and len(asked) == 2 and found.last.case.model is case.model and found.numerical is None
-
-
-DRIFTING = {"ir_drift.rate": 0.02}
 
 
 def test_an_effect_whose_judgement_fails_is_refused_with_the_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

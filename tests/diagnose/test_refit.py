@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.refit import as_strong, profiled
+from thermofit.diagnose import refit
+from thermofit.diagnose.refit import EXPONENTS, JointFit, as_strong, profiled
 
 NAME = "rate_logarithmic.reference"
 
@@ -62,3 +66,28 @@ def test_exponents_of_other_slots_leave_the_amplitude() -> None:
 def test_free_names_may_come_from_a_generator() -> None:
     found = Parameters.of({"E": 7e4}, ("E", NAME)).with_free(n for n in ("E", "nu"))
     assert found.free == ("E", "nu")
+
+
+@pytest.mark.parametrize("label", ["error of the force", f"rate_logarithmic reference{EXPONENTS}"])
+@pytest.mark.parametrize(("coupon", "settles"), [(None, False), (None, True), ("coupon", False)])
+def test_exponents_that_do_not_settle_are_held(label: str, coupon: Any, settles: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a run costs something: at the values that they have come to, with all others fitted once more."""
+    fits: list[tuple[tuple[str, ...], str]] = []
+
+    def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, **_: Any) -> tuple[Parameters, Any]:
+        fits.append((start.free, name))
+        end = start.replace(**{NAME: 2e-5}) if NAME in start.free else start
+        return end, SimpleNamespace(converged=settles or NAME not in start.free)
+
+    monkeypatch.setattr(JointFit, "_minimised", minimised)
+    monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))
+    study: Any = SimpleNamespace(coupon=coupon)
+    fitting = JointFit(study, *[SimpleNamespace()] * 3)  # type: ignore[list-item]
+    start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4}, ("E", "rate_logarithmic.C", NAME))
+    found, fit = fitting(start, label)
+    assert found[NAME] == 2e-5
+    if coupon is not None or settles:
+        assert fits == [(start.free, label)] and found.free == start.free
+    else:
+        assert fits[1:] == [(("E", "rate_logarithmic.C"), f"{label} held")]
+        assert found.free == ("E", "rate_logarithmic.C") and fit.converged

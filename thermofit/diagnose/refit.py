@@ -160,7 +160,7 @@ class JointFit:
         start = self._approached(start, label)
         parameters, fit = self._minimised(start, self.model, label, most)
         exponents = [name for name in start.free if param(name).scan]
-        if self.parts is not None and label.endswith(EXPONENTS) and not fit.converged and exponents:
+        if self.study.coupon is None and exponents and not fit.converged:
             # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
             held = parameters.with_free(tuple(name for name in parameters.free if name not in exponents))
             parameters, fit = self._minimised(held, self.model, f"{label} held", most)

@@ -90,7 +90,8 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             remarks.append(f"the force is taken as exact to the end: a run of the problem that knows its error failed ({error})")
         if sharp is not None:
             held = tuple(n for n in here.case.parameters.free if n not in sharp[1].case.parameters.free)
-            remarks += [f"{_held(sharp[1].case.parameters, held)}: free beside the error of the force, it does not settle"] * bool(held)
+            if held:
+                remarks.append(f"{_held(sharp[1].case.parameters, held)}: free beside the error of the force, it does not settle")
             first, here, fit, refit, numerical = sharp
         try:
             here = retraced(here)

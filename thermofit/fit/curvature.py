@@ -14,7 +14,7 @@ import numpy as np
 
 from thermofit.fit.gauss_newton import Reduced
 
-BELIEVED = 0.5
+_GOOD = 0.5
 """Gauss-Newton is left as it is while a trial achieves between this share and its inverse of the drop that it predicts."""
 _SMALLEST = 1e-12
 """Share of the largest curvature below which a direction has none that a step could be based on."""
@@ -63,7 +63,7 @@ def learnt(known: Curvature, here: Local, there: Local, d: np.ndarray, moved: bo
     achieved = here.f - there.f
     plain = _promised(here, d)
     errors = abs(achieved - plain), abs(achieved - (plain - float(d @ known.S @ d)))
-    wrong = not BELIEVED * plain <= achieved <= plain / BELIEVED
+    wrong = not _GOOD * plain <= achieved <= plain / _GOOD
     used = errors[1] < errors[0] and (known.used or wrong)
     weights = there.residual if moved else here.residual
     curving = there.jacobian.T @ weights - here.jacobian.T @ weights

@@ -68,11 +68,12 @@ def bias(runs: Sequence[Run]) -> str:
 
 
 def as_planted(run: Run, name: str) -> bool:
-    """Whether the other Params of an accepted effect, which are planted at their neutral values, came out alike: within their scale or a
-    factor of four, or times that are both far beyond the scale. Amplitudes of two forms of an effect cannot be compared."""
+    """Whether the other Params of an accepted effect, which are planted at their neutral values, came out alike: within their scale (not
+    where the order of magnitude is what counts) or a factor of four, or times that are both far beyond the scale. Amplitudes of two forms
+    of an effect cannot be compared."""
     pairs = [(p, run["estimates"][name][p.name]) for p in effect(name).params if p.name != effect(name).amplitude.name]
     return all(
-        abs(found - p.neutral) <= p.scale
+        (not p.logarithmic and abs(found - p.neutral) <= p.scale)
         or p.neutral <= 4.0 * found <= 16.0 * p.neutral
         or (p.unit == "s" and min(found, p.neutral) > FAR * p.scale)
         for p, found in pairs

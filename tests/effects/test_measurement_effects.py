@@ -79,6 +79,8 @@ def test_reflection_grows_in_time_and_towards_one_end() -> None:
     share = np.array([0.0, 1.0, 3.0, 7.0, 8.0])[:, None] / 8.0
     y = XY[:, 1] * (1.0 + STRETCH[:, None])
     assert np.allclose(acted("ir_reflection", 0.6, 0.02), THETA + 0.6 * (1.0 + 0.02 * y) * share)
+    # Its tilt, without which it is a drift of the camera, is fitted once its strength is known.
+    assert [p.name for p in effect("ir_reflection").exponents] == ["ir_reflection.tilt"]
 
 
 def test_registration_shifts_rotates_and_scales_the_picture() -> None:

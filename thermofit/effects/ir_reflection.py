@@ -10,7 +10,9 @@ from thermofit.effects.scene import Scene
 SLOT = "reflection"
 PARAMS = (
     Param("ir_reflection.strength", "K", 0.0, -20.0, 20.0, 0.1, "change of the reflected background over the test", probe=0.5),
-    Param("ir_reflection.tilt", "1/mm", 0.0, -0.1, 0.1, 0.01, "relative change of the reflection along the load", scan=(0.0,)),
+    Param(
+        "ir_reflection.tilt", "1/mm", 0.0, -0.1, 0.1, 0.01, "relative change of the reflection along the load", scan=(0.0,), follows=True
+    ),
 )
 FORMULA = "theta_seen = theta + strength (1 + tilt y) (t - t_0) / (t_end - t_0)"
 SOURCE = "reflected radiation (1 - emissivity) of surroundings that warm up during the test"

@@ -330,6 +330,28 @@ def test_independent_problems_go_where_the_options_say(study: Path, monkeypatch:
     assert call("verify", study, "--jobs", "2").exit_code == 2, "one run has nothing to share out"
 
 
+def test_close_loop_adds_as_many_effects_as_the_option_says(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    def function(name: str) -> StageStub:
+        def run(study: Study, *, force: bool = False) -> Outcome:
+            if name == "close-loop":
+                seen.append(study.diagnosis.max_effects)
+            (study.run_dir / "raw" / "ir").mkdir(parents=True, exist_ok=True)
+            return outcome(artefact_path(study.run_dir, name), name, {})
+
+        return run
+
+    replace_stages(monkeypatch, function)
+    for options in ((), ("--max-effects", "1"), ("--max-effects", "0", "--set", "diagnosis.max_effects=2")):
+        assert call("close-loop", study, *options).exit_code == 0
+    assert seen == [3, 1, 0], "the study's, the option's, and the option's before that of --set"
+    result = call("close-loop", study, "--max-effects", "-1")
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1
+    assert "diagnosis.max_effects" in result.stderr and "is -1; expected at least 0" in result.stderr
+    assert call("diagnose", study, "--max-effects", "1").exit_code == 2, "nothing is added there"
+
+
 def test_run_refuses_an_unknown_stage(study: Path) -> None:
     result = call("run", study, "--from", "identify-plastik")
     assert result.exit_code == 2 and "did you mean 'identify-plastic'" in result.stderr

@@ -30,7 +30,7 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, Scheduler, executor_of, on_study
+from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study
 from thermofit.core.errors import StudyError
 
 if TYPE_CHECKING:
@@ -102,7 +102,10 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def spread_command(common: Common, jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
         _one_stage(entry, common, jobs, scheduler)
 
-    return spread_command if entry.spread else command
+    def adding_command(common: Common, max_effects: MaxEffects = None) -> None:
+        _one_stage(entry, common.setting("diagnosis.max_effects", max_effects))
+
+    return spread_command if entry.spread else adding_command if entry.adds else command
 
 
 def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:

@@ -18,6 +18,8 @@ class Entry:
     example: str
     spread: bool = False
     """True where it solves many independent problems, which --jobs or --scheduler spread."""
+    adds: bool = False
+    """True where it adds effects to the model, as many as --max-effects lets it."""
 
     @property
     def help(self) -> str:
@@ -133,7 +135,8 @@ ASIDE: tuple[Entry, ...] = (
         "Find, trace, add, prove: the effects that the model lacks.",
         "Adds the effect that lowers the error on held-out data most, refits everything, and goes on until nothing is accepted. "
         "Reports the error before and after, beside the noise, and writes RUN_DIR/with-effects.yaml.",
-        "close-loop study.yaml --set diagnosis.max_effects=2",
+        "close-loop study.yaml --max-effects 2",
+        adds=True,
     ),
     Entry(
         "mesh",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json as json_format
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,6 +22,10 @@ Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Local processes 
 Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", metavar="URL", help="Dask scheduler whose workers do it, such as tcp://host:8786.", show_default=False),
+]
+MaxEffects = Annotated[
+    int | None,
+    typer.Option("--max-effects", metavar="N", help="Most effects to add, instead of diagnosis.max_effects.", show_default=False),
 ]
 
 
@@ -42,6 +46,10 @@ class Common:
         # A path is text whatever it looks like, and JSON's quotes are YAML's.
         folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
         return load_study(self.study, (*self.settings, *folder))
+
+    def setting(self, key: str, value: object) -> Common:
+        """The same with a key of the study set by an option of its own, which counts more than --set; None: it is not given."""
+        return self if value is None else replace(self, settings=(*self.settings, f"{key}={value}"))
 
 
 def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:

@@ -24,7 +24,8 @@ import operating_point
 
 from thermofit.core.errors import ThermofitError
 from thermofit.core.study import Study, load_study
-from thermofit.diagnose.loop import Closed, channel_rms, held_out_of
+from thermofit.diagnose.before_after import channel_rms
+from thermofit.diagnose.loop import Closed, held_out_of
 from thermofit.effects.catalogue import effect
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -102,7 +103,8 @@ def run_one(driver: Driver, study: Study, folder: Path, planted: dict[str, float
         families |= {t.score.effect: t.score.family for t in r.trials}
     promising = found.first.promising()
     last = found.last.case.parameters
-    held = {word: channel_rms(here, held_out_of(here)) for word, here in (("before", found.first), ("after", found.last))}
+    ends = (("before", found.first), ("after", found.last))
+    held = {word: {c: rms for c, (rms, _) in channel_rms(here, held_out_of(here)).items()} for word, here in ends}
     return {
         "first": promising[0].effect if promising else None,
         "first_family": list(promising[0].family) if promising else [],

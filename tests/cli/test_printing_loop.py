@@ -21,3 +21,16 @@ def test_gain_on_held_out_data_in_words_that_can_be_read(gain: float | None, sai
     out = StringIO()
     show(Console(file=out, width=140), {"ranking": [{**row, "detectable": 0.01, "accepted": False, "remark": ""}]})
     assert f" {said} " in next(line for line in out.getvalue().splitlines() if "lamp" in line)
+
+
+def test_errors_with_their_standard_errors_beside_both_floors() -> None:
+    """Of a held-out test there is no fit and no error of the mesh; the table stays within the page."""
+    fit, held = {"dtheta": 0.02905}, {"dtheta": 0.02911, "dtheta@second": 0.03}
+    floors = {"floor": {"dtheta": 0.025, "dtheta@second": 0.025}, "numerical": {"dtheta": 0.0012345}}
+    error = {"fit": fit, "fit_sigma": {"dtheta": 0.0003}, "held_out": held, "held_out_sigma": {"dtheta": 0.00031, "dtheta@second": None}}
+    out = StringIO()
+    show(Console(file=out, width=140), {"ranking": [], "before": {**error, **floors}, "after": {**error, **floors}})
+    lines = out.getvalue().splitlines()
+    own, other = (next(line for line in lines if f" {name} " in line) for name in ("dtheta", "dtheta@second"))
+    assert own.count(" 0.02905 +- 0.0003 ") == 2 and own.count(" 0.02911 +- 0.0003 ") == 2 and " 0.0012 " in own
+    assert other.count(" 0.03 ") == 2 and other.count(" - ") == 3

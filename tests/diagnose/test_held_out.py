@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from thermofit.diagnose.held_out import Proof, Rows, compared, held_out_residual, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import (
+    Proof,
+    Rows,
+    compared,
+    groups_of,
+    held_out_residual,
+    proof,
+    rms_with_error,
+    split_by_blocks,
+    split_by_phase,
+)
 
 N_T, N_S = 60, 50
 
@@ -113,6 +123,28 @@ def test_standard_error_of_a_gain_is_the_smaller_of_its_bounds() -> None:
     uneven = compared(noise - change, noise, here, 5)
     expected = 2.0 * float(np.sqrt(change @ change)) / float(np.sum((noise - change) ** 2))
     assert uneven.sigma == pytest.approx(expected, rel=0.4)
+
+
+@pytest.mark.parametrize("together", [False, True], ids=["white", "one value per group"])
+def test_the_standard_error_of_an_rms_is_its_scatter_over_repeats(together: bool) -> None:
+    """Of n independent values 1 / sqrt(2 n); of groups that err as one as many values as there are groups."""
+    here = rows()
+    every = np.ones(len(here.time), dtype=bool)
+    groups = groups_of(here, every)
+    n, found = int(groups.max()) + 1 if together else len(groups), []
+    for seed in range(300):
+        random = np.random.default_rng(seed)
+        found.append(rms_with_error(3.0 * (random.normal(size=n)[groups] if together else random.normal(size=n)), here, every))
+    rms, sigma = np.array(found).T
+    assert rms.std() == pytest.approx(3.0 / np.sqrt(2.0 * n), rel=0.12)
+    assert sigma.mean() == pytest.approx(rms.std(), rel=0.12)
+
+
+def test_an_rms_of_one_group_has_no_standard_error() -> None:
+    here = rows()
+    first = (here.time == 0.0) & (here.xy[:, 1] == 0.0)
+    rms, sigma = rms_with_error(np.ones(len(here.time)), here, first)
+    assert rms == 1.0 and np.isnan(sigma)
 
 
 def test_a_proof_says_whether_the_error_falls_or_rises() -> None:

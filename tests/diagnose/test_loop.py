@@ -10,8 +10,9 @@ import pytest
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
-from thermofit.diagnose.loop import Closed, Refit, _rivals, before_after, candidates, close_loop, ranking_rows
+from thermofit.diagnose.loop import Closed, Refit, _rivals, candidates, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
@@ -107,8 +108,22 @@ def test_planted_effect_is_named_added_and_estimated() -> None:
     for kind in ("fit", "held_out"):
         assert table["after"][kind]["theta"] < table["before"][kind]["theta"]
         assert table["after"][kind]["theta"] == pytest.approx(SIGMA, rel=0.05)
+        sigma = table["after"][f"{kind}_sigma"]["theta"]
+        assert sigma == pytest.approx(SIGMA / np.sqrt(2.0 * N_T * N_S), rel=0.5), "white noise is left"
+        assert table["before"]["numerical"] == {}, "no error of a mesh was given"
     rows = ranking_rows(found.first, found.accepted)
     assert rows[0]["effect"] == "ir_drift" and rows[0]["accepted"]
+
+
+def test_errors_stand_beside_both_floors() -> None:
+    """A numerical error of a fifth of the noise everywhere; the datasets are in units of the noise."""
+    case, _ = settled(case_of(3))
+    here = traced(case, np.full(N_T * N_S, 0.2))
+    table = before_after(here, here)
+    assert table["after"]["numerical"]["theta"] == pytest.approx(0.2 * SIGMA) and table["after"]["floor"]["theta"] == SIGMA
+    kept = error_datasets(table)
+    assert kept["error/channel"].value.tolist() == ["theta"] and kept["error/after/numerical"].value == pytest.approx([0.2])
+    assert kept["error/after/held_out_sigma"].value * SIGMA == pytest.approx([table["after"]["held_out_sigma"]["theta"]])
 
 
 def test_two_effects_are_both_found() -> None:

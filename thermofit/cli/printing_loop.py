@@ -74,11 +74,19 @@ def _trials(console: Console, rounds: Any) -> None:
 
 
 def _before_after(console: Console, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
-    out = _table("rms error", ("channel", "noise", "fit before", "fit after", "held out before", "held out after"))
-    for channel, floor in before["floor"].items():
-        cells = [floor, *(error[kind].get(channel) for kind in ("fit", "held_out") for error in (before, after))]
-        out.add_row(channel, *("-" if value is None else f"{value:.4g}" for value in cells))
+    """Errors with their standard errors, beside what the noise and what the error of mesh and steps alone would give."""
+    floors = ("noise", "mesh and steps")
+    out = _table("rms error", ("channel", *floors, "fit before", "fit after", "held out before", "held out after"))
+    for channel, floor in after["floor"].items():
+        errors = (_error(error, kind, channel) for kind in ("fit", "held_out") for error in (before, after))
+        out.add_row(channel, number(floor, 4), number(after["numerical"].get(channel), 2), *errors)
     console.print(out)
+
+
+def _error(table: Mapping[str, Any], kind: str, channel: str) -> str:
+    """An error with one digit of its standard error."""
+    value, sigma = table[kind].get(channel), table[f"{kind}_sigma"].get(channel)
+    return number(value, 4) if sigma is None else f"{value:.4g} +- {sigma:.1g}"
 
 
 def _unlisted(console: Console, said: Mapping[str, Any]) -> None:

@@ -19,7 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
 from thermofit.diagnose.experiments import stacked
-from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual
+from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual, rms_with_error
 from thermofit.effects.catalogue import effect
 from thermofit.measure.comparison import NoiseOperator
 
@@ -204,15 +204,16 @@ def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | 
     return _told(before, predicted_beyond(here), here.beyond)
 
 
-def unseen_rms(here: Traced) -> tuple[dict[str, float], dict[str, float]]:
-    """Rms over the noise of every channel of the held-out tests, and the noise in the unit of the channel, by <channel>@<test>."""
+def unseen_rms(here: Traced) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Rms over the noise of every channel of the held-out tests with its standard error, and the noise in the unit of the channel, by
+    <channel>@<test>."""
     residual, at = (predicted_beyond(here) if here.beyond else np.zeros(0)), 0
     rms, floors = {}, {}
     for b in here.beyond:
         part = residual[at : at + len(b.residual)]
         at += len(b.residual)
         for k, (channel, floor) in enumerate(b.floors.items()):
-            rms[f"{channel}@{b.name}"] = float(np.sqrt(np.mean(part[b.rows.channel == k] ** 2)))
+            rms[f"{channel}@{b.name}"] = rms_with_error(part, b.rows, b.rows.channel == k)
             floors[f"{channel}@{b.name}"] = floor
     return rms, floors
 

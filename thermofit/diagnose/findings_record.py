@@ -10,9 +10,10 @@ import numpy as np
 from thermofit.core.artefact import Dataset, ParameterResult
 from thermofit.core.parameters import param
 from thermofit.core.study import Study
+from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import held_out_words
-from thermofit.diagnose.loop import Closed, Trial, before_after, channel_rms, ranking_rows
+from thermofit.diagnose.loop import Closed, Trial, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
@@ -192,6 +193,12 @@ def diagnosis_datasets(here: Traced) -> dict[str, Dataset]:
         "residual/phase": Dataset(here.rows.phase, "1", ("row",)),
     }
     rms = channel_rms(here, here.columns.residual)
-    out["rms/value"] = Dataset(np.array(list(rms.values())), "1", ("channel",))
+    out["rms/value"] = Dataset(np.array([value for value, _ in rms.values()]), "1", ("channel",))
+    out["rms/sigma"] = Dataset(np.array([sigma for _, sigma in rms.values()]), "1", ("channel",))
     out["rms/channel"] = Dataset(np.array(list(rms)), "1", ("channel",))
     return out
+
+
+def loop_datasets(closed: Closed) -> dict[str, Dataset]:
+    """What the last model leaves, and the error before and after."""
+    return {**diagnosis_datasets(closed.last), **error_datasets(before_after(closed.first, closed.last))}

@@ -211,15 +211,12 @@ def compared(
     change = np.where(used, after - before, 0.0)
     spread = change if noise is None else noise(change[:, None])[:, 0]
     groups = groups_of(rows, used)
-    count = int(groups.max()) + 1
-    sums = np.bincount(groups, (after if left is None else left)[used] * change[used], count)
-    variance = max(float(change @ spread), count / max(count - 1, 1) * float(sums @ sums))
+    variance = max(float(change @ spread), scatter((after if left is None else left)[used] * change[used], groups))
     total = float(without.sum())
     channel = rows.channel[used]
     by_channel = {int(c): (float(without[channel == c].mean()), float(with_effect[channel == c].mean())) for c in np.unique(channel)}
     gain = 1.0 - float(with_effect.sum()) / total
-    uneven = np.bincount(groups, without - with_effect - gain * without, count)
-    sigma = min(2.0 * variance**0.5, (count / max(count - 1, 1) * float(uneven @ uneven)) ** 0.5) / total
+    sigma = min(2.0 * variance**0.5, scatter(without - with_effect - gain * without, groups) ** 0.5) / total
     return Proof(float(without.mean()), float(with_effect.mean()), by_channel, gain, sigma, folds)
 
 
@@ -231,6 +228,26 @@ def groups_of(rows: Rows, used: np.ndarray, n_t: int = 12, n_y: int = 3) -> np.n
     j = np.zeros(len(y), dtype=int) if np.ptp(y) == 0.0 else np.minimum((n_y * (y - y.min()) / np.ptp(y)).astype(int), n_y - 1)
     _, group = np.unique(i * n_y + j, return_inverse=True)
     return np.asarray(group)
+
+
+def scatter(value: np.ndarray, groups: np.ndarray) -> float:
+    """Variance of the sum of values (n,) of zero mean, from the sums over groups (n,) of them that are independent of each other."""
+    count = int(groups.max()) + 1
+    sums = np.bincount(groups, value, count)
+    return count / max(count - 1, 1) * float(sums @ sums)
+
+
+def rms_with_error(residual: np.ndarray, rows: Rows, used: np.ndarray) -> tuple[float, float]:
+    """Rms of the rows of a residual (n,) that are used (n,), and its standard error.
+
+    That of the mean of r^2 is its scatter between groups of rows, as that of a gain is; the rms varies by half of it over the rms. nan
+    where there is one group only.
+    """
+    square, groups = residual[used] ** 2, groups_of(rows, used)
+    rms = float(np.sqrt(square.mean()))
+    if int(groups.max()) == 0 or rms == 0.0:
+        return rms, float("nan")
+    return rms, scatter(square - rms**2, groups) ** 0.5 / (2.0 * rms * len(square))
 
 
 def split_by_experiment(rows: Rows, channels: Sequence[str], held_out: Sequence[str]) -> Split:

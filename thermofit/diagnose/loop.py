@@ -11,7 +11,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans
-from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit, unseen_rms
+from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit
 from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
 from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.retraced import missed, retraced
@@ -297,31 +297,6 @@ def _without(here: Traced, name: str, refit: Refit, numerical: np.ndarray | None
     free = tuple(n for n in here.case.parameters.free if n not in neutral)
     parameters, fit = refit(here.case.parameters.replace(**neutral).with_free(free), f"without {name}")
     return traced(replace(here.case, parameters=parameters), numerical, how, here.split), fit
-
-
-def channel_rms(here: Traced, residual: np.ndarray) -> dict[str, float]:
-    """Rms of whitened rows per channel, in units of the noise; nan rows (never held out) are left aside."""
-    out = {}
-    for k, channel in enumerate(here.case.channels):
-        part = residual[(here.rows.channel == k) & np.isfinite(residual)]
-        out[channel] = float(np.sqrt(np.mean(part**2)))
-    return out
-
-
-def before_after(first: Traced, last: Traced) -> dict[str, dict[str, dict[str, float]]]:
-    """Error of fit and held-out data per channel before and after, in the unit of the channel: rms = (rms / noise) x noise floor."""
-    floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in first.case.model.comparisons}
-    table: dict[str, dict[str, dict[str, float]]] = {}
-    for word, here in (("before", first), ("after", last)):
-        fit, held = channel_rms(here, here.columns.residual), channel_rms(here, held_out_of(here))
-        unseen, noise = unseen_rms(here)
-        floor = floors | noise
-        table[word] = {
-            "fit": {c: v * floor[c] for c, v in fit.items()},
-            "held_out": {c: v * floor[c] for c, v in (held | unseen).items()},
-            "floor": floor,
-        }
-    return table
 
 
 def ranking_rows(here: Traced, accepted: Sequence[str] = ()) -> list[dict[str, Any]]:

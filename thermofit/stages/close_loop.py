@@ -8,7 +8,7 @@ from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
 from thermofit.diagnose.decide import decided
-from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, loop_summary
+from thermofit.diagnose.findings_record import diagnosis_parameters, loop_datasets, loop_summary
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import diagnosis_job, prepared
 from thermofit.diagnose.study_with_effects import write_study
@@ -38,7 +38,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last)
         summary = with_unlisted(told, described(study, closed.last, missing))
-        return Made({**diagnosis_datasets(closed.last), **unlisted_datasets(missing)}, summary, parameters)
+        return Made({**loop_datasets(closed), **unlisted_datasets(missing)}, summary, parameters)
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -9,10 +11,12 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
-from thermofit.diagnose.loop import Closed, Refit, _rivals, candidates, close_loop, ranking_rows
+from thermofit.diagnose.findings_record import _round
+from thermofit.diagnose.loop import Closed, Refit, _ends, _rivals, candidates, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
@@ -124,6 +128,37 @@ def test_errors_stand_beside_both_floors() -> None:
     kept = error_datasets(table)
     assert kept["error/channel"].value.tolist() == ["theta"] and kept["error/after/numerical"].value == pytest.approx([0.2])
     assert kept["error/after/held_out_sigma"].value * SIGMA == pytest.approx([table["after"]["held_out_sigma"]["theta"]])
+
+
+def test_the_record_of_a_round_lets_it_be_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The air warms with a time constant of 40 s: the record holds where the round begins and ends, and the value of the exponent."""
+    still = field
+
+    def warming(p: Parameters) -> np.ndarray:
+        tau = p["air_drift.time"]
+        return np.asarray(still(p) + p["air_drift.rate"] * tau * (1.0 - np.exp(-TIME / tau))[:, None])
+
+    monkeypatch.setattr(sys.modules[__name__], "field", warming)
+    case, fit = settled(replace(case_of(3, **{"air_drift.rate": 0.02, "air_drift.time": 40.0}), known=(effect("air_drift"),)))
+    found = close_loop(case, fit, refitting(case.model), 3, None)
+    assert found.accepted == ("air_drift",)
+    first, second = (json.loads(json_text(_round(r))) for r in found.rounds)
+    for end, free in (("before", ["kappa", "c0"]), ("after", ["kappa", "c0", "air_drift.rate", "air_drift.time"])):
+        kept = first[end]
+        there = Parameters.of(kept["parameters"], tuple(kept["free"]))
+        assert kept["free"] == free and kept["f"] == pytest.approx(np.sum(case.model.residual(there) ** 2), rel=1e-9)
+    assert first["before"]["parameters"]["c0"] == case.parameters["c0"]
+    assert second["before"] == first["after"] and second["after"] is None, "the second round begins there, and adds nothing"
+    (trial,) = first["tried"]
+    value = trial["exponent_values"]["air_drift.time"]
+    assert trial["exponents"] == "fitted" and value["value"] == first["after"]["parameters"]["air_drift.time"]
+    assert value["value"] == pytest.approx(40.0, abs=4.0 * value["sigma"]) and value["unit"] == "s" and 0.0 < value["sigma"] < 5.0
+
+
+def test_a_refit_that_fails_leaves_the_exponents_it_began_with() -> None:
+    start = Parameters.of({"air_drift.time": 60.0})
+    _, fit = settled(case_of(1))
+    assert _ends("air_drift", start, fit) == {"air_drift.time": (60.0, None)}
 
 
 def test_two_effects_are_both_found() -> None:

@@ -13,7 +13,7 @@ from thermofit.core.study import Study
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import held_out_words
-from thermofit.diagnose.loop import Closed, Trial, ranking_rows
+from thermofit.diagnose.loop import Closed, Place, Round, Trial, place_of, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
@@ -125,16 +125,29 @@ def _trial(trial: Trial, accepted: str | None) -> dict[str, Any]:
         "accepted": trial.score.effect == accepted,
         "remark": trial.refused or ("" if trial.score.effect == accepted else f"less than {accepted}"),
         "exponents": trial.exponents,
+        "exponent_values": {n: {"value": v, "sigma": sigma, "unit": param(n).unit} for n, (v, sigma) in trial.ends.items()},
+    }
+
+
+def _place(place: Place) -> dict[str, Any]:
+    """All that a run at a place needs: values in the units of the parameters, and which of them were fitted."""
+    values = {name: place.parameters[name] for name in place.parameters.given()}
+    return {"f": place.f, "free": list(place.parameters.free), "parameters": values}
+
+
+def _round(turn: Round) -> dict[str, Any]:
+    return {
+        "ranking": ranking_rows(turn.traced),
+        "tried": [_trial(t, turn.accepted) for t in turn.trials],
+        "accepted": turn.accepted,
+        "before": _place(place_of(turn.traced)),
+        "after": None if turn.after is None else _place(turn.after),
     }
 
 
 def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str, Any]:
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
-    rounds = [
-        {"ranking": ranking_rows(r.traced), "tried": [_trial(t, r.accepted) for t in r.trials], "accepted": r.accepted}
-        for r in closed.rounds
-    ]
     common = _common(found, closed.last)
     common["remarks"] = [*common["remarks"], *closed.remarks]
     if not closed.fit.converged:
@@ -146,7 +159,8 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         "ranking": ranking_rows(closed.first, closed.accepted),
         "accepted": list(closed.accepted),
         "dropped": list(closed.dropped),
-        "rounds": rounds,
+        "rounds": [_round(r) for r in closed.rounds],
+        "last": _place(place_of(closed.last)),
         **table,
         "study": str(study_file),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,8 +34,8 @@ AWAY = 2.0
 
 @dataclass(frozen=True)
 class Trial:
-    """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept), and
-    what became of its exponents."""
+    """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept), what
+    became of its exponents, and the values that they ended at, with sigma where they were fitted."""
 
     score: Score
     proof: Proof | None
@@ -44,6 +44,7 @@ class Trial:
     achieved_drop: float
     refused: str
     exponents: str = ""
+    ends: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
 
     @property
     def gain(self) -> float:
@@ -52,12 +53,23 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where a round begins or ends: parameters, those of its fit free, and the objective f = r.r there."""
+
+    parameters: Parameters
+    f: float
+
+
+@dataclass(frozen=True)
 class Round:
-    """One turn of the loop: what was traced before, what was tried, and what was accepted (None: nothing)."""
+    """One turn of the loop: what was traced before, what was tried, what was accepted (None: nothing), and where its refit ends.
+
+    The next round may begin elsewhere: at the optimum of the problem that knows the error of the force."""
 
     traced: Traced
     trials: tuple[Trial, ...]
     accepted: str | None
+    after: Place | None = None
 
 
 @dataclass(frozen=True)
@@ -112,9 +124,10 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
                 trials.append(trial)
                 if found is not None and (winner is None or trial.gain > best):
                     winner, best = (*found, score.effect), trial.gain
-        rounds.append(Round(here, tuple(trials), None if winner is None else winner[2]))
         if winner is None:
+            rounds.append(Round(here, tuple(trials), None))
             break
+        rounds.append(Round(here, tuple(trials), winner[2], place_of(winner[0])))
         here, fit, name = winner
         accepted.append(name)
     dropped = []
@@ -128,6 +141,11 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     return Closed(
         tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical, tuple(remarks)
     )
+
+
+def place_of(here: Traced) -> Place:
+    """Parameters of a trace and their objective."""
+    return Place(here.case.parameters, float(here.columns.residual @ here.columns.residual))
 
 
 def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
@@ -181,7 +199,7 @@ def _tried(
     try:
         parameters, after = refit(start, score.effect)
     except NumericsError as error:
-        return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}"), None
+        return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}", ends=_ends(score.effect, start, fit)), None
     scanned = tuple(p.name for p in effect(score.effect).exponents)
     freed, said = _freed((parameters, after), scanned, score.effect, refit)
     if not here.case.cheap:
@@ -220,8 +238,14 @@ def _judged(
     refused = _refusal(there, score.effect, (estimate, sigma), proof, after) or improbable(
         here.case.model.priors, parameters, here.case.parameters
     )
-    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused)
+    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, ends=_ends(score.effect, parameters, after))
     return trial, None if refused else (there, after)
+
+
+def _ends(name: str, parameters: Parameters, fit: FitResult) -> dict[str, tuple[float, float | None]]:
+    """Values of the exponents of an effect, with their standard errors where the fit had them free."""
+    sigma = {} if fit.sigma is None else dict(zip(fit.names, fit.sigma.tolist(), strict=True))
+    return {p.name: (parameters[p.name], sigma.get(p.name)) for p in effect(name).params if p.scan}
 
 
 def _freed(

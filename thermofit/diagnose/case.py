@@ -82,6 +82,8 @@ class Case:
     does, or there is none."""
     heated: Callable[[Parameters], HeatFit | None] | None = None
     """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
+    correlation_length: float = 0.0
+    """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
 
     @property
     def rows(self) -> Rows:

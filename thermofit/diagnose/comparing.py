@@ -189,9 +189,9 @@ def _held_out(study: Study, contenders: Sequence[Contender]) -> tuple[tuple[np.n
     else:
         spans = coupon_spans(data) if isinstance(data, CouponData) else named_phases(data.phases)
         rows = rows_of(first.model, spans)
-    case = Case(first.model, first.parameters, (), spans, frozenset(), isinstance(data, CouponData))
-    clock = replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
-    split = split_of(case, clock, information(first.columns), study.diagnosis.held_out)
+    together = 0.0 if isinstance(data, CouponData) else data.correlation_length
+    case = Case(first.model, first.parameters, (), spans, frozenset(), isinstance(data, CouponData), correlation_length=together)
+    split = split_of(case, rows, information(first.columns), study.diagnosis.held_out)
     return tuple(_predicted(c, split) for c in contenders), rows, split.by
 
 

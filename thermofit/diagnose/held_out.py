@@ -51,12 +51,13 @@ def split_by_phase(rows: Rows, names: Sequence[str], buffer_s: float) -> Split |
 
 
 def split_by_blocks(
-    rows: Rows, shape: tuple[int, int], buffer: tuple[float, float], folds: int = 5, weight: np.ndarray | None = None
+    rows: Rows, shape: tuple[int, int], buffer: tuple[float, float], folds: int = 5, weight: np.ndarray | None = None, clock: str = "s"
 ) -> Split:
     """Blocks of time and of length along the load, `shape` = (in time, in y), dealt out to folds as on a chess board with a shift.
 
-    `buffer` = (s, mm): rows nearer than that to a held-out block are not seen either. Blocks of time hold equal shares of `weight` (n,),
-    which says how much every row tells of the parameters: else a short phase that tells most would be one block.
+    `buffer` = (s, mm): rows nearer than that to a held-out block are not seen either; `clock` is the unit of their times. Blocks of time
+    hold equal shares of `weight` (n,), which says how much every row tells of the parameters: else a short phase that tells most would be
+    one block.
     """
     n_t, n_y = shape
     order = np.argsort(rows.time, kind="stable")
@@ -79,7 +80,7 @@ def split_by_blocks(
     return Split(
         tuple(held),
         tuple(near),
-        f"{n_t} x {n_y} blocks of time and length, {folds} folds, buffers {buffer[0]:.3g} s and {buffer[1]:.3g} mm",
+        f"{n_t} x {n_y} blocks of time and length, {folds} folds, buffers {buffer[0]:.3g} {clock} and {buffer[1]:.3g} mm",
     )
 
 

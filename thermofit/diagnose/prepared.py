@@ -104,6 +104,8 @@ class _Joint:
     """Its errors, told at the optimum of the stages."""
     rows: Rows | None = None
     elsewhere: tuple[Elsewhere, ...] = ()
+    correlation_length: float = 0.0
+    """Distance in mm over which the noise of neighbouring points hangs together."""
 
 
 def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
@@ -122,7 +124,7 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
     how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit), refit.heated)
-    case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how)
+    case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how, joint.correlation_length)
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, _unknown_force(study, joint))
 
 
@@ -212,6 +214,7 @@ def _body(study: Study, stages: tuple[str, ...]) -> _Joint:
         plain,
         found,
         elsewhere=bodies_elsewhere(study, size, free, base),
+        correlation_length=data.correlation_length,
     )
 
 
@@ -241,6 +244,7 @@ def _several(study: Study, stages: tuple[str, ...]) -> _Joint:
         found,
         joined_rows({name: part.model for name, part in plain.parts.items()}, spans),
         bodies_elsewhere(study, size, free, base),
+        data.correlation_length,
     )
 
 

@@ -18,7 +18,8 @@ from thermofit.identify.priors import improbable
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
 _BLOCKS = (25, 5)
-_BUFFER_SHARE = 0.01
+_BUFFER_SHARE = (0.01, 0.05)
+"""Parts of time and of length that are left out beside a held-out block at least."""
 
 
 @dataclass(frozen=True)
@@ -75,26 +76,30 @@ def information(fitted: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 / len(fitted) + 0.5 * np.mean((fitted / size) ** 2, axis=1))
 
 
-def _by_sample(rows: Rows) -> Rows:
-    """Rows with the number of the sample for the time: records of one study last from milliseconds to hours."""
-    return replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float))
+def _clocked(case: Case, rows: Rows) -> Rows:
+    """Rows of coupons with the number of the sample for the time: records of one study last from milliseconds to hours."""
+    return replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
 
 
 def split_of(case: Case, rows: Rows, weight: np.ndarray, how: str = "auto") -> Split:
     """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
 
-    Blocks see every phase, so that a parameter which a single phase determines is not lost with it.
+    Blocks see every phase, so that a parameter which a single phase determines is not lost with it. Their buffer in space is not shorter
+    than the noise hangs together: else a seen point would tell the noise of a held-out one. Of coupons the samples are the clock.
     """
+    clock = "samples" if case.cheap else "s"
+    rows = _clocked(case, rows)
     span = float(np.ptp(rows.time))
     if how == "phases":
-        found = split_by_phase(rows, [s.name for s in case.spans], _BUFFER_SHARE * span)
+        found = split_by_phase(rows, [s.name for s in case.spans], _BUFFER_SHARE[0] * span)
         if found is not None:
             return found
     used = rows.channel >= 0
     length = float(np.ptp(rows.xy[used, 1]))
     shape = (_BLOCKS[0], _BLOCKS[1] if length > 0.0 else 1)
     inside = replace(rows, time=np.where(used, rows.time, rows.time.min()))
-    split = split_by_blocks(inside, shape, (_BUFFER_SHARE * span, 0.05 * length), weight=np.where(used, weight, 0.0))
+    buffer = (_BUFFER_SHARE[0] * span, max(_BUFFER_SHARE[1] * length, case.correlation_length))
+    split = split_by_blocks(inside, shape, buffer, weight=np.where(used, weight, 0.0), clock=clock)
     kept = tuple(held & used for held in split.held_out)
     note = " (only one load phase)" if how == "phases" else ""
     return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
@@ -108,9 +113,9 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     found = linearised(case)
     rows = case.rows
     if split is None:
-        split = split_of(case, _by_sample(rows) if case.cheap else rows, information(found.fitted), how)
+        split = split_of(case, rows, information(found.fitted), how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
-    groups = groups_of(_by_sample(rows) if case.cheap else rows, np.ones(len(rows.time), dtype=bool))
+    groups = groups_of(_clocked(case, rows), np.ones(len(rows.time), dtype=bool))
     noise = case.model.noise if noisy else None
     columns = Columns(found.residual, found.fitted, found.dormant, noise, groups, numerical, n_priors=len(case.model.priors))
     settings: dict[str, dict[str, float]] = {}

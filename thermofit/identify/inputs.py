@@ -70,6 +70,8 @@ class Measured:
     steps: dict[str, LoadSteps]
     load_start: float
     phases: tuple[TestPhase, ...]
+    correlation_length: float = 0.0
+    """Distance in mm over which the noise of neighbouring points hangs together, the larger one of the two fields; 0: it is not known."""
 
 
 def field_datasets(observation: FieldObservation) -> dict[str, Dataset]:
@@ -118,6 +120,9 @@ def measured_of(record: Record) -> Measured:
         steps=steps,
         load_start=float(summary["load_start_s"]),
         phases=tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in summary["phases"]),
+        correlation_length=max(
+            float(summary.get(name, {}).get("correlation_length_mm") or 0.0) for name in ("displacement", "temperature")
+        ),
     )
 
 

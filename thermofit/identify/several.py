@@ -56,6 +56,11 @@ class Several:
         """Jaws of the first experiment, K; every other has its own."""
         return self.parts[0].data.theta_clamp
 
+    @property
+    def correlation_length(self) -> float:
+        """The largest one of all experiments, mm."""
+        return max(part.data.correlation_length for part in self.parts)
+
 
 def own_names(study: Study) -> frozenset[str]:
     """Names of the parameters that every experiment has for itself: boundary and measurement, but for those that the study shares."""

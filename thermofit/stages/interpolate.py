@@ -160,6 +160,7 @@ def _temperature(
         "noise_method": raw.temporal.method,
         "noise_spatial_K": raw.spatial.sigma,
         "correlation_length_px": raw.correlation_length,
+        "correlation_length_mm": raw.correlation_length * camera.scale,
         "frames_beyond_dic": int(len(infrared.time) - len(times)) if wanted == "frames" else 0,
         "nodes_at_edge": at.counts.nodes_at_edge,
         "times_outside": at.counts.times_outside,

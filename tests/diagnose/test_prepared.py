@@ -1,0 +1,50 @@
+"""What `prepared` hands over of a joint problem, without its runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from test_loop import case_of, settled
+
+from thermofit.core.parameters import Parameters
+from thermofit.core.study_section import MeshSize
+from thermofit.diagnose import prepared as module
+from thermofit.diagnose.prepared import Prepared, _Joint, prepared
+from thermofit.fit.result import FitResult
+from thermofit.identify.model import StageModel
+
+STUDY = cast(Any, SimpleNamespace(coupon=None, fitted=(), source=SimpleNamespace(name="study.yaml")))
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A joint fit that ends at once."""
+
+    end: tuple[Parameters, FitResult]
+    at_most: int = 1
+    heated: Any = None
+
+    def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        return self.end
+
+
+def joint_of(model: StageModel, base: Parameters, **known: Any) -> _Joint:
+    settings, numerical = cast(Any, None), np.zeros(len(model.residual(base)))
+    return _Joint(settings, base, model, lambda _: numerical, 0.1, (), (), MeshSize(n_x=1, n_y=1, n_z=1), **known)
+
+
+def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: _Joint, end: tuple[Parameters, FitResult]) -> Prepared:
+    monkeypatch.setattr(module, "_body", lambda *_: joint)
+    monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit(end))
+    return prepared(STUDY, cast(Any, None), ())
+
+
+def test_the_correlation_length_of_the_noise_reaches_the_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, fit = settled(case_of(1))
+    found = prepared_from(monkeypatch, joint_of(case.model, case.parameters, correlation_length=3.5), (case.parameters, fit))
+    assert found.case.correlation_length == 3.5 and found.remarks == ()
+    assert replace(found.case, correlation_length=0.0).cheap is False

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from test_loop import case_of, refitting
+from test_loop import case_of, refitting, settled
 
+from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.findings_record import _common
 from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.identify.model import Prior
 
@@ -64,6 +69,21 @@ def test_the_refit_is_judged_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     trial = found.rounds[0].trials[0]
     assert found.accepted == () and trial.score.effect == "ir_drift"
     assert trial.refused.startswith("ir_drift.rate would be") and "8 times the standard error of 0.00025 K/s" in trial.refused
+
+
+@pytest.mark.parametrize(("times", "said"), [(4.9, False), (50.0, True)])
+def test_a_reading_that_the_joint_fit_drives_off_is_remarked(times: float, said: bool) -> None:
+    """By both commands: `_common` is theirs. Another declared value, where the fit left it, is not named."""
+    case, fit = settled(case_of(1))
+    readings = (Prior("theta_air", 297.4, 0.1), Prior("theta_clamp", 296.7, 0.1))
+    there = case.parameters.replace(theta_air=297.4 - 0.1 * times, theta_clamp=296.75)
+    here = traced(replace(case, model=replace(case.model, priors=readings), parameters=there))
+    refit = cast(Any, SimpleNamespace(failures=[]))
+    found = Prepared(here.case, fit, refit, np.zeros(len(here.rows.time)), MeshSize(n_x=1, n_y=1, n_z=1))
+    remarks = _common(found, here)["remarks"]
+    assert len(remarks) == int(said)
+    if said:
+        assert remarks[0].startswith("theta_air ends at 292.4 K, 50 times the standard error of 0.1 K off the declared 297.4 K: usually an")
 
 
 def test_rows_of_priors_do_not_make_an_effect_felt() -> None:

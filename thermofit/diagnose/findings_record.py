@@ -19,6 +19,7 @@ from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
+from thermofit.identify.priors import strayed
 from thermofit.identify.solve import merged_counts
 
 _EXCESS = 1.05
@@ -106,7 +107,7 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "unfelt": list(here.ranking.unfelt),
         "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
         "failed_starts": failures,
-        "remarks": [*settled, *found.remarks, *failed_in_words(failures)],
+        "remarks": [*settled, *found.remarks, *strayed(here.case.model.priors, here.case.parameters), *failed_in_words(failures)],
     }
 
 

@@ -55,8 +55,19 @@ def improbable(priors: Sequence[Prior], parameters: Parameters, before: Paramete
 
 def in_words(prior: Prior, value: float) -> str:
     """That a value is no error of what was declared."""
+    return f"{prior.name} would be {_off(prior, value)}: that is no error of a reading (a larger one is given under diagnosis.priors)"
+
+
+def strayed(priors: Sequence[Prior], parameters: Parameters) -> list[str]:
+    """A sentence for every declared value from which a fit has gone farther than its error explains."""
+    return [
+        f"{prior.name} ends at {_off(prior, parameters[prior.name])}: usually an effect of heat or of the measurement is missing, for "
+        "which it stands in; the other parameters are then as doubtful"
+        for prior in priors
+        if abs(parameters[prior.name] - prior.value) > UNLIKELY * prior.sigma
+    ]
+
+
+def _off(prior: Prior, value: float) -> str:
     unit, times = param(prior.name).unit, abs(value - prior.value) / prior.sigma
-    return (
-        f"{prior.name} would be {value:.5g} {unit}, {times:.0f} times the standard error of {prior.sigma:.2g} {unit} off the declared "
-        f"{prior.value:.5g} {unit}: that is no error of a reading (a larger one is given under diagnosis.priors)"
-    )
+    return f"{value:.5g} {unit}, {times:.0f} times the standard error of {prior.sigma:.2g} {unit} off the declared {prior.value:.5g} {unit}"

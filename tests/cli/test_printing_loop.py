@@ -17,7 +17,15 @@ from thermofit.cli.printing_loop import show
 )
 def test_gain_on_held_out_data_in_words_that_can_be_read(gain: float | None, said: str) -> None:
     """An effect that the held-out data refuse may make their error a thousand times as large: a per cent figure says nothing then."""
-    row = {"effect": "lamp", "family": ["lamp"], "z": 5.0, "estimate": {}, "held_out_gain": gain, "held_out_sigma": 0.002}
+    row = {
+        "effect": "lamp",
+        "family": ["lamp"],
+        "z": 5.0,
+        "predicted_drop": 25.0,
+        "estimate": {},
+        "held_out_gain": gain,
+        "held_out_sigma": 0.002,
+    }
     out = StringIO()
     show(Console(file=out, width=140), {"ranking": [{**row, "detectable": 0.01, "accepted": False, "remark": ""}]})
     assert f" {said} " in next(line for line in out.getvalue().splitlines() if "lamp" in line)
@@ -34,3 +42,18 @@ def test_errors_with_their_standard_errors_beside_both_floors() -> None:
     own, other = (next(line for line in lines if f" {name} " in line) for name in ("dtheta", "dtheta@second"))
     assert own.count(" 0.02905 +- 0.0003 ") == 2 and own.count(" 0.02911 +- 0.0003 ") == 2 and " 0.0012 " in own
     assert other.count(" 0.03 ") == 2 and other.count(" - ") == 3
+
+
+def test_the_ranking_shows_the_predicted_drop_of_chi_square_within_the_page() -> None:
+    """Long names, an estimate of two Params and a remark of the longest kind; no word of effect or estimate is cut."""
+    estimate = {f"clamp_difference.{name}": {"value": -0.0123456, "sigma": 0.0012345, "unit": "K"} for name in ("difference", "other")}
+    row = {"effect": "clamp_difference", "family": ["clamp_difference", "initial_gradient"], "z": 103.26, "predicted_drop": 123456.0}
+    more = {"estimate": estimate, "held_out_gain": 0.1, "held_out_sigma": 0.01, "detectable": 0.0123456, "accepted": False}
+    remark = "z 1.23 is below 3.21, which chance reaches in one of twenty tests"
+    out = StringIO()
+    show(Console(file=out, width=140), {"ranking": [{**row, **more, "remark": remark}]})
+    lines = out.getvalue().splitlines()
+    assert "chi2 drop" in lines[2] and all(len(line) <= 140 for line in lines)
+    first = next(line for line in lines if "103.26" in line)
+    assert all(f" {word} " in first for word in ("clamp_difference", "initial_gradient", "1.23e+05", "10.00 +- 1.00", "0.0123"))
+    assert all(part in out.getvalue() for part in ("difference -0.01235", "0.0012 K"))

@@ -30,7 +30,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
 def _table(title: str, columns: tuple[str, ...]) -> Table:
     out = Table(title=title, title_justify="left")
     for k, column in enumerate(columns):
-        out.add_column(column, justify="left" if k == 0 else "right")
+        out.add_column(column, justify="left" if k == 0 else "right", no_wrap=k == 0, overflow="fold")
     return out
 
 
@@ -38,8 +38,8 @@ def _estimate(row: Mapping[str, Any]) -> str:
     parts = []
     for name, e in row["estimate"].items():
         unit = "" if e["unit"] == "1" else f" {e['unit']}"
-        sigma = "" if e["sigma"] is None else f" +- {number(e['sigma'])}"
-        parts.append(f"{name.partition('.')[2] or name} {number(e['value'])}{sigma}{unit}")
+        sigma = "" if e["sigma"] is None else f" +- {number(e['sigma'], 2)}"
+        parts.append(f"{name.partition('.')[2] or name} {number(e['value'], 4)}{sigma}{unit}")
     return "\n".join(parts)
 
 
@@ -52,11 +52,13 @@ def _gain(row: Mapping[str, Any]) -> str:
 
 
 def _ranking(console: Console, rows: list[Mapping[str, Any]]) -> None:
-    out = _table("effects, the strongest first", ("effect", "also", "z", "one-step estimate", "held-out gain %", "detectable", "remark"))
+    columns = ("effect", "also", "z", "chi2 drop", "one-step estimate", "held-out gain %", "detectable", "remark")
+    out = _table("effects, the strongest first", columns)
     for row in rows[:_SHOWN]:
         mark = "added" if row["accepted"] else row["remark"]
         also = ", ".join(row["family"][1:])
-        out.add_row(row["effect"], also, f"{row['z']:.2f}", _estimate(row), _gain(row), number(row["detectable"]), mark)
+        drop = number(row["predicted_drop"], 3)
+        out.add_row(row["effect"], also, f"{row['z']:.2f}", drop, _estimate(row), _gain(row), number(row["detectable"], 3), mark)
     console.print(out)
     if len(rows) > _SHOWN:
         console.print(f"and {len(rows) - _SHOWN} weaker ones, see --json")

@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_loop import case_of
 
-from thermofit.diagnose.structure import ResidualField, Span, lag_one, named_phases, node_rms, residual_field, span_of, statistics, time_rms
+from thermofit.diagnose.findings_record import lack_of_fit
+from thermofit.diagnose.structure import (
+    ResidualField,
+    Span,
+    lag_one,
+    lag_ones,
+    named_phases,
+    node_rms,
+    residual_field,
+    span_of,
+    statistics,
+    time_rms,
+)
+from thermofit.diagnose.trace import traced
 from thermofit.identify.inputs import TestPhase
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
 from thermofit.measure.observation import FieldObservation
@@ -138,3 +153,30 @@ def test_phases_cover_the_test_without_gap(labels: list[str]) -> None:
 def test_a_time_at_a_boundary_belongs_to_the_phase_that_ends_there() -> None:
     spans = (Span("rest", 0.0, 3.0), Span("elastic", 3.0, 7.0))
     assert span_of(np.array([0.0, 3.0, 3.1, 9.0]), spans).tolist() == [0, 0, 1, 1]
+
+
+def test_lags_of_a_planted_ar_1_in_time_and_space() -> None:
+    """Separable: rho^|i - j| over times and over points of a line; a hole in the record breaks pairs, and adds none."""
+    in_time, in_space, n_t, n_s = 0.6, 0.35, 400, 80
+    roots = [
+        np.linalg.cholesky(rho ** np.abs(np.subtract.outer(np.arange(n), np.arange(n)))) for rho, n in ((in_time, n_t), (in_space, n_s))
+    ]
+    z = (roots[0] @ np.random.default_rng(4).normal(size=(n_t, n_s)) @ roots[1].T)[:, :, None]
+    z[100:140] = np.nan
+    order = np.random.default_rng(5).permutation(n_s)
+    xy = np.stack([np.zeros(n_s), np.arange(n_s, dtype=float)], axis=1)
+    for points in (np.arange(n_s), order):  # neighbours by place, not by number
+        assert lag_ones(z[:, points], xy[points]) == pytest.approx((in_time, in_space), abs=0.03)
+    assert lag_ones(z[:, :1], xy[:1])[1] is None and lag_ones(z[:1], xy)[0] is None
+
+
+def test_the_lack_of_fit_tells_memory_phase_by_phase() -> None:
+    """White in the first phase, one value for all times of a point in the second."""
+    here = traced(case_of(1))
+    random = np.random.default_rng(2)
+    white = random.normal(size=len(here.rows.time))
+    still = np.tile(random.normal(size=30), 80)
+    residual = np.where(here.rows.phase == 0, white, still)
+    rows = lack_of_fit(replace(here, columns=replace(here.columns, residual=residual)), np.zeros(len(residual)))
+    first, second = ((row["lag_one_time"], row["lag_one_space"]) for row in rows)
+    assert first == pytest.approx((0.0, 0.0), abs=0.1) and second[0] == pytest.approx(1.0) and abs(second[1]) < 0.5

@@ -16,9 +16,11 @@ from thermofit.diagnose.elsewhere import held_out_words
 from thermofit.diagnose.loop import Closed, Place, Round, Trial, place_of, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.refit import failed_in_words
+from thermofit.diagnose.structure import lag_ones
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
+from thermofit.identify.channels import field_of
 from thermofit.identify.priors import strayed
 from thermofit.identify.solve import merged_counts
 
@@ -52,26 +54,43 @@ def channels_of(here: Traced) -> dict[str, dict[str, Any]]:
 
 
 def lack_of_fit(here: Traced, numerical: np.ndarray) -> list[dict[str, Any]]:
-    """Per channel and phase: reduced chi-square, what the discretisation error adds to it, lag-one correlation in time."""
-    rows = []
-    for k, channel in enumerate(here.case.channels):
+    """Per channel and phase: reduced chi-square, what the discretisation error adds to it, mean, and the correlation of whitened residuals
+    of neighbouring times at a point, and of neighbouring points at a time (None where there is one point)."""
+    rows, at = [], 0
+    for k, comparison in enumerate(here.case.model.comparisons):
+        own = np.arange(at, at + comparison.n)
+        at += comparison.n
         for number, span in enumerate(here.case.spans):
-            part = (here.rows.channel == k) & (here.rows.phase == number)
-            if part.any():
+            chosen = here.rows.phase[own] == number
+            if chosen.any():
+                part = own[chosen]
                 r = here.columns.residual[part]
+                in_time, in_space = _lags(here.case, k, chosen, r)
                 rows.append(
                     {
-                        "channel": channel,
+                        "channel": comparison.channel,
                         "phase": span.name,
                         "t0_s": round(span.t0, 3),
                         "t1_s": round(span.t1, 3),
-                        "n": int(part.sum()),
+                        "n": len(part),
                         "chi2_reduced": float(np.mean(r**2)),
                         "numerical": float(np.mean(numerical[part] ** 2)),
                         "mean": float(r.mean()),
+                        "lag_one_time": in_time,
+                        "lag_one_space": in_space,
                     }
                 )
     return rows
+
+
+def _lags(case: Case, k: int, chosen: np.ndarray, residual: np.ndarray) -> tuple[float | None, float | None]:
+    """`lag_ones` of the chosen rows (n,) of the k-th comparison."""
+    comparison = case.model.comparisons[k]
+    observation = case.model.observations[field_of(comparison)]
+    place = comparison.rows[chosen]
+    z = np.full((len(observation.time), len(observation.xy), int(place[:, 2].max()) + 1), np.nan)
+    z[tuple(place.T)] = residual
+    return lag_ones(z, observation.xy)
 
 
 def _undecided(here: Traced) -> list[str]:
@@ -199,7 +218,8 @@ def _errors(table: dict[str, Any]) -> str:
 
 
 def diagnosis_datasets(here: Traced) -> dict[str, Dataset]:
-    """Residual, fitted columns' names and the columns of all dormant effects after projection, enough to score again."""
+    """Residual of every row and where it is from, and the rms per channel with its standard error. The columns of fitted parameters and
+    effects, of a size with all fields times parameters, are not kept: a run at the parameters of the record makes them again."""
     out = {
         "residual/value": Dataset(here.columns.residual, "1", ("row",)),
         "residual/channel": Dataset(here.rows.channel, "1", ("row",)),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from thermofit.identify.inputs import TestPhase
 from thermofit.measure.comparison import Comparison
@@ -143,10 +144,29 @@ def lag_one(field: ResidualField) -> tuple[float | None, float | None]:
     both = np.isfinite(z[:-1]) & np.isfinite(z[1:])
     if not both.any():
         return None, None
-    before, after = z[:-1][both], z[1:][both]
-    size = float(np.sqrt((before @ before) * (after @ after)))
     part = field.shared / field.sigma
-    return (float(before @ after) / size if size > 0.0 else None), float(np.mean(part[:-1][both] * part[1:][both]))
+    return _correlation(z[:-1], z[1:]), float(np.mean(part[:-1][both] * part[1:][both]))
+
+
+def lag_ones(z: np.ndarray, xy: np.ndarray) -> tuple[float | None, float | None]:
+    """Correlation of whitened residuals z (n_t, n_s, n_c), nan where nothing is compared: of neighbouring times at a point, and of every
+    point of xy (n_s, 2) mm with the one nearest to it at the same time.
+
+    None where there are no such pairs. No mean is taken off, as in `lag_one`.
+    """
+    if len(xy) < 2:
+        return _correlation(z[:-1], z[1:]), None
+    nearest = cKDTree(xy).query(xy, k=2)[1]
+    pairs = np.unique(np.sort(nearest, axis=1), axis=0)
+    return _correlation(z[:-1], z[1:]), _correlation(z[:, pairs[:, 0]], z[:, pairs[:, 1]])
+
+
+def _correlation(one: np.ndarray, other: np.ndarray) -> float | None:
+    """sum a b / sqrt(sum a^2 sum b^2) of the pairs that are both compared; None where there are none."""
+    both = np.isfinite(one) & np.isfinite(other)
+    a, b = one[both], other[both]
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0.0 else None
 
 
 def node_rms(field: ResidualField) -> np.ndarray:

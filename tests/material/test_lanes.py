@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,3 +168,42 @@ def test_exponential_of_too_large_a_tensor_is_refused() -> None:
     assert exponential_and_slopes(x, np.empty((6, 6, 8))) == 0
     x[:] = np.nan
     assert exponential_and_slopes(x, np.empty((6, 6, 8))) == 0
+
+
+IN_LANES = """
+from thermofit.core.jit import kernel
+from thermofit.core.parameters import Parameters
+from thermofit.material.lanes import any_lane, spread
+from thermofit.material.law import law_of, yield_stress_at_rate
+
+@kernel(cache=False)
+def flows(x, law):
+    lanes = spread(x)
+    return any_lane(yield_stress_at_rate(lanes, lanes, lanes, 300.0 + lanes, law) > 0.0)
+
+assert flows(0.01, law_of(Parameters.of({"theta_ref": 297.0})))
+"""
+IN_NUMBERS = """
+import numpy as np
+from thermofit.core.jit import kernel
+from thermofit.core.parameters import Parameters
+from thermofit.material.law import law_of, yield_stress_at_rate
+
+@kernel(cache=False)
+def strength(x, law):
+    return np.exp(x) * yield_stress_at_rate(x, x, x, 300.0 + x, law)
+
+@kernel(cache=False)
+def answer(x, law):
+    return np.exp(x) * strength(x, law) * np.exp(-x)
+
+assert answer(0.01, law_of(Parameters.of({"theta_ref": 297.0}))) > 0.0
+"""
+
+
+def test_kernels_of_numbers_compile_beside_cached_kernels_of_lanes(tmp_path: Path) -> None:
+    """A process without the body reads from the cache what a body has compiled: np.exp must mean the same before and after."""
+    environment = {**os.environ, "THERMOFIT_CACHE_DIR": str(tmp_path)}
+    for program in (IN_LANES, IN_NUMBERS):
+        ran = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stderr[-2000:]

@@ -99,6 +99,23 @@ def test_an_effect_that_does_not_compile_is_said_before_anything_runs(tmp_path: 
     assert "Traceback" not in ran.stderr and len(ran.stderr.splitlines()) < 8
 
 
+def test_a_fault_outside_the_law_is_said_before_anything_runs(tmp_path: Path) -> None:
+    """A wrong attribute in the measuring chain is a mistake of the file, not of thermofit."""
+    study = written(tmp_path)
+    (tmp_path / "my_softening.py").write_text(
+        "from thermofit.core.parameters import Param\n"
+        "SLOT, FORMULA, SOURCE = 'sensor', 'made up', 'made up'\n"
+        "PARAMS = (Param('my_softening.rate', 'K', 0.0, -5.0, 5.0, 0.1, 'shift', probe=0.5),)\n"
+        "def sensor(theta, scene, rate):\n    return theta + rate * scene.strains\n",
+        encoding="utf-8",
+    )
+    ran = python("-c", "from thermofit.cli import main; main()", "diagnose", str(study))
+    assert ran.returncode == 2 and "function 'sensor' does not run (AttributeError" in ran.stderr and "my_softening.py" in ran.stderr, (
+        ran.stderr
+    )
+    assert "mistake of thermofit" not in ran.stderr and not (tmp_path / "run").exists()
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     study = written(tmp_path)
     (tmp_path / "my_softening.py").unlink()

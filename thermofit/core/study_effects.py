@@ -22,7 +22,7 @@ def declare_effects(tree: dict[str, Any], source: Path) -> None:
     """Make the effects known that a study tree speaks of; a study without any costs nothing.
 
     Files of a user are compiled into the kernels: they are named by the environment before these are loaded. StudyError for a file that
-    is not there or does not compile, and where kernels without it are loaded already.
+    is not there or does not do what its slot asks, and where kernels without it are loaded already.
     """
     files = _files(tree, source)
     if files:
@@ -34,7 +34,7 @@ def declare_effects(tree: dict[str, Any], source: Path) -> None:
     if files or "." in "".join(_names(tree)):
         importlib.import_module(CATALOGUE)
     if files:
-        importlib.import_module(_CHECK).check_compiles(files)
+        importlib.import_module(_CHECK).check_effects(files)
 
 
 def _files(tree: dict[str, Any], source: Path) -> list[Path]:

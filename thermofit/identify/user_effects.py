@@ -1,39 +1,63 @@
-"""Does a user's effect compile? Asked once per file, before any kernel is: numba would say it in pages, from the midst of a run."""
+"""Is a user's effect fit for use? Asked once per file, before anything runs: else it would be said in pages, from the midst of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import CACHE_FOLDER, kernel
 from thermofit.effects.catalogue import MATERIAL, Effect, effect
+from thermofit.identify.effect_trial import Act, Trial, trial_of, try_effect
 
 
-def check_compiles(files: Sequence[Path]) -> None:
-    """Compile the function of every effect of the law, for real numbers and for complex ones. StudyError names file and reason."""
+def check_effects(files: Sequence[Path]) -> None:
+    """Try every effect in its slot, those of the law compiled. StudyError names file and reason."""
     for path in files:
         found = effect(path.stem)
-        seen = Path(CACHE_FOLDER) / f"compiles_{file_digest(path)[:16]}"
-        if found.slot in MATERIAL and not seen.exists():
-            _try(found, path)
+        seen = Path(CACHE_FOLDER) / f"tried_{file_digest(path)[:16]}"
+        if not seen.exists():
+            if found.slot in MATERIAL:
+                _try_in_the_law(found, path)
+            else:
+                try_effect(found, path, trial_of(found.slot))
             seen.touch()
 
 
-def _try(found: Effect, path: Path) -> None:
+_OFF = {"yield_stress": 0.0, "yield_factor": 1.0, "dissipation": 1.0, "free_energy": 1.0, "backstress": (0.0, np.nan)}
+"""Result of an effect of the law that is off; the recall of a backstress whose modulus is zero may be anything."""
+
+
+def _try_in_the_law(found: Effect, path: Path) -> None:
     from thermofit.core.parameters import Parameters
     from thermofit.material.law import law_of
     from thermofit.material.law_rates import moved_law
 
     law = law_of(Parameters.of({"theta_ref": 297.0}))
-    values = tuple(float(p.neutral if p.probe is None else p.probe) for p in found.params)
     state = (0.01,) if found.slot == "free_energy" else (0.01, 1e-3, 300.0)
     # Not kept: what is kept of a function refers to its module by name, and a user's file is none that can be imported.
     function = kernel(forceinline=True, cache=False)(found.act)
+
+    def act(arguments: Sequence[Any], numbers: Sequence[Any]) -> Any:
+        """Kernels see real numbers only, or complex ones only."""
+        if any(np.iscomplexobj(v) for v in (*arguments, *numbers)):
+            return function(*(complex(x) for x in arguments), moved_law(law, -1), *(complex(x) for x in numbers))
+        return function(*(float(x) for x in arguments), law, *(float(x) for x in numbers))
+
+    _compile(found, path, act, state)
+    try_effect(found, path, Trial(state, {k: 0.01 * x for k, x in enumerate(state)}, np.array(_OFF[found.slot])), act)
+
+
+def _compile(found: Effect, path: Path, act: Act, state: Sequence[float]) -> None:
+    values = tuple(float(p.neutral if p.probe is None else p.probe) for p in found.params)
+    kinds: tuple[Callable[[float], Any], ...] = (float, complex)
     try:
-        function(*state, law, *values)
-        function(*(complex(x) for x in state), moved_law(law, -1), *(complex(x) for x in values))
+        for kind in kinds:
+            act(state, tuple(kind(v) for v in values))
     except Exception as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Failed in")]
         reason = f"{type(error).__name__}: {lines[0] if lines else 'no reason given'}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
+from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, Parameters, param
-from thermofit.effects.catalogue import SLOTS, Effect, effect, effects
+from thermofit.effects.catalogue import SLOTS, Effect, effect, effects, load_effect
 from thermofit.effects.film_exchange import outward_flux
 from thermofit.effects.linear_hardening import yield_stress
 from thermofit.effects.scene import Scene
@@ -159,3 +161,19 @@ def test_film_exchange(theta: float, medium: float, alpha: float) -> None:
     assert outward_flux(theta, theta, alpha) == 0.0
     watts_per_square_metre = alpha * (theta - medium)
     assert outward_flux(theta, medium, alpha) == pytest.approx(watts_per_square_metre * 1e3 / 1e6)
+
+
+@pytest.mark.parametrize("slot", ["base", "flow"])
+def test_slots_in_which_no_function_is_called_are_refused(tmp_path: Path, slot: str) -> None:
+    """The base law acts in its kernels, and there is no slot of flow: such a file would be taken and do nothing."""
+    path = tmp_path / "my_effect.py"
+    path.write_text(
+        "from thermofit.core.parameters import Param\n"
+        f"SLOT, FORMULA, SOURCE = {slot!r}, 'made up', 'made up'\n"
+        "PARAMS = (Param('my_effect.a', '1', 0.0, -1.0, 1.0, 0.1, 'amplitude', probe=0.1),)\n"
+        f"def {slot}(*arguments):\n    return 0.0\n"
+    )
+    with pytest.raises(
+        StudyError, match=rf"my_effect\.py: SLOT is '{slot}'; expected one of free_energy, yield_stress, .*, sensor, camera$"
+    ):
+        load_effect(path)

@@ -77,6 +77,7 @@ def test_the_users_effect_is_a_candidate_of_the_diagnosis(tmp_path: Path) -> Non
     [
         ("PARAMS = 1\n", "SLOT is missing"),
         ("SLOT = 'nowhere'\nPARAMS = ()\nFORMULA = SOURCE = ''\n", "expected one of"),
+        ("SLOT = 'base'\nPARAMS = ()\nFORMULA = SOURCE = ''\n", "SLOT is 'base'; expected one of"),
         ("SLOT = 'yield_factor'\nPARAMS = (1,)\nFORMULA = SOURCE = ''\n", "expected Param"),
         ("def broken(:\n", "does not run"),
     ],

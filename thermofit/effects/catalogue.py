@@ -22,7 +22,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, Param, declare
 from thermofit.effects.base import BASE as BASE_EFFECTS
 
-MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "flow", "dissipation")
+MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 HEATING = (*HEAT, "dissipation")
 """Slots of effects that act in the heat equation and nowhere else: the mechanics feels them through the temperature alone."""
@@ -34,7 +34,9 @@ BASE = ("base",)
 """Mechanisms of the base law itself (effects.base), which act in its kernels and not through a function of their own."""
 MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 """Stations of the measuring chain in their physical order; `camera` is that of the displacements."""
-SLOTS = (*BASE, *MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
+FILE_SLOTS = (*MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
+"""Slots that an effect file may act in."""
+SLOTS = (*BASE, *FILE_SLOTS)
 _NO_EFFECTS = ("base", "catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 ON_FACETS = ("surface_flux", "boundary_temperature")
@@ -114,8 +116,8 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
             f"{where}: {missing[0]} is missing; an effect file gives {', '.join(_REQUIRED)} and a function named like its slot"
         )
     slot, params = module.SLOT, module.PARAMS
-    if slot not in SLOTS:
-        raise StudyError(f"{where}: SLOT is {slot!r}; expected one of {', '.join(SLOTS)}")
+    if slot not in FILE_SLOTS:
+        raise StudyError(f"{where}: SLOT is {slot!r}; expected one of {', '.join(FILE_SLOTS)}")
     if params and all(isinstance(p, str) for p in params):
         return None
     for p in params:

@@ -57,3 +57,9 @@ def test_the_ranking_shows_the_predicted_drop_of_chi_square_within_the_page() ->
     first = next(line for line in lines if "103.26" in line)
     assert all(f" {word} " in first for word in ("clamp_difference", "initial_gradient", "1.23e+05", "10.00 +- 1.00", "0.0123"))
     assert all(part in out.getvalue() for part in ("difference -0.01235", "0.0012 K"))
+
+
+def test_effects_that_were_not_asked_are_named_in_one_line() -> None:
+    out = StringIO()
+    show(Console(file=out, width=140), {"ranking": [], "not_asked": ["lamp", "radiation"]})
+    assert "not asked  lamp, radiation: this driver or its channels do not have them\n" in out.getvalue()

@@ -7,11 +7,15 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans
+from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans, slots_of
 from thermofit.diagnose.structure import Span
-from thermofit.effects.catalogue import effect, effects
+from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, effect, effects
+from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.material.composition import POINT_ONLY
+from thermofit.measure.stations import INFRARED
 
 AT = Parameters.of({"theta_ref": 296.0}, ("E",))
 
@@ -53,3 +57,23 @@ def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:
     assert [p.name.partition(".")[2] for p in effect("latent_heat").exponents] == ["centre", "width", "rounding"]
     assert [p.name.partition(".")[2] for p in effect("lamp").exponents] == ["start"]
     assert effect("bending").exponents == () and param("bending.contraction").scan, "kept at its one value"
+
+
+@pytest.mark.parametrize(
+    ("driver", "infrared", "slots"),
+    [
+        ("body", INFRARED, POINT_ONLY),
+        ("body", (), (*POINT_ONLY, *HEAT, *INFRARED)),
+        ("point", SENSOR, (*HEAT, *LOAD, *KINEMATICS, "emission", "reflection", "optics", "camera")),
+        ("point", (), (*HEAT, *LOAD, *KINEMATICS, *INFRARED, "camera")),
+    ],
+)
+def test_what_a_driver_does_not_have_is_not_asked(driver: str, infrared: tuple[str, ...], slots: tuple[str, ...]) -> None:
+    """Of the base law a coupon lacks films and what needs a field; one of several experiments is asked as <effect>@<experiment>."""
+    known = slots_of(driver, infrared)
+    case = Case(cast(Any, None), AT, known, (Span("all", 0.0, 1.0),), frozenset())
+    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if driver == "point" else set()
+    assert set(case.not_asked()) == {e.name for e in effects(slots)} | without
+    assert set(case.not_asked()).isdisjoint(e.name for e in known)
+    own = replace(case, known=tuple(effect(f"{e.name}@second") if e.name == "ir_drift" else e for e in known))
+    assert own.not_asked() == case.not_asked()

@@ -29,6 +29,7 @@ def looped(tmp_path: Path) -> tuple[Path, dict[str, Any]]:
 def test_held_out_record_proves_the_effect_and_the_study_of_the_end_runs(looped: tuple[Path, dict[str, Any]]) -> None:
     path, found = looped
     assert found["accepted"] == ["thermal_expansion"] and found["ranking"][0]["effect"] == "thermal_expansion"
+    assert {"lamp", "dic_scale"} <= set(found["not_asked"]) and not {"thermal_expansion", "backstress_first"} & set(found["not_asked"])
     trial = next(t for t in found["rounds"][0]["tried"] if t["accepted"])
     assert trial["held_out_on"] == "record other" and trial["estimate"]["alpha_exp"]["value"] == pytest.approx(11.5e-6, rel=0.05)
     assert found["held_out"].startswith("record other, which no fit has seen")

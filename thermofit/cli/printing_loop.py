@@ -14,11 +14,13 @@ _SHOWN = 12
 
 
 def show(console: Console, result: Mapping[str, Any]) -> None:
-    """Ranking of the first round, trials of all rounds, before and after."""
+    """Ranking of the first round, trials of all rounds, before and after; what could not be asked or decided."""
     _ranking(console, result["ranking"])
     _trials(console, result.get("rounds") or ())
     if "before" in result and "after" in result:
         _before_after(console, result["before"], result["after"])
+    if result.get("not_asked"):
+        console.print(f"not asked  {', '.join(result['not_asked'])}: this driver or its channels do not have them", soft_wrap=True)
     for text in result.get("undecided") or ():
         console.print(f"undecided  {text}", soft_wrap=True)
     if result.get("unlisted"):

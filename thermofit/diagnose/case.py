@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thermofit.core.parameters import AT, Param, Parameters
+from thermofit.core.parameters import AT, Param, Parameters, bare_name
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
@@ -99,6 +99,11 @@ class Case:
         """Effects that are off: none of their Params is free and the amplitude is neutral."""
         free = set(self.parameters.free)
         return tuple(e for e in self.known if not free & set(e.names) and all(self.parameters[p.name] == p.neutral for p in e.amplitudes))
+
+    def not_asked(self) -> tuple[str, ...]:
+        """Effects of the catalogue that the driver at hand, or its channels, do not have: no data of this test speak of them."""
+        known = {bare_name(e.name) for e in self.known}
+        return tuple(e.name for e in effects() if e.name not in known)
 
 
 def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:

@@ -124,6 +124,7 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "held_out": held_out_words(here),
         "threshold": here.ranking.threshold,
         "unfelt": list(here.ranking.unfelt),
+        "not_asked": list(here.case.not_asked()),
         "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
         "failed_starts": failures,
         "remarks": [*settled, *found.remarks, *strayed(here.case.model.priors, here.case.parameters), *failed_in_words(failures)],

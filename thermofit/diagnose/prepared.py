@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
-from thermofit.core.study_stages import ChannelSettings, StageSettings
+from thermofit.core.study_stages import ChannelSettings, Stages, StageSettings
 from thermofit.diagnose.case import Case, Sharper, slots_of
 from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.errors_told import Told, told, too_far
@@ -25,7 +25,7 @@ from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.diagnose.structure import Span, named_phases
 from thermofit.diagnose.unseen import bodies_elsewhere, records_elsewhere
 from thermofit.diagnose.verification import identified_stages
-from thermofit.effects.catalogue import Effect, effect_of_param
+from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
@@ -43,6 +43,8 @@ from thermofit.measure.stations import INFRARED
 SECTIONS = (
     *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
 )
+USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
+"""Parameters that the stages identify where a study does not say."""
 JOINT_EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up."""
 
@@ -176,21 +178,30 @@ def _refuse_few(residual: np.ndarray, joint: _Joint) -> None:
 
 
 def _refuse_one_family(study: Study, joint: _Joint) -> None:
-    """UntrustworthyError where the study frees two effects that the test cannot tell apart; the mechanisms of the base law are left out."""
-    free = joint.base.free
-    own: dict[str, list[int]] = {}
-    for k, n in enumerate(free):
-        if "." in bare_name(n) and not param(n).scan:
-            own.setdefault(effect_of_param(n).name, []).append(k)
+    """UntrustworthyError where the study frees two effects that the test cannot tell apart."""
+    own = freed_effects(joint.base.free)
     if len(own) < 2:
         return
-    _, fitted = joint.model.linearised(joint.base, free)
+    _, fitted = joint.model.linearised(joint.base, joint.base.free)
     found = indistinguishable(fitted, own)
     if found is not None:
         raise UntrustworthyError(
             f"{study.source.name}: the study frees {found[0]} and {found[1]}, whose influence this test cannot tell apart (|cos| "
             f"{found[2]:.3f}, expected below {ALIKE}); free one of them, and give the other a value or leave it out"
         )
+
+
+def freed_effects(free: Sequence[str]) -> dict[str, list[int]]:
+    """Places among the names `free` of the amplitudes of every effect that is freed. A mechanism of the base law counts (H_lin, G, L),
+    unless a stage identifies it as a rule: conductivity, films and expansion are fitted together, correlated as they are."""
+    of_base = {name: e.name for e in effects(BASE) for name in e.names if name not in USUAL}
+    own: dict[str, list[int]] = {}
+    for k, n in enumerate(free):
+        if bare_name(n) in of_base:
+            own.setdefault(of_base[bare_name(n)], []).append(k)
+        elif "." in bare_name(n) and not param(n).scan:
+            own.setdefault(effect_of_param(n).name, []).append(k)
+    return own
 
 
 def _body(study: Study, stages: tuple[str, ...]) -> _Joint:

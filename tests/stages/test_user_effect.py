@@ -13,6 +13,9 @@ import pytest
 import tiny
 import yaml
 
+from thermofit.effects.catalogue import FILE_SLOTS, MATERIAL
+from thermofit.identify.effect_trial import trial_of
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 
 _ASK = """
@@ -61,6 +64,19 @@ def test_the_page_is_right(tmp_path: Path) -> None:
     assert found["known"] and found["slot"] == ["yield_factor"]
     assert found["off"][0] == found["off"][1]
     assert found["on"] == pytest.approx(found["off"][0] * (1.0 - 0.2 * 0.1), rel=1e-12)
+
+
+def test_every_slot_stands_on_the_page_with_its_arguments() -> None:
+    """Those that a file may use and no other; arguments as many as a trial of the slot has."""
+    section = PAGE.read_text(encoding="utf-8").partition("## Slots")[2]
+    rows = [line.split("|")[1:3] for line in section.splitlines() if line.startswith("| `")]
+    told, last = {}, 0
+    for names, function in rows:
+        last = function.count(",") if "(" in function else last
+        told |= dict.fromkeys(re.findall(r"`(\w+)`", names), last)
+    assert sorted(told) == sorted(FILE_SLOTS) and "`ON`" in section
+    of_law = {**dict.fromkeys(MATERIAL, 4), "free_energy": 2}
+    assert told == {slot: of_law.get(slot) or len(trial_of(slot).arguments) for slot in FILE_SLOTS}
 
 
 @pytest.mark.slow

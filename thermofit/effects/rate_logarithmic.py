@@ -1,4 +1,8 @@
-"""Logarithmic rate dependence (Johnson-Cook): slot yield_factor. Off at C = 0."""
+"""Logarithmic rate dependence (Johnson-Cook): slot yield_factor. Off at C = 0.
+
+It is relaxation and creep at hold as well: at constant strain the overstress falls with the logarithm of time, at constant stress flow
+goes on.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Viscous overstress by a power law (Perzyna, Norton): slot yield_stress. Off at K = 0."""
+"""Viscous overstress by a power law (Perzyna, Norton): slot yield_stress. Off at K = 0.
+
+It is relaxation and creep at hold as well: at constant strain the overstress s falls by ds/dt = -E rate(s), at constant stress it flows on.
+"""
 
 from __future__ import annotations
 

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
 import pytest
+from test_unlisted_coupon import case_of
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.decide import Decision, Told, columns, in_words
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.decide import Decision, Told, columns, decisions, in_words
 from thermofit.diagnose.score import ALIKE, likeness
+from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
 from thermofit.point.programmes import Usual, named
+from thermofit.point.programmes import programme as made
 
 LAW = Parameters.of(
     {
@@ -46,8 +56,63 @@ def test_a_decision_names_the_simplest_programme_that_parts() -> None:
     decision = Decision(("a", "b"), told, ())
     assert decision.best is not None and decision.best.programme.name == "load-unload"
     assert in_words(decision).startswith("a and b: the programme load-unload") and "|cos| 0.60" in in_words(decision)
-    assert "no coupon feels b" in in_words(Decision(("a", "b"), told, ("b",)))
     assert "none of the programmes" in in_words(Decision(("a", "b"), told[:1], ()))
+
+
+def test_a_member_that_no_coupon_feels_does_not_hide_what_is_told_of_the_others() -> None:
+    told = (Told(named("monotonic"), 0.99, {"a": 1.0, "b": 2.0}), Told(named("cycles"), 0.1, {"a": 1.0, "b": 2.0}))
+    said = in_words(Decision(("a", "lamp", "b"), told, ("lamp",)))
+    assert "the programme cycles" in said and said.endswith("; no coupon feels lamp, which acts on the field of temperature")
+    alone = in_words(Decision(("a", "lamp"), (Told(named("hold"), 0.0, {"a": 0.5}),), ("lamp",)))
+    assert "the programme hold" in alone and "it shows a from 0.5 on; no coupon feels lamp" in alone
+    assert in_words(Decision(("lamp",), (), ("lamp",))) == "lamp: no coupon feels lamp, which acts on the field of temperature"
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        *(
+            ("lamp", "temperature"),
+            ("clamp_conductance", "temperature"),
+            ("ir_drift@second", "temperature"),
+            ("latent_heat", "temperature"),
+        ),
+        *(("dic_scale", "displacement"), ("bending", "displacement"), ("hill_anisotropy", "displacement")),
+        *(("force_scale", "channel of force"), ("force_offset", "channel of force")),
+        *(("machine_compliance", "machine"), ("jaw_slip", "machine")),
+    ],
+)
+def test_what_no_coupon_feels_is_named_by_what_it_acts_on(name: str, what: str) -> None:
+    assert what in in_words(Decision((name,), (), (name,)))
+
+
+def undecided(case: Case, *families: tuple[str, ...]) -> Traced:
+    """A trace of which only the families count that it leaves undecided."""
+    scores = tuple(SimpleNamespace(effect=f[0], family=f, detectability=1.0, z=9.0) for f in families)
+    ranking = SimpleNamespace(scores=scores, threshold=3.0)
+    return cast(Traced, SimpleNamespace(case=case, promising=lambda: scores, ranking=ranking))
+
+
+def test_a_coupon_with_a_temperature_has_the_sensor_of_its_records(tmp_path: Path) -> None:
+    """Its drift is one of time, its gain one of the heat: a programme parts them. A body's camera is not on a coupon."""
+    case = case_of(tmp_path, 1)
+    (found,) = decisions(undecided(case, ("ir_drift", "ir_gain")))
+    assert found.unfelt == () and found.best is not None and set(found.best.detectable) == {"ir_drift", "ir_gain"}
+    assert "would decide" in in_words(found)
+    body = replace(case, model=replace(case.model, missing=None))
+    alone, two = decisions(undecided(body, ("ir_drift", "linear_hardening"), ("ir_drift", "backstress_first", "linear_hardening")))
+    assert alone.unfelt == ("ir_drift",) and alone.best is not None and set(alone.best.detectable) == {"linear_hardening"}
+    assert two.unfelt == ("ir_drift",) and two.best is not None and set(two.best.detectable) == {"backstress_first", "linear_hardening"}
+
+
+def test_the_sensor_of_a_programme_drifts_by_its_rate() -> None:
+    """The column of a drift is time over noise; the stress does not feel it, and Young's modulus takes next to nothing of it."""
+    held = LAW.with_free(("E",))
+    own = columns(named("hold"), USUAL, held, (effect("ir_drift"),), NOISE)
+    assert own is not None
+    time = made("hold", USUAL, held).time
+    expected = np.concatenate([0.0 * time, time / NOISE[1]])
+    assert np.linalg.norm(own["ir_drift"][:, 0] - expected) < 0.05 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("name", ["rate_logarithmic", "backstress_first"])

@@ -2,7 +2,8 @@
 
 The coupon of `point.driver` is run through every programme of `point.programmes` with the fitted parameters, and the same sensitivities are
 taken: columns of stress and temperature over their noise, without what the fitted parameters can do. A programme parts two effects where
-|cos| of their columns is below ALIKE; the smallest amplitude that it shows is CONVINCING over their length.
+|cos| of their columns is below ALIKE; the smallest amplitude that it shows is CONVINCING over their length. A coupon with a temperature
+has the sensor of its records.
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import NAMES, Parameters, bare_name
 from thermofit.diagnose.case import TINY, slots_of
-from thermofit.diagnose.score import ALIKE, CONVINCING, likeness
+from thermofit.diagnose.decide_words import acted_on
+from thermofit.diagnose.score import ALIKE, CONVINCING, Columns, likeness
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect
+from thermofit.identify.coupon_inputs import CouponTest
+from thermofit.identify.coupon_sensor import SENSOR, shown_rates
 from thermofit.identify.missing_coupon import CouponMissing
-from thermofit.point.driver import PointSettings, simulate_rates
+from thermofit.point.driver import PointSettings, Programme, simulate_rates
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
 
 FAINT = 0.05
@@ -33,7 +37,8 @@ PEAK, RATE = 0.05, 1e-3
 
 @dataclass(frozen=True)
 class Told:
-    """What one programme tells of a family: largest |cos| between its members (1 where one is not felt), smallest amplitudes."""
+    """What one programme tells of a family: largest |cos| between the members that coupons feel (1 where this one does not show one of
+    them), smallest amplitudes."""
 
     programme: Named
     cosine: float
@@ -51,11 +56,17 @@ class Decision:
     """Programmes that a coupon of these parameters cannot be driven through."""
 
     @property
+    def felt(self) -> tuple[str, ...]:
+        """Members that a coupon feels."""
+        return tuple(n for n in self.family if n not in self.unfelt)
+
+    @property
     def best(self) -> Told | None:
-        """The first programme, the simplest, that parts them; None where none does. Of one effect: the one that shows least of it."""
-        if len(self.family) == 1:
-            shown = [t for t in self.told if self.family[0] in t.detectable]
-            return min(shown, key=lambda t: t.detectable[self.family[0]]) if shown else None
+        """The first programme, the simplest, that parts what coupons feel of them; None where none does. Of one effect: the one that shows
+        least of it."""
+        if len(self.felt) == 1:
+            shown = [t for t in self.told if self.felt[0] in t.detectable]
+            return min(shown, key=lambda t: t.detectable[self.felt[0]]) if shown else None
         return next((t for t in self.told if t.cosine < ALIKE), None)
 
 
@@ -75,16 +86,32 @@ def decisions(here: Traced) -> tuple[Decision, ...]:
     families = undecided_families(here)
     if not families:
         return ()
-    usual, noise = _usual(here), _noise(here)
-    known = {e.name for e in slots_of("point", ())}
+    known = felt_by_coupons(here)
     wanted = tuple(dict.fromkeys(n for family in families for n in family if n in known))
-    runs = [(p, columns(p, usual, here.case.parameters, tuple(effect(n) for n in wanted), noise)) for p in PROGRAMMES] if wanted else []
-    out = []
-    for family in families:
-        told = tuple(t for p, own in runs if own is not None and (t := _told(p, own, family)) is not None)
-        failed = tuple(p.name for p, own in runs if own is None)
-        out.append(Decision(family, told, tuple(n for n in family if n not in known), failed))
-    return tuple(out)
+    runs = _runs(here, wanted) if wanted else []
+    return tuple(_decision(family, runs, known) for family in families)
+
+
+def felt_by_coupons(here: Traced) -> frozenset[str]:
+    """Names of the effects that a coupon of this material feels; where the records are coupons, with those of their sensor."""
+    if isinstance(here.case.model.missing, CouponMissing):
+        return frozenset(e.name for e in here.case.known)
+    return frozenset(e.name for e in slots_of("point", ()))
+
+
+_Runs = list[tuple[Named, dict[str, np.ndarray] | None]]
+
+
+def _runs(here: Traced, wanted: Sequence[str]) -> _Runs:
+    """Columns of the wanted effects by every programme, see `columns`."""
+    usual, noise = _usual(here), _noise(here)
+    return [(p, columns(p, usual, here.case.parameters, tuple(effect(n) for n in wanted), noise)) for p in PROGRAMMES]
+
+
+def _decision(family: tuple[str, ...], runs: _Runs, known: frozenset[str]) -> Decision:
+    felt = tuple(n for n in family if n in known)
+    told = tuple(t for p, own in runs if own is not None and (t := _told(p, own, felt)) is not None)
+    return Decision(family, told, tuple(n for n in family if n not in known), tuple(p.name for p, own in runs if own is None))
 
 
 def columns(
@@ -95,27 +122,34 @@ def columns(
     None where a coupon of these parameters cannot be driven so; `noise` = (MPa, K).
     """
     free = tuple(n for n in parameters.free if n in NAMES and n not in ("theta_air", "theta_clamp", "kappa", "alpha_air", "alpha_clamp"))
-    tiny = {e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0) for e in wanted}
+    tiny = {e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0) for e in wanted if e.slot not in SENSOR}
     felt = {e.name: tuple(p.name for p in e.amplitudes) for e in wanted}
     names = (*free, *(n for group in felt.values() for n in group))
     try:
         made = programme(named.name, usual, parameters, PointSettings())
-        _, rates = simulate_rates(parameters.replace(**tiny), names, made, PointSettings())
+        whole = _whitened(parameters.replace(**tiny), names, made, tuple(e for e in wanted if e.slot in SENSOR), noise)
     except NumericsError:
         return None
-    whole = np.concatenate([rates["stress"] / noise[0], rates["theta_sensor"] / noise[1]])
-    fitted = whole[:, : len(free)]
-    size = np.linalg.norm(fitted, axis=0)
-    basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
-    at, out = len(free), {}
-    for name, group in felt.items():
-        block = whole[:, at : at + len(group)]
-        at += len(group)
-        own = block - basis @ (basis.T @ block)
-        kept = np.linalg.norm(own, axis=0) > 1e-6 * np.maximum(np.linalg.norm(block, axis=0), 1e-300)
-        if kept.any():
-            out[name] = own[:, kept]
-    return out
+    at = {name: k for k, name in enumerate(names)}
+    dormant = {name: (group, whole[:, [at[n] for n in group]]) for name, group in felt.items()}
+    found = Columns(np.zeros(len(whole)), whole[:, : len(free)], dormant)
+    own = {name: found.felt(block) for name, (_, block) in dormant.items()}
+    return {name: block for name, block in own.items() if block.shape[1] > 0}
+
+
+def _whitened(
+    parameters: Parameters, names: tuple[str, ...], made: Programme, of_sensor: tuple[Effect, ...], noise: tuple[float, float]
+) -> np.ndarray:
+    """Derivatives (2 n_t, n_p) of stress and of what the sensor shows, over their noise. NumericsError where the run fails."""
+    stations = {n for e in of_sensor for n in e.names}
+    body = tuple(n for n in names if n not in stations)
+    history, rates = simulate_rates(parameters, body, made, PointSettings())
+    start = float(history.theta[0])
+    test = CouponTest("", history.time, history.strain, history.stress, None, parameters["theta_air"], start, {}, ())
+    stress = np.zeros((len(history.time), len(names)))
+    stress[:, [names.index(n) for n in body]] = rates["stress"]
+    theta = shown_rates(history.theta_sensor, rates["theta_sensor"], test, parameters, (names, of_sensor))
+    return np.concatenate([stress / noise[0], theta / noise[1]])
 
 
 def _told(named: Named, own: dict[str, np.ndarray], family: tuple[str, ...]) -> Told | None:
@@ -164,12 +198,15 @@ def decided(summary: dict[str, Any], here: Traced) -> dict[str, Any]:
 def in_words(d: Decision) -> str:
     """A decision as a sentence."""
     names = " and ".join(d.family)
-    if d.unfelt:
-        return f"{names}: no coupon feels {', '.join(d.unfelt)}; it takes a specimen with a field of temperature to decide"
-    if d.best is None:
+    missing = f"no coupon feels {acted_on(d.unfelt)}" if d.unfelt else ""
+    if not d.felt:
+        return f"{names}: {missing}"
+    best, tail = d.best, f"; {missing}" if missing else ""
+    if best is None:
         tried = ", ".join(p.name for p in PROGRAMMES if p.name not in d.failed)
         missed = f" ({', '.join(d.failed)}: a coupon of these parameters cannot be driven so)" if d.failed else ""
-        return f"{names}: none of the programmes {tried} would part them{missed}"
-    best, shown = d.best, ", ".join(f"{n} from {v:.2g}" for n, v in d.best.detectable.items())
-    part = f" (|cos| {best.cosine:.2f})" if len(d.family) > 1 else ""
-    return f"{names}: the programme {best.programme.name} ({best.programme.words}) would decide{part}; it shows {shown} on"
+        would = f"would part {' and '.join(d.felt)}" if len(d.felt) > 1 else f"would show {d.felt[0]}"
+        return f"{names}: none of the programmes {tried} {would}{missed}{tail}"
+    shown = ", ".join(f"{n} from {v:.2g}" for n, v in best.detectable.items())
+    part = f" (|cos| {best.cosine:.2f})" if len(d.felt) > 1 else ""
+    return f"{names}: the programme {best.programme.name} ({best.programme.words}) would decide{part}; it shows {shown} on{tail}"

@@ -9,14 +9,32 @@ from typing import cast
 
 import numpy as np
 import pytest
-from test_unlisted_coupon import case_of
+from strip import fitted, refitting
+from test_unlisted_coupon import NOISE as RECORD
+from test_unlisted_coupon import TRUTH, case_of, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.decide import Decision, Told, columns, decisions, in_words
+from thermofit.diagnose.decide import (
+    Decision,
+    Told,
+    _on_coupon,
+    added_families,
+    columns,
+    decided,
+    decisions,
+    felt_by_coupons,
+    in_words,
+)
+from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
+from thermofit.identify.coupon_inputs import CouponData, CouponTest
+from thermofit.identify.coupon_model import coupon_model
+from thermofit.identify.inputs import TestPhase
+from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.point.programmes import Usual, named
 from thermofit.point.programmes import programme as made
 
@@ -90,7 +108,7 @@ def undecided(case: Case, *families: tuple[str, ...]) -> Traced:
     """A trace of which only the families count that it leaves undecided."""
     scores = tuple(SimpleNamespace(effect=f[0], family=f, detectability=1.0, z=9.0) for f in families)
     ranking = SimpleNamespace(scores=scores, threshold=3.0)
-    return cast(Traced, SimpleNamespace(case=case, promising=lambda: scores, ranking=ranking))
+    return cast(Traced, SimpleNamespace(case=case, promising=lambda: scores, ranking=ranking, settings={}))
 
 
 def test_a_coupon_with_a_temperature_has_the_sensor_of_its_records(tmp_path: Path) -> None:
@@ -120,3 +138,61 @@ def test_one_effect_is_shown_best_by_the_programme_with_the_smallest_amplitude(n
     told = (Told(named("monotonic"), 0.0, {name: 0.5}), Told(named("cycles"), 0.0, {name: 0.1}))
     best = Decision((name,), told, ()).best
     assert best is not None and best.programme.name == "cycles"
+
+
+PAIR = ("linear_hardening", "backstress_first")
+
+
+def hardened(folder: Path) -> Case:
+    """A monotonic record of a law with linear hardening, and a model that has none."""
+    strain = np.linspace(0.0, 0.05, 201)
+    time, truth = strain / 1e-3, TRUTH.replace(H_lin=800.0)
+    run = simulate(truth, Programme.by_strain(time, strain, 293.0), PointSettings(model=1))
+    rng = np.random.default_rng(1)
+    noisy = (run.stress + 0.3 * rng.normal(size=201), run.theta_sensor + 0.01 * rng.normal(size=201))
+    test = CouponTest("pull", time, strain, *noisy, 293.0, 293.0, RECORD, (TestPhase(0.0, 50.0, "loading"),))
+    made, data, free = study(folder), CouponData((test,), "strain"), ("E", "M_y0", "M_yinf", "H_exp", "beta", "tau")
+    settings = made.stage("thermal").model_copy(update={"free": free})
+    model = coupon_model(made, data, settings, TRUTH.with_free(free))
+    return Case(model, TRUTH.with_free(free), tuple(effect(n) for n in PAIR), coupon_spans(data), frozenset())
+
+
+def test_the_family_of_an_effect_that_was_added_is_decided(tmp_path: Path) -> None:
+    """In monotonic tension a backstress is hardening: one of the two is added, and a programme that turns back would say which."""
+    case, fit = fitted(hardened(tmp_path))
+    closed = close_loop(case, fit, refitting(case.model), 1, None)
+    (name,) = closed.accepted
+    (family,) = added_families(closed)
+    assert set(family.members) == set(PAIR) and family.members[0] == family.added == name
+    told = decided({"undecided": []}, closed.last, added_families(closed))
+    row = next(r for r in told["programmes"] if r["added"] == name)
+    shown = {t["programme"]: t["max_cos"] for t in row["told"]}
+    assert shown["monotonic"] > ALIKE > shown[row["best"]], "told as in the round that added it: its own Params take nothing"
+    assert told["undecided"][0].startswith(f"{name} (added) or {family.members[1]}: the programme {row['best']} (")
+    assert len(told["programmes"]) == 1, "what is dormant and hardly felt is told with its family"
+
+
+def test_an_effect_that_is_on_is_asked_at_its_value() -> None:
+    """A factor on the yield stress acts on what hardening made of it, whether that is asked for beside it or not."""
+    on, rate = LAW.replace(H_lin=3000.0), effect("rate_logarithmic")
+    beside, alone = (columns(named("monotonic"), USUAL, on, wanted, NOISE) for wanted in ((effect("linear_hardening"), rate), (rate,)))
+    assert beside is not None and alone is not None
+    assert beside["rate_logarithmic"] == pytest.approx(alone["rate_logarithmic"], rel=1e-6)
+
+
+def test_what_was_added_besides_is_in_no_family_and_is_a_parameter() -> None:
+    """Two accepted effects of one family are both needed; another one that was accepted takes its part of the columns."""
+    turns = []
+    for name, family in (("linear_hardening", (*PAIR, "second_hardening")), ("backstress_first", (PAIR[1], PAIR[0]))):
+        trial = SimpleNamespace(score=SimpleNamespace(effect=name, family=family))
+        settings = {"second_hardening": {"second_hardening.b": 100.0}}
+        turns.append(SimpleNamespace(trials=(trial,), accepted=name, traced=SimpleNamespace(settings=settings)))
+    (family,) = added_families(cast(Closed, SimpleNamespace(rounds=tuple(turns), accepted=PAIR)))
+    assert family.members == ("linear_hardening", "second_hardening") and family.settings == {"second_hardening.b": 100.0}
+    on = LAW.replace(H_lin=100.0, **{"backstress_first.C": 500.0, "ir_drift.rate": 1e-3})
+    on = on.with_free((*LAW.free, "kappa", "H_lin", "backstress_first.C", "ir_drift.rate"))
+    case = SimpleNamespace(parameters=on, model=SimpleNamespace(missing=None))
+    here = cast(Traced, SimpleNamespace(case=case))
+    coupon = _on_coupon(here, family, felt_by_coupons(here))
+    assert coupon.free == (*LAW.free, "backstress_first.C"), "what it was added by is not taken out of its own column"
+    assert coupon["ir_drift.rate"] == 0.0 and coupon["H_lin"] == 100.0 and coupon["second_hardening.b"] == 100.0

@@ -8,21 +8,23 @@ has the sensor of its records.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import NAMES, Parameters, bare_name
+from thermofit.core.parameters import NAMES, Parameters, bare_name, param
 from thermofit.diagnose.case import TINY, slots_of
 from thermofit.diagnose.decide_words import acted_on
+from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.score import ALIKE, CONVINCING, Columns, likeness
 from thermofit.diagnose.trace import Traced
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects
 from thermofit.identify.coupon_inputs import CouponTest
 from thermofit.identify.coupon_sensor import SENSOR, shown_rates
+from thermofit.identify.instruments import station_names
 from thermofit.identify.missing_coupon import CouponMissing
 from thermofit.point.driver import PointSettings, Programme, simulate_rates
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
@@ -33,6 +35,18 @@ STRESS, TEMPERATURE = 0.5, 0.02
 """Noise in MPa and K where the experiment has no such channel."""
 PEAK, RATE = 0.05, 1e-3
 """Largest nominal strain and rate in 1/s of the programmes where the experiment is no coupon."""
+_OF_BODIES = ("theta_air", "theta_clamp", "kappa", "alpha_air", "alpha_clamp")
+"""Parameters of the base law that no coupon feels."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """Effects that a test leaves undecided: the one that the loop has added (empty: none of them is in the model) and the values of
+    exponents at which the others were scored."""
+
+    members: tuple[str, ...]
+    added: str = ""
+    settings: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -47,13 +61,14 @@ class Told:
 
 @dataclass(frozen=True)
 class Decision:
-    """Effects that this test leaves undecided, what the programmes tell, and effects that no coupon feels."""
+    """Effects that this test leaves undecided, what the programmes tell, and effects that no coupon feels; `added` is in the model."""
 
     family: tuple[str, ...]
     told: tuple[Told, ...]
     unfelt: tuple[str, ...]
     failed: tuple[str, ...] = ()
     """Programmes that a coupon of these parameters cannot be driven through."""
+    added: str = ""
 
     @property
     def felt(self) -> tuple[str, ...]:
@@ -81,15 +96,29 @@ def undecided_families(here: Traced) -> tuple[tuple[str, ...], ...]:
     return tuple(seen)
 
 
-def decisions(here: Traced) -> tuple[Decision, ...]:
-    """A decision for every undecided family."""
-    families = undecided_families(here)
-    if not families:
-        return ()
+def added_families(closed: Closed) -> tuple[Family, ...]:
+    """The families of accepted effects, as the rounds that accepted them told them; without what was accepted besides: all of that is
+    needed at the end."""
+    out = []
+    for turn in closed.rounds:
+        for trial in turn.trials:
+            if trial.score.effect != turn.accepted or turn.accepted not in closed.accepted:
+                continue
+            others = tuple(n for n in trial.score.family if n not in closed.accepted)
+            if others:
+                settings = {n: v for other in others for n, v in turn.traced.settings.get(other, {}).items()}
+                out.append(Family((turn.accepted, *others), turn.accepted, settings))
+    return tuple(out)
+
+
+def decisions(here: Traced, added: Sequence[Family] = ()) -> tuple[Decision, ...]:
+    """A decision for every family of an effect that was added, then for every one that is undecided among dormant effects."""
     known = felt_by_coupons(here)
-    wanted = tuple(dict.fromkeys(n for family in families for n in family if n in known))
-    runs = _runs(here, wanted) if wanted else []
-    return tuple(_decision(family, runs, known) for family in families)
+    dormant = tuple(f for f in undecided_families(here) if not any(set(f) <= set(other.members) for other in added))
+    settings = {n: v for family in dormant for other in family for n, v in here.settings.get(other, {}).items()}
+    runs = _runs(here, Family(tuple(dict.fromkeys(n for family in dormant for n in family)), "", settings), known)
+    found = [_decision(family, _runs(here, family, known), known) for family in added]
+    return (*found, *(_decision(Family(family), runs, known) for family in dormant))
 
 
 def felt_by_coupons(here: Traced) -> frozenset[str]:
@@ -102,16 +131,30 @@ def felt_by_coupons(here: Traced) -> frozenset[str]:
 _Runs = list[tuple[Named, dict[str, np.ndarray] | None]]
 
 
-def _runs(here: Traced, wanted: Sequence[str]) -> _Runs:
-    """Columns of the wanted effects by every programme, see `columns`."""
-    usual, noise = _usual(here), _noise(here)
-    return [(p, columns(p, usual, here.case.parameters, tuple(effect(n) for n in wanted), noise)) for p in PROGRAMMES]
+def _runs(here: Traced, family: Family, known: frozenset[str]) -> _Runs:
+    """Columns of the members that a coupon feels by every programme, see `columns`."""
+    wanted = tuple(effect(n) for n in family.members if n in known)
+    if not wanted:
+        return []
+    parameters, usual, noise = _on_coupon(here, family, known), _usual(here), _noise(here)
+    return [(p, columns(p, usual, parameters, wanted, noise)) for p in PROGRAMMES]
 
 
-def _decision(family: tuple[str, ...], runs: _Runs, known: frozenset[str]) -> Decision:
-    felt = tuple(n for n in family if n in known)
+def _on_coupon(here: Traced, family: Family, known: frozenset[str]) -> Parameters:
+    """The parameters of a coupon: free are those that it feels, but for what the added effect of a family has; the instruments of a body do
+    not look at it."""
+    base = here.case.parameters
+    others = {n: param(n).neutral for n in base.values if n in station_names() and effect_of_param(n).name not in known}
+    own = effect(family.added).names if family.added else ()
+    free = (n for n in base.free if n not in own and (n in NAMES or ("." in n and effect_of_param(n).name in known)))
+    return base.replace(**others, **family.settings).with_free(tuple(n for n in free if n not in _OF_BODIES))
+
+
+def _decision(family: Family, runs: _Runs, known: frozenset[str]) -> Decision:
+    felt = tuple(n for n in family.members if n in known)
     told = tuple(t for p, own in runs if own is not None and (t := _told(p, own, felt)) is not None)
-    return Decision(family, told, tuple(n for n in family if n not in known), tuple(p.name for p, own in runs if own is None))
+    failed = tuple(p.name for p, own in runs if own is None)
+    return Decision(family.members, told, tuple(n for n in family.members if n not in known), failed, family.added)
 
 
 def columns(
@@ -119,15 +162,17 @@ def columns(
 ) -> dict[str, np.ndarray] | None:
     """Whitened columns (2 n_t, k) of every effect that a coupon feels in a programme, without what the free parameters can do.
 
-    None where a coupon of these parameters cannot be driven so; `noise` = (MPa, K).
+    An effect that is on is asked at its value, one that is off beside neutral. None where a coupon of these parameters cannot be driven so;
+    `noise` = (MPa, K).
     """
-    free = tuple(n for n in parameters.free if n in NAMES and n not in ("theta_air", "theta_clamp", "kappa", "alpha_air", "alpha_clamp"))
-    tiny = {e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0) for e in wanted if e.slot not in SENSOR}
+    free = tuple(n for n in parameters.free if n not in _OF_BODIES)
+    off = [e for e in wanted if e.slot not in SENSOR and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
+    tiny = {e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0) for e in off}
     felt = {e.name: tuple(p.name for p in e.amplitudes) for e in wanted}
     names = (*free, *(n for group in felt.values() for n in group))
     try:
         made = programme(named.name, usual, parameters, PointSettings())
-        whole = _whitened(parameters.replace(**tiny), names, made, tuple(e for e in wanted if e.slot in SENSOR), noise)
+        whole = _whitened(parameters.replace(**tiny), names, made, noise)
     except NumericsError:
         return None
     at = {name: k for k, name in enumerate(names)}
@@ -137,10 +182,9 @@ def columns(
     return {name: block for name, block in own.items() if block.shape[1] > 0}
 
 
-def _whitened(
-    parameters: Parameters, names: tuple[str, ...], made: Programme, of_sensor: tuple[Effect, ...], noise: tuple[float, float]
-) -> np.ndarray:
+def _whitened(parameters: Parameters, names: tuple[str, ...], made: Programme, noise: tuple[float, float]) -> np.ndarray:
     """Derivatives (2 n_t, n_p) of stress and of what the sensor shows, over their noise. NumericsError where the run fails."""
+    of_sensor = effects(SENSOR)
     stations = {n for e in of_sensor for n in e.names}
     body = tuple(n for n in names if n not in stations)
     history, rates = simulate_rates(parameters, body, made, PointSettings())
@@ -178,12 +222,14 @@ def _noise(here: Traced) -> tuple[float, float]:
     return found.get("stress", STRESS), found.get("dtheta", found.get("theta", TEMPERATURE))
 
 
-def decided(summary: dict[str, Any], here: Traced) -> dict[str, Any]:
-    """A summary with `programmes`, what each would tell of every undecided family, and the sentences of `undecided` completed."""
-    found = decisions(here)
+def decided(summary: dict[str, Any], here: Traced, added: Sequence[Family] = ()) -> dict[str, Any]:
+    """A summary with `programmes`, what each would tell of every undecided family, those of `added` effects first, and the sentences of
+    `undecided` completed."""
+    found = decisions(here, added)
     rows = [
         {
             "family": list(d.family),
+            "added": d.added or None,
             "best": None if d.best is None else d.best.programme.name,
             "no_coupon_feels": list(d.unfelt),
             "not_driven": list(d.failed),
@@ -197,7 +243,7 @@ def decided(summary: dict[str, Any], here: Traced) -> dict[str, Any]:
 
 def in_words(d: Decision) -> str:
     """A decision as a sentence."""
-    names = " and ".join(d.family)
+    names = " or ".join(f"{n} (added)" if n == d.added else n for n in d.family) if d.added else " and ".join(d.family)
     missing = f"no coupon feels {acted_on(d.unfelt)}" if d.unfelt else ""
     if not d.felt:
         return f"{names}: {missing}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
-from thermofit.diagnose.decide import decided
+from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.findings_record import diagnosis_parameters, loop_datasets, loop_summary
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import diagnosis_job, prepared
@@ -36,7 +36,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         closed, missing = ended(closed, closed.refit, closed.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
-        told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last)
+        told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed))
         summary = with_unlisted(told, described(study, closed.last, missing))
         return Made({**loop_datasets(closed), **unlisted_datasets(missing)}, summary, parameters)
 

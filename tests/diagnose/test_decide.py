@@ -17,7 +17,6 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.decide import (
     Decision,
-    Told,
     _on_coupon,
     added_families,
     columns,
@@ -26,6 +25,7 @@ from thermofit.diagnose.decide import (
     felt_by_coupons,
     in_words,
 )
+from thermofit.diagnose.decide_told import Told
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.score import ALIKE, likeness

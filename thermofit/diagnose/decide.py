@@ -3,30 +3,35 @@
 The coupon of `point.driver` is run through every programme of `point.programmes` with the fitted parameters, and the same sensitivities are
 taken: columns of stress and temperature over their noise, without what the fitted parameters can do. A programme parts two effects where
 |cos| of their columns is below ALIKE; the smallest amplitude that it shows is CONVINCING over their length. A coupon with a temperature
-has the sensor of its records.
+has the sensor of its records. Specimens whose force drives them are asked besides for changes of their own test (`decide_body`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import NAMES, Parameters, bare_name, param
+from thermofit.diagnose import decide_body
 from thermofit.diagnose.case import TINY, slots_of
+from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
 from thermofit.diagnose.decide_words import acted_on
 from thermofit.diagnose.loop import Closed
-from thermofit.diagnose.score import ALIKE, CONVINCING, Columns, likeness
+from thermofit.diagnose.score import ALIKE, Columns
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects
 from thermofit.identify.coupon_inputs import CouponTest
 from thermofit.identify.coupon_sensor import SENSOR, shown_rates
 from thermofit.identify.instruments import station_names
+from thermofit.identify.joint import Joint
+from thermofit.identify.joint_several import JointSeveral
 from thermofit.identify.missing_coupon import CouponMissing
-from thermofit.point.driver import PointSettings, Programme, simulate_rates
+from thermofit.point.driver import PointSettings, simulate_rates
+from thermofit.point.driver import Programme as Driven
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
 
 FAINT = 0.05
@@ -40,26 +45,6 @@ _OF_BODIES = ("theta_air", "theta_clamp", "kappa", "alpha_air", "alpha_clamp")
 
 
 @dataclass(frozen=True)
-class Family:
-    """Effects that a test leaves undecided: the one that the loop has added (empty: none of them is in the model) and the values of
-    exponents at which the others were scored."""
-
-    members: tuple[str, ...]
-    added: str = ""
-    settings: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Told:
-    """What one programme tells of a family: largest |cos| between the members that coupons feel (1 where this one does not show one of
-    them), smallest amplitudes."""
-
-    programme: Named
-    cosine: float
-    detectable: dict[str, float]
-
-
-@dataclass(frozen=True)
 class Decision:
     """Effects that this test leaves undecided, what the programmes tell, and effects that no coupon feels; `added` is in the model."""
 
@@ -69,6 +54,11 @@ class Decision:
     failed: tuple[str, ...] = ()
     """Programmes that a coupon of these parameters cannot be driven through."""
     added: str = ""
+    as_it_was: Told | None = None
+    """What the test itself tells of them on the mesh of the programmes of the specimen; None where there are none."""
+    on_body: tuple[Told, ...] = ()
+    """What changes of the test would tell."""
+    failed_on_body: tuple[str, ...] = ()
 
     @property
     def felt(self) -> tuple[str, ...]:
@@ -83,6 +73,20 @@ class Decision:
             shown = [t for t in self.told if self.felt[0] in t.detectable]
             return min(shown, key=lambda t: t.detectable[self.felt[0]]) if shown else None
         return next((t for t in self.told if t.cosine < ALIKE), None)
+
+    @property
+    def best_on_body(self) -> Told | None:
+        """The first change of the test that parts all of them where the test does not; where it does, but too weakly, the first that shows
+        each of them from half the amplitude on. Of one effect: the one that shows least of it, if that is half as much."""
+        was = self.as_it_was
+        if was is None:
+            return None
+        parts = [t for t in self.on_body if t.cosine < ALIKE]
+        if was.cosine < ALIKE:
+            parts = [t for t in parts if all(2.0 * t.detectable[n] < was.detectable.get(n, np.inf) for n in self.family)]
+        if len(self.family) == 1:
+            return min(parts, key=lambda t: t.detectable[self.family[0]], default=None)
+        return next(iter(parts), None)
 
 
 def undecided_families(here: Traced) -> tuple[tuple[str, ...], ...]:
@@ -111,14 +115,16 @@ def added_families(closed: Closed) -> tuple[Family, ...]:
     return tuple(out)
 
 
-def decisions(here: Traced, added: Sequence[Family] = ()) -> tuple[Decision, ...]:
-    """A decision for every family of an effect that was added, then for every one that is undecided among dormant effects."""
+def decisions(here: Traced, added: Sequence[Family] = (), parts: Joint | JointSeveral | None = None) -> tuple[Decision, ...]:
+    """A decision for every family of an effect that was added, then for every one that is undecided among dormant effects; `parts`: the
+    problem of the specimens, where the records are no coupons."""
     known = felt_by_coupons(here)
     dormant = tuple(f for f in undecided_families(here) if not any(set(f) <= set(other.members) for other in added))
     settings = {n: v for family in dormant for other in family for n, v in here.settings.get(other, {}).items()}
-    runs = _runs(here, Family(tuple(dict.fromkeys(n for family in dormant for n in family)), "", settings), known)
-    found = [_decision(family, _runs(here, family, known), known) for family in added]
-    return (*found, *(_decision(Family(family), runs, known) for family in dormant))
+    together = Family(tuple(dict.fromkeys(n for family in dormant for n in family)), "", settings)
+    runs, on_body = _runs(here, together, known), _on_body(here, together, parts)
+    found = [_decision(family, _runs(here, family, known), _on_body(here, family, parts), known) for family in added]
+    return (*found, *(_decision(Family(family), runs, on_body, known) for family in dormant))
 
 
 def felt_by_coupons(here: Traced) -> frozenset[str]:
@@ -128,7 +134,7 @@ def felt_by_coupons(here: Traced) -> frozenset[str]:
     return frozenset(e.name for e in slots_of("point", ()))
 
 
-_Runs = list[tuple[Named, dict[str, np.ndarray] | None]]
+_Runs = Sequence[tuple[Programme, dict[str, np.ndarray] | None]]
 
 
 def _runs(here: Traced, family: Family, known: frozenset[str]) -> _Runs:
@@ -150,11 +156,25 @@ def _on_coupon(here: Traced, family: Family, known: frozenset[str]) -> Parameter
     return base.replace(**others, **family.settings).with_free(tuple(n for n in free if n not in _OF_BODIES))
 
 
-def _decision(family: Family, runs: _Runs, known: frozenset[str]) -> Decision:
-    felt = tuple(n for n in family.members if n in known)
-    told = tuple(t for p, own in runs if own is not None and (t := _told(p, own, felt)) is not None)
-    failed = tuple(p.name for p, own in runs if own is None)
-    return Decision(family.members, told, tuple(n for n in family.members if n not in known), failed, family.added)
+def _on_body(here: Traced, family: Family, parts: Joint | JointSeveral | None) -> _Runs:
+    """Columns of all members by the test as it was and by its changes; nothing where the specimen's programmes are not known."""
+    if not family.members or not decide_body.can_be_driven(parts):
+        return []
+    assert isinstance(parts, Joint)
+    every = (decide_body.OWN, *decide_body.PROGRAMMES)
+    return [(p, decide_body.columns(parts, p, here.case.parameters, family)) for p in every]
+
+
+def _all_told(runs: _Runs, members: Sequence[str]) -> tuple[Told, ...]:
+    return tuple(t for p, own in runs if own is not None and (t := told_of(p, own, members)) is not None)
+
+
+def _decision(family: Family, runs: _Runs, on_body: _Runs, known: frozenset[str]) -> Decision:
+    felt, unfelt = (tuple(n for n in family.members if (n in known) is there) for there in (True, False))
+    failed, failed_on_body = (tuple(p.name for p, own in of if own is None) for of in (runs, on_body))
+    was = _all_told(on_body[:1], family.members)
+    told = (_all_told(runs, felt), unfelt, failed, family.added, was[0] if was else None, _all_told(on_body[1:], family.members))
+    return Decision(family.members, *told, failed_on_body)
 
 
 def columns(
@@ -182,7 +202,7 @@ def columns(
     return {name: block for name, block in own.items() if block.shape[1] > 0}
 
 
-def _whitened(parameters: Parameters, names: tuple[str, ...], made: Programme, noise: tuple[float, float]) -> np.ndarray:
+def _whitened(parameters: Parameters, names: tuple[str, ...], made: Driven, noise: tuple[float, float]) -> np.ndarray:
     """Derivatives (2 n_t, n_p) of stress and of what the sensor shows, over their noise. NumericsError where the run fails."""
     of_sensor = effects(SENSOR)
     stations = {n for e in of_sensor for n in e.names}
@@ -194,16 +214,6 @@ def _whitened(parameters: Parameters, names: tuple[str, ...], made: Programme, n
     stress[:, [names.index(n) for n in body]] = rates["stress"]
     theta = shown_rates(history.theta_sensor, rates["theta_sensor"], test, parameters, (names, of_sensor))
     return np.concatenate([stress / noise[0], theta / noise[1]])
-
-
-def _told(named: Named, own: dict[str, np.ndarray], family: tuple[str, ...]) -> Told | None:
-    there = {n: own[n] for n in family if n in own}
-    if not there:
-        return None
-    alike = likeness(there)
-    largest = max((cos for (a, b), cos in alike.items() if a != b), default=0.0)
-    shown = {n: float(CONVINCING / np.linalg.norm(s[:, 0])) for n, s in there.items()}
-    return Told(named, 1.0 if len(there) < len(family) else largest, shown)
 
 
 def _usual(here: Traced) -> Usual:
@@ -222,10 +232,12 @@ def _noise(here: Traced) -> tuple[float, float]:
     return found.get("stress", STRESS), found.get("dtheta", found.get("theta", TEMPERATURE))
 
 
-def decided(summary: dict[str, Any], here: Traced, added: Sequence[Family] = ()) -> dict[str, Any]:
+def decided(
+    summary: dict[str, Any], here: Traced, added: Sequence[Family] = (), parts: Joint | JointSeveral | None = None
+) -> dict[str, Any]:
     """A summary with `programmes`, what each would tell of every undecided family, those of `added` effects first, and the sentences of
-    `undecided` completed."""
-    found = decisions(here, added)
+    `undecided` completed; arguments as `decisions`."""
+    found = decisions(here, added, parts)
     rows = [
         {
             "family": list(d.family),
@@ -233,7 +245,8 @@ def decided(summary: dict[str, Any], here: Traced, added: Sequence[Family] = ())
             "best": None if d.best is None else d.best.programme.name,
             "no_coupon_feels": list(d.unfelt),
             "not_driven": list(d.failed),
-            "told": [{"programme": t.programme.name, "max_cos": t.cosine, "detectable": t.detectable} for t in d.told],
+            "told": [_row(t) for t in d.told],
+            "on_specimen": None if d.as_it_was is None else _specimen(d, d.as_it_was),
         }
         for d in found
     ]
@@ -241,18 +254,46 @@ def decided(summary: dict[str, Any], here: Traced, added: Sequence[Family] = ())
     return {**summary, "undecided": said, "programmes": rows}
 
 
+def _row(t: Told) -> dict[str, Any]:
+    return {"programme": t.programme.name, "max_cos": t.cosine, "detectable": t.detectable}
+
+
+def _specimen(d: Decision, was: Told) -> dict[str, Any]:
+    """What changes of the test would tell, as a plain row."""
+    best = None if d.best_on_body is None else d.best_on_body.programme.name
+    return {"best": best, "not_driven": list(d.failed_on_body), "as_it_was": _row(was), "told": [_row(t) for t in d.on_body]}
+
+
 def in_words(d: Decision) -> str:
     """A decision as a sentence."""
     names = " or ".join(f"{n} (added)" if n == d.added else n for n in d.family) if d.added else " and ".join(d.family)
-    missing = f"no coupon feels {acted_on(d.unfelt)}" if d.unfelt else ""
+    missing = [f"no coupon feels {acted_on(d.unfelt)}"] if d.unfelt else []
+    return f"{names}: {'; '.join([*_of_coupons(d), *missing, *_of_specimen(d)])}"
+
+
+def _shown(t: Told) -> str:
+    return ", ".join(f"{n} from {v:.2g}" for n, v in t.detectable.items())
+
+
+def _of_coupons(d: Decision) -> list[str]:
     if not d.felt:
-        return f"{names}: {missing}"
-    best, tail = d.best, f"; {missing}" if missing else ""
-    if best is None:
+        return []
+    if d.best is None:
         tried = ", ".join(p.name for p in PROGRAMMES if p.name not in d.failed)
         missed = f" ({', '.join(d.failed)}: a coupon of these parameters cannot be driven so)" if d.failed else ""
         would = f"would part {' and '.join(d.felt)}" if len(d.felt) > 1 else f"would show {d.felt[0]}"
-        return f"{names}: none of the programmes {tried} {would}{missed}{tail}"
-    shown = ", ".join(f"{n} from {v:.2g}" for n, v in best.detectable.items())
-    part = f" (|cos| {best.cosine:.2f})" if len(d.felt) > 1 else ""
-    return f"{names}: the programme {best.programme.name} ({best.programme.words}) would decide{part}; it shows {shown} on{tail}"
+        return [f"none of the programmes {tried} {would}{missed}"]
+    part = f" (|cos| {d.best.cosine:.2f})" if len(d.felt) > 1 else ""
+    return [f"the programme {d.best.programme.name} ({d.best.programme.words}) would decide{part}", f"it shows {_shown(d.best)} on"]
+
+
+def _of_specimen(d: Decision) -> list[str]:
+    was, best = d.as_it_was, d.best_on_body
+    if was is None:
+        return ["on the coarse mesh of the programmes this specimen cannot be driven as it was"] if d.failed_on_body else []
+    if best is None:
+        tried = ", ".join(p.name for p in decide_body.PROGRAMMES if p.name not in d.failed_on_body)
+        missed = f" ({', '.join(d.failed_on_body)}: this specimen cannot be driven so)" if d.failed_on_body else ""
+        return [f"of the changes of the test {tried} none would {'part them' if len(d.family) > 1 else 'show more of it'}{missed}"]
+    part = f" (|cos| {best.cosine:.2f}, as it was {was.cosine:.2f})" if len(d.family) > 1 else ""
+    return [f"on the specimen {best.programme.name} ({best.programme.words}) would decide{part}", f"it shows {_shown(best)} on"]

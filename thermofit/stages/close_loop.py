@@ -36,7 +36,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         closed, missing = ended(closed, closed.refit, closed.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
-        told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed))
+        said = loop_summary(found, closed, study.run_dir / STUDY)
+        told = decided(said, closed.last, added_families(closed), found.refit.parts)
         summary = with_unlisted(told, described(study, closed.last, missing))
         return Made({**loop_datasets(closed), **unlisted_datasets(missing)}, summary, parameters)
 

@@ -29,7 +29,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found = prepared(study, task, stages)
         here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out))
         missing = unlisted(here, found.numerical)
-        summary = with_unlisted(decided(diagnosis_summary(found, here), here), described(study, here, missing))
+        told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
+        summary = with_unlisted(told, described(study, here, missing))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
 

@@ -98,12 +98,57 @@ def test_planted_displacement_noise(seed: int) -> None:
 def test_rest_before_loading_is_used_when_there_is_enough() -> None:
     dic = dic_field()
     x, y, _ = displacement_noise(dic, load_start=8.0)
-    assert x.temporal.method == "6 stages before loading"
+    assert x.temporal.method == "6 stages before loading without smooth part in space" and x.temporal.at_rest == 6
     quiet = dataclasses.replace(dic, displacement=dic.displacement - tension(dic.reference[:, :2], dic.time))
     _, y, _ = displacement_noise(quiet, load_start=8.0)
     assert y.sigma == pytest.approx(PLANTED[1], rel=0.05)
     _, y, _ = displacement_noise(quiet, load_start=2.0)
-    assert "second differences" in y.temporal.method
+    assert "second differences" in y.temporal.method and y.temporal.at_rest == 2
+
+
+def resting(k: int, seed: int, lost: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and values (k, n_s) of unit noise at rest: a pattern of the reference image at each point, a drift of the body that turns
+    and bends, and outliers."""
+    rng = np.random.default_rng(seed)
+    xy = points(seed)
+    x, y = xy.T
+    drift = np.arange(k)[:, None] ** 1.5 * (20.0 + 0.5 * y - 0.2 * x + 0.01 * y**2)
+    value = 5.0 * rng.normal(size=len(xy)) + drift + rng.normal(size=(k, len(xy)))
+    value += np.where(rng.random(value.shape) < 0.01, 200.0, 0.0)
+    value[rng.random(value.shape) < lost] = np.nan
+    return xy, value
+
+
+@pytest.mark.parametrize(("k", "lost"), [(3, 0.0), (5, 0.02), (6, 0.3), (200, 0.01)])
+def test_rest_that_drifts_and_bends_holds_the_planted_noise(k: int, lost: float) -> None:
+    """Within four standard errors; scatter about the mean of each point alone would be ten times as large and more."""
+    xy, value = resting(k, k, lost)
+    after = np.linspace(0.0, 500.0, 4)[:, None] * np.ones(len(xy))
+    value, t = np.concatenate([value, value[-1:] + after]), np.arange(k + 4.0)
+    found = temporal_noise(t, value, np.isfinite(value), float(k - 1), xy)
+    assert found.method.startswith(f"{found.at_rest} stages before loading") and found.at_rest == min(k, 60)
+    # A median over fields is worth 2 / pi of their mean.
+    assert found.sigma == pytest.approx(1.0, abs=4.0 * np.sqrt(np.pi / 2.0 / (2.0 * found.n * (1.0 - 1.0 / k))))
+
+
+def test_reference_stage_is_no_stage_at_rest() -> None:
+    """Zero everywhere: the noise of the reference is in all the others, and none of its own is in it."""
+    xy, value = resting(6, 3)
+    value[0], t = 0.0, np.arange(6.0)
+    found = temporal_noise(t, value, np.isfinite(value), 3.0, xy)
+    assert found.at_rest == 3 and found.sigma == pytest.approx(1.0, rel=0.06)
+    found = temporal_noise(t, value, np.isfinite(value), 2.0, xy)
+    assert found.at_rest == 2 and "second differences" in found.method
+
+
+def test_few_signals_at_rest_are_left_to_differences() -> None:
+    value = np.random.default_rng(9).normal(size=(400, 12)) + np.arange(400.0)[:, None]
+    everywhere = np.ones(value.shape, dtype=bool)
+    found = temporal_noise(np.arange(400.0), value, everywhere, 3.0)
+    assert "second differences" in found.method and found.at_rest == 0 and found.sigma == pytest.approx(1.0, rel=0.05)
+    many = np.random.default_rng(9).normal(size=(10, 400)) + np.arange(10.0)[:, None]
+    found = temporal_noise(np.arange(10.0), many, np.ones(many.shape, dtype=bool), 3.0)
+    assert found.at_rest == 4 and found.sigma == pytest.approx(1.0, rel=0.06)
 
 
 def test_two_dimensional_correlation_has_no_z_noise() -> None:
@@ -170,6 +215,17 @@ def test_planted_temperature_noise_and_fixed_pattern(pattern: float) -> None:
     assert noise.correlation_length < 1.0
 
 
+def test_rest_under_a_lamp_holds_the_planted_noise() -> None:
+    """Half a kelvin between the frames of the rest, most of it in a broad spot."""
+    infrared, pixels = heated_frames(0.015)
+    row, col = np.meshgrid(np.arange(100.0), np.arange(70.0), indexing="ij")
+    spot = np.exp(-0.5 * ((row - 40.0) ** 2 + (col - 30.0) ** 2) / 45.0**2)
+    lit = dataclasses.replace(infrared, frames=infrared.frames + (0.4 * infrared.time[:, None, None] * spot).astype(np.float32))
+    noise = temperature_noise(lit, pixels, load_start=5.0)
+    assert noise.temporal.at_rest >= 3 and "before loading" in noise.temporal.method
+    assert noise.temporal.sigma == pytest.approx(0.024, rel=0.05) and noise.sigma == pytest.approx(np.hypot(0.024, 0.015), rel=0.05)
+
+
 def test_all_pixels_with_background_and_edges() -> None:
     infrared, _ = heated_frames(0.0)
     assert temperature_noise(infrared).temporal.sigma == pytest.approx(0.024, rel=0.05)
@@ -193,3 +249,13 @@ def test_too_little_data_is_said() -> None:
         temporal_noise(np.arange(5.0), np.zeros((5, 40)), np.zeros((5, 40), dtype=bool))
     with pytest.raises(DataError, match="no pixel"):
         temperature_noise(heated_frames(0.0)[0], np.zeros((100, 70), dtype=bool))
+
+
+def test_no_stage_at_rest_and_points_measured_once_each() -> None:
+    xy, value = resting(6, 4)
+    t = np.arange(6.0)
+    assert temporal_noise(t, value, np.isfinite(value), -1.0, xy).at_rest == 0
+    assert temporal_noise(t, value, np.isfinite(value), 0.0, xy).at_rest == 1
+    value[:3][np.arange(3)[:, None] != np.arange(len(xy)) % 3] = np.nan
+    found = temporal_noise(t, value, np.isfinite(value), 2.0, xy)
+    assert found.at_rest == 0 and found.sigma == pytest.approx(1.0, rel=0.1)

@@ -1,8 +1,9 @@
 """Noise floor of measured fields from the data themselves: standard deviations, and how far the noise is correlated in space.
 
-Two independent ways. In time: scatter at rest before loading, else the distance of every value from the straight line between its
-two neighbours in time. In space: the distance of every value from the plane through its neighbours. The first sees noise that is
-correlated in space, the second a fixed pattern, which stands still in time; where both agree, the noise is white.
+Two independent ways. In time: scatter at rest before loading, without what moves or warms smoothly there, else the distance of every
+value from the straight line between its two neighbours in time. In space: the distance of every value from the plane through its
+neighbours. The first sees noise that is correlated in space, the second a fixed pattern, which stands still in time; where both agree,
+the noise is white.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from thermofit.measure.triangles import point_spacing
 CLIP = 3.5
 """Residuals beyond this many standard deviations are outliers or signal and do not count."""
 LEAST_AT_REST = 3
+"""Stages or frames before loading of which the scatter about a mean can be taken."""
+LEAST_VALUES = 30
+"""Measured values of a field that give a standard deviation of their own."""
 _MAD = float(norm.ppf(0.75))
-_LEAST_FIELD = 30
 _DEGREE = 3
 _NEIGHBOURS = 8
 _LAGS = 6.0
@@ -32,11 +35,16 @@ _FIELDS = 60
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """`sigma` standard deviation of one measured value, in its unit; `n` residuals used; `method` in words."""
+    """`sigma` standard deviation of one measured value, in its unit; `n` residuals used; `method` in words.
+
+    `at_rest`: usable stages or frames found before loading; 0 where nobody asked for them. With fewer than LEAST_AT_REST of them the
+    estimate is by differences.
+    """
 
     sigma: float
     n: int
     method: str
+    at_rest: int = 0
 
 
 @dataclass(frozen=True)
@@ -92,27 +100,55 @@ def temporal_noise(
 ) -> NoiseEstimate:
     """Noise of values (n_t, n_s), measured where `mask`, from their scatter in time.
 
-    With at least three stages at t <= load_start (s): scatter about the mean of each point. Else second differences in time; with
-    positions `xy` (n_s, 2) a cubic polynomial in space is taken out of each of them first, which removes the signal that is
-    smooth in space at kinks of the programme. DataError for fewer than three stages.
+    With at least three usable stages at t <= load_start (s): scatter of at most 60 of them about the mean of each point. Else second
+    differences in time. With positions `xy` (n_s, 2) a cubic polynomial in space is taken out of each field first: the motion of the
+    specimen in its grips and the warming of a rest that is none, and the signal that is smooth in space at kinks of the programme;
+    without, the mean over the points from fields at rest. A stage is usable where at least LEAST_VALUES of its values are measured
+    and are not all the same, as those of the reference stage itself are. DataError for fewer than three stages.
     """
-    fields, method = _temporal_fields(time, np.where(mask, value, np.nan), load_start, xy)
-    return _estimate(fields, method)
+    return _temporal(time, np.where(mask, value, np.nan), load_start, xy)[0]
 
 
-def _temporal_fields(time: np.ndarray, value: np.ndarray, load_start: float | None, xy: np.ndarray | None) -> tuple[np.ndarray, str]:
-    """Fields (k, n_s) of unit noise gain, nan where not measured, and the method."""
+def _temporal(time: np.ndarray, value: np.ndarray, load_start: float | None, xy: np.ndarray | None) -> tuple[NoiseEstimate, np.ndarray]:
+    """The estimate and its fields (k, n_s) of unit noise gain, nan where not measured."""
     if len(time) < LEAST_AT_REST:
         raise DataError(f"noise: {len(time)} stages or frames found, at least {LEAST_AT_REST} are needed; give the noise in the study")
-    rest = 0 if load_start is None else int(np.sum(time <= load_start))
-    if rest >= LEAST_AT_REST:
-        quiet = value[:rest]
-        return (quiet - quiet.mean(axis=0)) / np.sqrt(1.0 - 1.0 / rest), f"{rest} stages before loading"
-    fields = _some(second_differences(time, value))
-    if xy is None:
-        return fields, "second differences in time"
-    terms = _polynomial(xy)
-    return np.stack([_without_trend(field, terms) for field in fields]), "second differences in time without smooth part in space"
+    terms = None if xy is None else _polynomial(xy)
+    quiet = value[:0] if load_start is None else _usable(value[time <= load_start])
+    if len(quiet) >= LEAST_AT_REST:
+        quiet = _about_mean(_some(quiet), np.ones((value.shape[1], 1)) if terms is None else terms)
+    if len(quiet) >= LEAST_AT_REST:
+        fields, method = quiet, f"{len(quiet)} stages before loading without smooth part in space"
+    else:
+        fields, method = _some(second_differences(time, value)), "second differences in time"
+        if terms is not None:
+            fields, method = np.stack([_without_trend(field, terms) for field in fields]), f"{method} without smooth part in space"
+    return replace(_estimate(fields, method), at_rest=len(quiet)), fields
+
+
+def _usable(value: np.ndarray) -> np.ndarray:
+    """Stages (k', n_s) with a scatter of their own. The reference stage has none, and would weaken the mean of the others."""
+    return _measured(value[[bool(np.nanmax(field, initial=-np.inf) > np.nanmin(field, initial=np.inf)) for field in value]])
+
+
+def _about_mean(value: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Fields (k', n_s) of unit noise gain from values (k, n_s) at rest: without what is smooth in space and the mean of each point; nan
+    where it is measured once.
+
+    What is smooth goes out before the mean as well, which else would be that of other moments wherever a value is missing; and with
+    it the outliers, which the mean would carry into all stages.
+    """
+    flat = [_left(field, terms) for field in value]
+    quiet = np.array([np.where(kept, left, np.nan) for left, kept in flat])
+    number = np.isfinite(quiet).sum(axis=0)
+    gain = np.sqrt(1.0 - 1.0 / np.maximum(number, 2))
+    scatter = np.where(number >= 2, (quiet - np.nansum(quiet, axis=0) / np.maximum(number, 1)) / gain, np.nan)
+    return np.reshape([_without_trend(field, terms) for field in _measured(scatter)], (-1, value.shape[1]))
+
+
+def _measured(fields: np.ndarray) -> np.ndarray:
+    """Those of the fields (k, n_s) of which enough values are measured for a standard deviation."""
+    return fields[np.isfinite(fields).sum(axis=1) >= LEAST_VALUES]
 
 
 def _some(fields: np.ndarray) -> np.ndarray:
@@ -122,7 +158,7 @@ def _some(fields: np.ndarray) -> np.ndarray:
 
 def _estimate(fields: np.ndarray, method: str) -> NoiseEstimate:
     """Median over fields of their standard deviations: stages at which the signal is rough do not count. Few points are pooled."""
-    each = [robust_sigma(field) for field in fields if np.isfinite(field).sum() >= _LEAST_FIELD]
+    each = [robust_sigma(field) for field in fields if np.isfinite(field).sum() >= LEAST_VALUES]
     if len(each) >= 1:
         sigma, n = float(np.median([s for s, _ in each])), sum(n for _, n in each)
     else:
@@ -139,16 +175,22 @@ def _polynomial(xy: np.ndarray) -> np.ndarray:
     return np.stack([x**i * y**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
 
 
-def _without_trend(field: np.ndarray, terms: np.ndarray) -> np.ndarray:
-    """Field (n_s,) minus its least-squares polynomial, outliers not fitted, over the square root of the degrees of freedom left."""
+def _left(field: np.ndarray, terms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Field (n_s,) minus its least-squares polynomial, and True (n_s,) where it was fitted: outliers are not. nan for too few values."""
     kept = np.isfinite(field)
     residual = field
     for _ in range(3):
         if kept.sum() <= 2 * terms.shape[1]:
-            return np.full_like(field, np.nan)
+            return np.full_like(field, np.nan), np.zeros(len(field), dtype=bool)
         residual = field - terms @ np.linalg.lstsq(terms[kept], field[kept], rcond=None)[0]
         sigma, _ = robust_sigma(residual[kept])
         kept = np.abs(residual) <= CLIP * sigma
+    return residual, kept
+
+
+def _without_trend(field: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """Field (n_s,) minus its polynomial, over the square root of the degrees of freedom left."""
+    residual, kept = _left(field, terms)
     return np.asarray(residual / np.sqrt(1.0 - terms.shape[1] / max(int(kept.sum()), terms.shape[1] + 1)))
 
 
@@ -275,8 +317,7 @@ def _central(used: np.ndarray) -> slice:
 
 def _field_noise(time: np.ndarray, value: np.ndarray, xy: np.ndarray, load_start: float | None) -> FieldNoise:
     """All estimates for values (n_t, n_s) at xy (n_s, 2), nan where not measured."""
-    fields, method = _temporal_fields(time, value, load_start, xy)
-    temporal = _estimate(fields, method)
+    temporal, fields = _temporal(time, value, load_start, xy)
     spatial = spatial_noise(xy, value, np.isfinite(value))
     pattern = _fixed_pattern(_spatial_residual(xy, value), temporal.sigma)
     return FieldNoise(temporal.sigma, temporal, spatial, pattern, correlation_length(xy, fields))

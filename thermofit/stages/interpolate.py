@@ -33,7 +33,7 @@ from thermofit.measure.interpolation import (
     interpolate_temperatures,
     pixel_map,
 )
-from thermofit.measure.noise import displacement_noise, temperature_noise
+from thermofit.measure.noise import LEAST_AT_REST, LEAST_VALUES, NoiseEstimate, displacement_noise, temperature_noise
 from thermofit.measure.observation import FieldObservation
 from thermofit.measure.observation_points import ObservationPoints, observation_points
 from thermofit.measure.raw import read_experiment
@@ -82,7 +82,10 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     window = study.evaluation.window
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     nodal = interpolate_displacements(experiment.dic, points.xy)
-    summary: dict[str, Any] = {}
+    smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
+    phases = label_phases(smooth)
+    load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
+    summary: dict[str, Any] = {"load_start_s": load_start, "remarks": []}
     mask = study.evaluation.mask
     displacement = masked(_displacement(study, experiment.dic, nodal, points, summary), mask, "evaluation.mask")
     fields, temperature = [displacement], None
@@ -90,9 +93,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
         record = read_record(calibrated, CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
         temperature = masked(_temperature(study, record, nodal, (points, specimen), summary), mask, "evaluation.mask")
         fields.append(temperature)
-    smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
-    load_start = next((p.t0 for p in label_phases(smooth) if p.label in ("elastic", "loading")), float(smooth.time[0]))
     if study.force.drives == "dic":
         ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
         datasets |= _elongation(end_motion(experiment.dic, ends, study.force.band), datasets, load_start, summary)
@@ -100,11 +101,9 @@ def _make(study: Study, calibrated: Path | None) -> Made:
         datasets.update(field_datasets(field))
     datasets["points/node"] = Dataset(points.node, "1", ("point",))
     datasets["points/mirror"] = Dataset(points.mirror, "1", ("point",))
-    phases = label_phases(smooth)
     summary |= {
         "specimen": specimen_dict(specimen),
         "temperatures": {"theta_air": experiment.theta_air, "theta_clamp": experiment.theta_clamp},
-        "load_start_s": load_start,
         "phases": [{"t0": p.t0, "t1": p.t1, "label": p.label} for p in phases],
         "force": _force_summary(smooth),
         "repairs": list(experiment.repairs),
@@ -116,10 +115,15 @@ def _make(study: Study, calibrated: Path | None) -> Made:
 def _displacement(
     study: Study, dic: DicField, nodal: NodalDisplacement, points: ObservationPoints, summary: dict[str, Any]
 ) -> FieldObservation:
-    """Displacements at the evaluation times with sigma from the raw noise through the interpolation weights."""
+    """Displacements at the evaluation times with sigma from the raw noise through the interpolation weights.
+
+    The summary holds the time in s at which loading starts; what is found is added to it.
+    """
     wanted = study.evaluation.displacement_times
     at = nodal if wanted == "stages" else displacements_at(nodal, np.asarray(wanted, dtype=float))
-    raw = displacement_noise(dic)
+    raw = displacement_noise(dic, summary["load_start_s"])
+    if study.noise.displacement is None:
+        summary["remarks"] += _floor_remark("displacement", "stages", raw[0].temporal, summary["load_start_s"])
     noise = np.array([raw[0].sigma, raw[1].sigma]) if study.noise.displacement is None else np.full(2, study.noise.displacement)
     noise = np.maximum(noise, _LEAST_NOISE["mm"])
     summary["displacement"] = {
@@ -141,7 +145,7 @@ def _displacement(
 def _temperature(
     study: Study, record: Record, nodal: NodalDisplacement, where: tuple[ObservationPoints, Specimen], summary: dict[str, Any]
 ) -> FieldObservation:
-    """Temperatures at the evaluation times at the current positions of the material points."""
+    """Temperatures at the evaluation times at the current positions of the material points; the summary as for `_displacement`."""
     points, specimen = where
     distance = edge_distance(specimen, points.xy)
     infrared = InfraredSequence(record["time"].value, record["frames"].value)
@@ -153,7 +157,9 @@ def _temperature(
     times = infrared.time if wanted == "frames" else np.asarray(wanted, dtype=float)
     times = times[(times >= nodal.time[0]) & (times <= nodal.time[-1])] if wanted == "frames" else times
     at = interpolate_temperatures(infrared, pixel_map(camera), points.xy, displacements_at(nodal, times), distance >= study.ir.edge_margin)
-    raw = temperature_noise(infrared, _on_specimen(record, specimen, study.ir.edge_margin))
+    raw = temperature_noise(infrared, _on_specimen(record, specimen, study.ir.edge_margin), summary["load_start_s"])
+    if study.noise.temperature is None:
+        summary["remarks"] += _floor_remark("temperature", "frames", raw.temporal, summary["load_start_s"])
     noise = max(raw.sigma if study.noise.temperature is None else study.noise.temperature, _LEAST_NOISE["K"])
     summary["temperature"] = {
         "noise_K": noise,
@@ -170,6 +176,16 @@ def _temperature(
         "masked": at.counts.masked,
     }
     return FieldObservation("theta", at.time, points.xy, at.value[:, :, None], (noise * at.sigma_factor)[:, :, None], at.mask, "K")
+
+
+def _floor_remark(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
+    """What the user is told where the noise of a channel does not come from the rest before loading."""
+    if found.at_rest >= LEAST_AT_REST:
+        return []
+    return [
+        f"{channel} noise by {found.method}: only {found.at_rest} {fields} before loading at {load_start:.1f} s hold {LEAST_VALUES} values "
+        f"or more that scatter, {LEAST_AT_REST} are needed"
+    ]
 
 
 def _on_specimen(record: Record, specimen: Specimen, margin: float) -> np.ndarray:

@@ -64,7 +64,8 @@ def test_robust_sigma_of_contaminated_normal_values(seed: int, share: float, sig
     r[bad] += 30.0
     estimate, n = robust_sigma(np.append(sigma * r, np.nan))
     assert estimate == pytest.approx(sigma, rel=0.03)
-    assert n == pytest.approx((~bad).sum(), rel=0.001)
+    # Nine of 20000 normal values lie beyond CLIP on average; forty in none of the seeds that a search may find.
+    assert n == pytest.approx((~bad).sum(), rel=0.002)
 
 
 def test_robust_sigma_of_nothing() -> None:

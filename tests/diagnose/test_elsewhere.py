@@ -15,6 +15,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import Carried, Elsewhere, held_out_words, predicted_beyond, unseen_rms
 from thermofit.diagnose.findings_record import _errors
 from thermofit.diagnose.loop import Closed, _still_needed, close_loop, ranking_rows
+from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import traced
 
 DRIFT = {"ir_drift.rate": 1e-3}
@@ -60,6 +61,27 @@ def test_an_effect_of_both_tests_is_proved_on_the_unseen_one() -> None:
     assert ranking_rows(found.first)[0]["held_out_on"] == "second" and held_out_words(found.last).startswith(
         "second, which no fit has seen"
     )
+
+
+def test_load_phases_are_held_out_where_they_are_asked_for_and_there() -> None:
+    case = case_of(3)
+    assert traced(case).split.by == traced(case, how="blocks").split.by and "blocks of time and length" in traced(case).split.by
+    assert held_out_words(traced(case, how="phases")) == "load phases loading, cooling"
+
+
+def test_one_load_phase_falls_back_to_blocks_and_says_so() -> None:
+    case = replace(case_of(3), spans=(Span("loading", 0.0, 120.0),))
+    blocks, asked = traced(case, how="blocks"), traced(case, how="phases")
+    assert held_out_words(asked) == f"{held_out_words(blocks)} (only one load phase)" and "only one" not in held_out_words(blocks)
+    assert all(np.array_equal(a, b) for a, b in zip(asked.split.held_out, blocks.split.held_out, strict=True))
+
+
+def test_a_declared_test_comes_before_load_phases_and_blocks() -> None:
+    """It judges what carries over to it; what only the fitted test can show is left to phases or blocks, and the words say both."""
+    for how, left in (("phases", "load phases loading, cooling"), ("blocks", "blocks of time and length")):
+        here = traced(started(another(11, **DRIFT), **DRIFT)[0], how=how)
+        assert here.proofs["ir_drift"].on == "second" and held_out_words(here).startswith("second, which no fit has seen; ")
+        assert left in held_out_words(here).split("; ")[1]
 
 
 def test_gain_on_the_unseen_test_is_that_of_the_refit() -> None:

@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 from thermofit.diagnose.held_out import (
     Proof,
     Rows,
+    Split,
     compared,
     groups_of,
     held_out_residual,
@@ -152,3 +153,22 @@ def test_a_proof_says_whether_the_error_falls_or_rises() -> None:
     assert said[0.2] == "held-out error on second falls by 20.00 % +- 1.00 %"
     assert said[-0.2] == "held-out error on second rises by 20.00 % +- 1.00 %"
     assert said[-9.0] == "held-out error on second rises to 10 times as much"
+
+
+def test_an_effect_of_one_phase_is_told_by_blocks_of_it_and_not_by_the_other_phases() -> None:
+    """Why blocks are the default: held out whole, the phase is predicted as well without the effect."""
+    here = rows()
+    fitted = np.stack([np.ones(len(here.time)), here.time / 100.0], axis=1)
+    effect = np.where(here.phase == 1, np.sin(here.time / 5.0), 0.0)[:, None]
+    residual = 0.6 * effect[:, 0] + np.random.default_rng(5).normal(size=len(here.time))
+    blocks, phases = split_by_blocks(here, (10, 5), (2.0, 0.6)), split_by_phase(here, ("loading", "cooling"), 3.0)
+    assert phases is not None
+
+    def error(split: Split, columns: np.ndarray) -> float:
+        """Held-out mean square in the phase in which the effect acts."""
+        return float(np.mean(held_out_residual(residual, columns, split)[here.phase == 1] ** 2))
+
+    both = np.hstack([fitted, effect])
+    assert proof(residual, (fitted, effect), here, blocks, (free(2), free(1))).convinces
+    assert error(blocks, both) < 0.9 * error(blocks, fitted)
+    assert error(phases, both) == pytest.approx(error(phases, fitted), rel=1e-9)

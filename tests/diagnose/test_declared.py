@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from test_loop import case_of, refitting, settled
 
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
 from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.findings_record import _common
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.trace import Traced, traced
+from thermofit.fit.result import FitResult
 from thermofit.identify.model import Prior
 
 RATE = "ir_drift.rate"
@@ -69,6 +72,48 @@ def test_the_refit_is_judged_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     trial = found.rounds[0].trials[0]
     assert found.accepted == () and trial.score.effect == "ir_drift"
     assert trial.refused.startswith("ir_drift.rate would be") and "8 times the standard error of 0.00025 K/s" in trial.refused
+
+
+def leaning() -> Closed:
+    """The loop on a drift and an effect that nobody knows, for which the drift and a reading (here of the conductivity) stand in."""
+    case = case_of(3, **{RATE: 5e-4, "ir_emissivity.slope": 1.0})
+    model = replace(case.model, priors=(Prior("kappa", 120.0, 0.003),))
+    refit = refitting(model)
+    parameters, fit = refit(case.parameters, "joint")
+    return close_loop(Case(model, parameters, case.known[:1], case.spans, case.instruments), fit, refit, 3, None)
+
+
+def test_a_reading_that_stands_in_for_something_else_does_not_refuse_an_effect_that_gains_without_it() -> None:
+    found = leaning()
+    trial = found.rounds[0].trials[0]
+    assert found.accepted == ("ir_drift",) and trial.refused == ""
+    assert trial.readings.startswith("with kappa held held-out error falls by 6")
+    assert "kappa" in found.last.case.parameters.free, "the reading stays free"
+    off = abs(found.last.case.parameters["kappa"] - 120.0) / 0.003
+    assert off > 5.0, "beyond what its error explains: it still stands in for what nobody knows"
+
+
+def test_an_effect_whose_gain_rests_on_a_reading_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("thermofit.diagnose.loop.OWN_GAIN", 0.95)
+    found = leaning()
+    trial = found.rounds[0].trials[0]
+    assert found.accepted == () and trial.refused.startswith("kappa would be ") and "held-out error falls by 6" in trial.readings
+
+
+def test_a_reading_whose_second_refit_fails_refuses_with_both_reasons() -> None:
+    case = case_of(3, **{RATE: 5e-4, "ir_emissivity.slope": 1.0})
+    model = replace(case.model, priors=(Prior("kappa", 120.0, 0.003),))
+    plain = refitting(model)
+
+    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        if label.endswith("readings"):
+            raise NumericsError("it broke")
+        return plain(start, label)
+
+    parameters, fit = plain(case.parameters, "joint")
+    found = close_loop(Case(model, parameters, case.known[:1], case.spans, case.instruments), fit, refit, 3, None)
+    assert found.accepted == ()
+    assert found.rounds[0].trials[0].refused.endswith("the refit with it held failed (it broke)")
 
 
 @pytest.mark.parametrize(("times", "said"), [(4.9, False), (50.0, True)])

@@ -72,7 +72,7 @@ def _trials(console: Console, rounds: Any) -> None:
         return
     out = _table("tried by a refit", ("round", "effect", "estimate", "held-out gain %", "result"))
     for n, t in tried:
-        said = [t["remark"] or "added", *([f"exponents: {t['exponents']}"] if t["exponents"] else [])]
+        said = [t["remark"] or "added", *([f"exponents: {t['exponents']}"] if t["exponents"] else []), *filter(None, [t.get("readings")])]
         out.add_row(str(n), t["effect"], _estimate(t), _gain(t), "; ".join(said))
     console.print(out)
 

@@ -146,6 +146,7 @@ def _trial(trial: Trial, accepted: str | None) -> dict[str, Any]:
         "accepted": trial.score.effect == accepted,
         "remark": trial.refused or ("" if trial.score.effect == accepted else f"less than {accepted}"),
         "exponents": trial.exponents,
+        "readings": trial.readings,
         "exponent_values": {n: {"value": v, "sigma": sigma, "unit": param(n).unit} for n, (v, sigma) in trial.ends.items()},
     }
 

@@ -19,7 +19,7 @@ from thermofit.diagnose.score import OVER_NUMERICAL, Score, ranked
 from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
-from thermofit.identify.priors import improbable
+from thermofit.identify.priors import beyond_error, in_words
 
 Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
 """Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
@@ -28,6 +28,8 @@ TRIED_WHERE_CHEAP = 6
 """Most effects that are refitted in a round where a run costs next to nothing; the best of them is accepted."""
 WORTH_AN_EXPONENT = 10.0
 """Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
+OWN_GAIN = 0.5
+"""Part of its gain that an effect must keep with declared readings held, where its refit drives them beyond their errors."""
 AWAY = 2.0
 """Standard errors by which an accepted amplitude differs from neutral."""
 
@@ -35,7 +37,8 @@ AWAY = 2.0
 @dataclass(frozen=True)
 class Trial:
     """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept), what
-    became of its exponents, and the values that they ended at, with sigma where they were fitted."""
+    became of its exponents, and the values that they ended at, with sigma where they were fitted; what its gain is without the declared
+    readings that its refit drives off."""
 
     score: Score
     proof: Proof | None
@@ -45,6 +48,7 @@ class Trial:
     refused: str
     exponents: str = ""
     ends: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
+    readings: str = ""
 
     @property
     def gain(self) -> float:
@@ -203,7 +207,7 @@ def _tried(
     scanned = tuple(p.name for p in effect(score.effect).exponents)
     freed, said = _freed((parameters, after), scanned, score.effect, refit)
     if not here.case.cheap:
-        trial, found = _judged(here, fit, score, freed or (parameters, after), numerical, how)
+        trial, found = _judged(here, fit, score, freed or (parameters, after), refit, numerical, how)
         return replace(trial, exponents=said), found
     held = _held(parameters, scanned)
     if freed is not None:
@@ -214,7 +218,7 @@ def _tried(
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
         singly = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
         ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None and one[0][1].converged]
-    judged = [(*_judged(here, fit, score, end, numerical, how), words) for end, words in ends]
+    judged = [(*_judged(here, fit, score, end, refit, numerical, how), words) for end, words in ends]
     trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found
 
@@ -224,22 +228,57 @@ def _held(parameters: Parameters, names: Sequence[str]) -> str:
 
 
 def _judged(
-    here: Traced, fit: FitResult, score: Score, refitted: tuple[Parameters, FitResult], numerical: np.ndarray | None, how: str
+    here: Traced, fit: FitResult, score: Score, refitted: tuple[Parameters, FitResult], refit: Refit, numerical: np.ndarray | None, how: str
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """What a refit is worth on held-out data; `fit` is the one without the effect."""
     parameters, after = refitted
-    names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
+    proof, estimate, sigma, refused = _worth(here, there, score, after)
+    readings = ""
+    if not refused:
+        refused, readings = _on_readings(here, score, parameters, proof, refit, numerical, how)
+    ends = _ends(score.effect, parameters, after)
+    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, ends=ends, readings=readings)
+    return trial, None if refused else (there, after)
+
+
+def _worth(here: Traced, there: Traced, score: Score, after: FitResult) -> tuple[Proof, Mapping[str, float], Mapping[str, float], str]:
+    """Proof of a refit that ends `there`, estimates of the effect's Params with their standard errors, why it is refused (empty: not)."""
+    names = tuple(p.name for p in effect(score.effect).params if not p.scan)
     ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
     inside = compared(*ends, here.rows, folds, here.problem.noise, there.columns.residual)
     proof = proof_of_refit(here, there, score.effect) or inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
-    estimate = {n: parameters[n] for n in names}
-    refused = _refusal(there, score.effect, (estimate, sigma), proof, after) or improbable(
-        here.case.model.priors, parameters, here.case.parameters
-    )
-    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, ends=_ends(score.effect, parameters, after))
-    return trial, None if refused else (there, after)
+    estimate = {n: there.case.parameters[n] for n in names}
+    return proof, estimate, sigma, _refusal(there, score.effect, (estimate, sigma), proof, after)
+
+
+def _on_readings(
+    here: Traced, score: Score, end: Parameters, proof: Proof, refit: Refit, numerical: np.ndarray | None, how: str
+) -> tuple[str, str]:
+    """Why an effect is refused whose refit drives declared readings beyond their errors (empty: it is not), and what its gain is without.
+
+    A second refit holds these readings, and the exponents, where they were. What is missing besides may drive them as well, and they stand
+    in for it (a lamp for warmer air): an effect that keeps OWN_GAIN of its gain does not rest on them.
+    """
+    priors = here.case.model.priors
+    gone = {prior.name: prior for prior in beyond_error(priors, end, here.case.parameters)}
+    if not gone:
+        return "", ""
+    said = "; ".join(in_words(prior, end[name]) for name, prior in gone.items())
+    own = effect(score.effect)
+    if set(gone) & set(own.names):
+        return said, ""
+    fixed = {*gone, *(p.name for p in own.params if p.scan)}
+    start = end.replace(**{n: here.case.parameters[n] for n in gone}).with_free(tuple(n for n in end.free if n not in fixed))
+    try:
+        parameters, after = refit(start, f"{score.effect} readings")
+    except NumericsError as error:
+        return f"{said}; the refit with it held failed ({error})", ""
+    there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
+    alone, _, _, refused = _worth(here, there, score, after)
+    words = f"with {', '.join(gone)} held {alone.words}"
+    return (said, words) if refused or alone.gain < OWN_GAIN * proof.gain else ("", words)
 
 
 def _ends(name: str, parameters: Parameters, fit: FitResult) -> dict[str, tuple[float, float | None]]:

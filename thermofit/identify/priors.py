@@ -40,17 +40,22 @@ def effect_priors(study: Study) -> tuple[Prior, ...]:
     return priors_of(study, {p.name: p.neutral for e in effects() for p in e.amplitudes if "." in p.name})
 
 
-def improbable(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> str:
-    """Why parameters cannot be, where one lies so far off what was declared that no error of the reading explains it; else empty.
+def beyond_error(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> tuple[Prior, ...]:
+    """Declared values from which parameters lie so far off that no error of the reading explains it.
 
     `before`: parameters that are taken as they are; what is no worse than there is not held against the new ones.
     """
-    for prior in priors:
-        off = abs(parameters[prior.name] - prior.value)
-        known = 0.0 if before is None else abs(before[prior.name] - prior.value)
-        if off > max(UNLIKELY * prior.sigma, known + prior.sigma):
-            return in_words(prior, parameters[prior.name])
-    return ""
+    return tuple(
+        prior
+        for prior in priors
+        if abs(parameters[prior.name] - prior.value)
+        > max(UNLIKELY * prior.sigma, prior.sigma + (0.0 if before is None else abs(before[prior.name] - prior.value)))
+    )
+
+
+def improbable(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> str:
+    """Why parameters cannot be, where one is `beyond_error` of what was declared; else empty."""
+    return next((in_words(prior, parameters[prior.name]) for prior in beyond_error(priors, parameters, before)), "")
 
 
 def in_words(prior: Prior, value: float) -> str:
@@ -63,8 +68,7 @@ def strayed(priors: Sequence[Prior], parameters: Parameters) -> list[str]:
     return [
         f"{prior.name} ends at {_off(prior, parameters[prior.name])}: usually an effect of heat or of the measurement is missing, for "
         "which it stands in; the other parameters are then as doubtful"
-        for prior in priors
-        if abs(parameters[prior.name] - prior.value) > UNLIKELY * prior.sigma
+        for prior in beyond_error(priors, parameters)
     ]
 
 

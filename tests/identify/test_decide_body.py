@@ -101,18 +101,21 @@ def test_the_family_of_an_added_lamp_is_asked_with_the_lamp_on() -> None:
 
 
 def test_a_test_that_parts_too_weakly_asks_for_one_that_shows_more() -> None:
-    """Half the amplitude of each member counts, not half that of one."""
+    """Half the amplitude of one member counts, if none is told later; |cos| counts with it."""
 
-    def told(name: str, *shown: float) -> Told:
+    def told(name: str, *shown: float, cosine: float = 0.5) -> Told:
         programme = next(p for p in (OWN, *PROGRAMMES) if p.name == name)
-        return Told(programme, 0.5, dict(zip(LAMP, shown, strict=True)))
+        return Told(programme, cosine, dict(zip(LAMP, shown, strict=True)))
 
     was = told("own", 1.0, 1.0)
-    weak = Decision(LAMP, (), LAMP, (), "", was, (told("long-rest", 0.1, 0.9), told("stop", 0.4, 0.4)))
+    weak = Decision(LAMP, (), LAMP, (), "", was, (told("long-rest", 0.1, 1.1), told("stop", 0.4, 0.9)))
     assert weak.best_on_body is not None and weak.best_on_body.programme.name == "stop"
     none = replace(weak, on_body=weak.on_body[:1])
     assert none.best_on_body is None and "none would part them" in in_words(none)
     assert replace(weak, as_it_was=replace(was, cosine=0.95)).best_on_body is weak.on_body[0]
+    same = (told("unloadings", 1.0, 1.0, cosine=0.0),)
+    assert replace(weak, on_body=same).best_on_body is None, "0.87 of the amplitude"
+    assert replace(weak, on_body=same, as_it_was=replace(was, cosine=0.88)).best_on_body is same[0], "0.47 of it"
 
 
 def test_programmes_are_changes_of_the_test() -> None:

@@ -76,14 +76,16 @@ class Decision:
 
     @property
     def best_on_body(self) -> Told | None:
-        """The first change of the test that parts all of them where the test does not; where it does, but too weakly, the first that shows
-        each of them from half the amplitude on. Of one effect: the one that shows least of it, if that is half as much."""
+        """The first change of the test that parts all of them where the test does not; where it does, but too weakly, the first that tells
+        one of them from the others from half the amplitude on, and none of them later. Of one effect: the one that shows least of it, if
+        that is half as much."""
         was = self.as_it_was
         if was is None:
             return None
         parts = [t for t in self.on_body if t.cosine < ALIKE]
         if was.cosine < ALIKE:
-            parts = [t for t in parts if all(2.0 * t.detectable[n] < was.detectable.get(n, np.inf) for n in self.family)]
+            shares = [(t, [t.apart(n) / was.apart(n) if n in was.detectable else 0.0 for n in self.family]) for t in parts]
+            parts = [t for t, share in shares if max(share) <= 1.0 and min(share) < 0.5]
         if len(self.family) == 1:
             return min(parts, key=lambda t: t.detectable[self.family[0]], default=None)
         return next(iter(parts), None)

@@ -40,6 +40,11 @@ class Told:
     cosine: float
     detectable: dict[str, float]
 
+    def apart(self, name: str) -> float:
+        """Amplitude from which a member is told from the others, which take |cos| of its column: detectable / sqrt(1 - cos^2)."""
+        left = 1.0 - self.cosine**2
+        return self.detectable.get(name, np.inf) / float(np.sqrt(left)) if left > 0.0 else np.inf
+
 
 def told_of(programme: Programme, own: Mapping[str, np.ndarray], members: Sequence[str]) -> Told | None:
     """Told by columns (n, k) of effects beyond what the parameters can do; None where the programme shows none of the members."""

@@ -35,6 +35,19 @@ AWAY = 2.0
 
 
 @dataclass(frozen=True)
+class Means:
+    """How trials are refitted and traced: the refit, the error of discretisation in the residual, and what is held out."""
+
+    refit: Refit
+    numerical: np.ndarray | None
+    how: str
+
+    def traced(self, here: Traced, parameters: Parameters) -> Traced:
+        """Trace at other parameters, on the same held-out data."""
+        return traced(replace(here.case, parameters=parameters), self.numerical, self.how, here.split)
+
+
+@dataclass(frozen=True)
 class Trial:
     """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept), what
     became of its exponents, and the values that they ended at, with sigma where they were fitted; what its gain is without the declared
@@ -122,7 +135,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
                 if winner is not None and not case.cheap and not _rivals(here, score.effect, best):
                     continue
                 try:
-                    trial, found = _tried(here, fit, score, refit, numerical, how)
+                    trial, found = _tried(here, fit, score, Means(refit, numerical, how))
                 except NumericsError as error:
                     trial, found = Trial(score, None, score.estimate, {}, 0.0, f"a run that judges it failed: {error}"), None
                 trials.append(trial)
@@ -138,7 +151,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     for name in accepted[:-1]:
         if not _still_needed(here, name):
             try:
-                here, fit = _without(here, name, refit, numerical, how)
+                here, fit = _without(here, name, Means(refit, numerical, how))
                 dropped.append(name)
             except NumericsError as error:
                 remarks.append(f"{name} is no longer needed, but stays in: the fit without it failed ({error})")
@@ -190,9 +203,7 @@ def candidates(here: Traced) -> tuple[Score, ...]:
     return (*promising, *visible)[:TRIED_WHERE_CHEAP]
 
 
-def _tried(
-    here: Traced, fit: FitResult, score: Score, refit: Refit, numerical: np.ndarray | None, how: str
-) -> tuple[Trial, tuple[Traced, FitResult] | None]:
+def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
     chosen = here.settings.get(score.effect)
     if chosen is None and len(scans(effect(score.effect), here.case)) > 1:
@@ -201,13 +212,13 @@ def _tried(
         score = replace(ranked(alone).scores[0], family=score.family)
     start = with_effect(here.case.parameters, score.effect, {**score.estimate, **(chosen or {})})
     try:
-        parameters, after = refit(start, score.effect)
+        parameters, after = means.refit(start, score.effect)
     except NumericsError as error:
         return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}", ends=_ends(score.effect, start, fit)), None
     scanned = tuple(p.name for p in effect(score.effect).exponents)
-    freed, said = _freed((parameters, after), scanned, score.effect, refit)
+    freed, said = _freed((parameters, after), scanned, score.effect, means.refit)
     if not here.case.cheap:
-        trial, found = _judged(here, fit, score, freed or (parameters, after), refit, numerical, how)
+        trial, found = _judged(here, fit, score, freed or (parameters, after), means)
         return replace(trial, exponents=said), found
     held = _held(parameters, scanned)
     if freed is not None:
@@ -216,9 +227,9 @@ def _tried(
             said, freed = f"{held}: with them free the fit does not settle", None
     ends = [((parameters, after), said)] + ([(freed, of_freed)] if freed is not None else [])
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
-        singly = [(_freed((parameters, after), (name,), score.effect, refit), name) for name in scanned]
+        singly = [(_freed((parameters, after), (name,), score.effect, means.refit), name) for name in scanned]
         ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None and one[0][1].converged]
-    judged = [(*_judged(here, fit, score, end, refit, numerical, how), words) for end, words in ends]
+    judged = [(*_judged(here, fit, score, end, means), words) for end, words in ends]
     trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found
 
@@ -228,15 +239,15 @@ def _held(parameters: Parameters, names: Sequence[str]) -> str:
 
 
 def _judged(
-    here: Traced, fit: FitResult, score: Score, refitted: tuple[Parameters, FitResult], refit: Refit, numerical: np.ndarray | None, how: str
+    here: Traced, fit: FitResult, score: Score, refitted: tuple[Parameters, FitResult], means: Means
 ) -> tuple[Trial, tuple[Traced, FitResult] | None]:
     """What a refit is worth on held-out data; `fit` is the one without the effect."""
     parameters, after = refitted
-    there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
+    there = means.traced(here, parameters)
     proof, estimate, sigma, refused = _worth(here, there, score, after)
     readings = ""
     if not refused:
-        refused, readings = _on_readings(here, score, parameters, proof, refit, numerical, how)
+        refused, readings = _on_readings(here, score, parameters, proof, means)
     ends = _ends(score.effect, parameters, after)
     trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, ends=ends, readings=readings)
     return trial, None if refused else (there, after)
@@ -253,9 +264,7 @@ def _worth(here: Traced, there: Traced, score: Score, after: FitResult) -> tuple
     return proof, estimate, sigma, _refusal(there, score.effect, (estimate, sigma), proof, after)
 
 
-def _on_readings(
-    here: Traced, score: Score, end: Parameters, proof: Proof, refit: Refit, numerical: np.ndarray | None, how: str
-) -> tuple[str, str]:
+def _on_readings(here: Traced, score: Score, end: Parameters, proof: Proof, means: Means) -> tuple[str, str]:
     """Why an effect is refused whose refit drives declared readings beyond their errors (empty: it is not), and what its gain is without.
 
     A second refit holds these readings, and the exponents, where they were. What is missing besides may drive them as well, and they stand
@@ -272,10 +281,10 @@ def _on_readings(
     fixed = {*gone, *(p.name for p in own.params if p.scan)}
     start = end.replace(**{n: here.case.parameters[n] for n in gone}).with_free(tuple(n for n in end.free if n not in fixed))
     try:
-        parameters, after = refit(start, f"{score.effect} readings")
+        parameters, after = means.refit(start, f"{score.effect} readings")
     except NumericsError as error:
         return f"{said}; the refit with it held failed ({error})", ""
-    there = traced(replace(here.case, parameters=parameters), numerical, how, here.split)
+    there = means.traced(here, parameters)
     alone, _, _, refused = _worth(here, there, score, after)
     words = f"with {', '.join(gone)} held {alone.words}"
     return (said, words) if refused or alone.gain < OWN_GAIN * proof.gain else ("", words)
@@ -354,12 +363,12 @@ def _still_needed(here: Traced, name: str) -> bool:
     return (proof_of_need(here, name, (residual, fitted), room) or found).convinces
 
 
-def _without(here: Traced, name: str, refit: Refit, numerical: np.ndarray | None, how: str) -> tuple[Traced, FitResult]:
+def _without(here: Traced, name: str, means: Means) -> tuple[Traced, FitResult]:
     """The loop's state after an effect was dropped and everything else refitted."""
     neutral = {n: param(n).neutral for n in effect(name).names}
     free = tuple(n for n in here.case.parameters.free if n not in neutral)
-    parameters, fit = refit(here.case.parameters.replace(**neutral).with_free(free), f"without {name}")
-    return traced(replace(here.case, parameters=parameters), numerical, how, here.split), fit
+    parameters, fit = means.refit(here.case.parameters.replace(**neutral).with_free(free), f"without {name}")
+    return means.traced(here, parameters), fit
 
 
 def ranking_rows(here: Traced, accepted: Sequence[str] = ()) -> list[dict[str, Any]]:

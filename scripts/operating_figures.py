@@ -24,8 +24,9 @@ import operating_point
 
 from thermofit.core.errors import ThermofitError
 from thermofit.core.study import Study, load_study
+from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.before_after import channel_rms
-from thermofit.diagnose.loop import Closed, held_out_of
+from thermofit.diagnose.loop import Closed
 from thermofit.effects.catalogue import effect, effects
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -10,11 +10,12 @@ import pytest
 from test_loop import BASE, KNOWN, SIGMA, case_of, refitting
 
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose.backward import still_needed
 from thermofit.diagnose.before_after import before_after
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import Carried, Elsewhere, held_out_words, predicted_beyond, unseen_rms
 from thermofit.diagnose.findings_record import _errors
-from thermofit.diagnose.loop import Closed, _still_needed, close_loop, ranking_rows
+from thermofit.diagnose.loop import Closed, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import traced
 
@@ -146,4 +147,4 @@ def test_an_accepted_effect_is_kept_where_the_unseen_test_needs_it(there: bool) 
     found = closed(None, **DRIFT)
     assert found.accepted == ("ir_drift",)
     case = replace(found.last.case, elsewhere=(another(12, **(DRIFT if there else {})),))
-    assert _still_needed(traced(case), "ir_drift") is there
+    assert still_needed(traced(case), "ir_drift") is there

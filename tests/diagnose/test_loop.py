@@ -13,10 +13,11 @@ import pytest
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.backward import Means, Refit, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
 from thermofit.diagnose.findings_record import _round
-from thermofit.diagnose.loop import Closed, Refit, _ends, _rivals, candidates, close_loop, ranking_rows
+from thermofit.diagnose.loop import Closed, _ends, _rivals, candidates, close_loop, ranking_rows
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
@@ -254,7 +255,7 @@ def test_an_effect_whose_judgement_fails_is_refused_with_the_sentence(monkeypatc
             raise NumericsError("no equilibrium at 12 s")
         return traced(case, *rest)
 
-    monkeypatch.setattr("thermofit.diagnose.loop.traced", failing)
+    monkeypatch.setattr("thermofit.diagnose.backward.traced", failing)
     found = closed(5, **DRIFTING)
     (trial,) = [t for t in found.rounds[0].trials if t.score.effect == "ir_drift"]
     assert trial.refused == "a run that judges it failed: no equilibrium at 12 s" and trial.proof is None
@@ -287,7 +288,7 @@ def test_the_loop_goes_on_where_the_motion_cannot_be_run(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_fails(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
-    monkeypatch.setattr("thermofit.diagnose.loop._still_needed", lambda *_: False)
+    monkeypatch.setattr("thermofit.diagnose.loop.still_needed", lambda *_: False)
     case, fit = settled(case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0}))
     refit = refitting(case.model)
 
@@ -352,3 +353,22 @@ def test_the_effect_with_the_largest_gain_is_tried_though_two_with_an_equal_gain
     tied = replace(tied, case=replace(here.case, cheap=False))
     assert [s.effect for s in tied.promising()] == ["ir_gain", "ir_emissivity", "ir_drift"]
     assert [s.effect for s in candidates(tied)] == ["ir_gain", "ir_drift"]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_effect_that_others_make_up_for_goes_unless_the_fit_without_it_fails(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
+    """What the refit without it answers is taken as it is; a failure keeps the effect, with a remark."""
+
+    def answer(here: Traced, name: str, others: list[str], means: Means) -> tuple[Traced, FitResult]:
+        assert name not in others and len(others) == 1
+        if fails:
+            raise NumericsError("no start can be run")
+        return without(here, name, means)
+
+    monkeypatch.setattr("thermofit.diagnose.loop.made_up_for", answer)
+    found = closed(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0})
+    first = found.rounds[0].accepted
+    assert (first in found.accepted) is fails and (found.dropped == ()) is fails
+    assert list(found.remarks) == (
+        [f"{first} may not be needed, but stays in: the fit without it failed (no start can be run)"] if fails else []
+    )

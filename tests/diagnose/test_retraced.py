@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.backward import Refit
 from thermofit.diagnose.case import Case, HeatFit
-from thermofit.diagnose.loop import Refit, close_loop
+from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.retraced import missed, retraced
 from thermofit.diagnose.structure import Span

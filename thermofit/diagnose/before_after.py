@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.core.artefact import Dataset
+from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.elsewhere import unseen_rms
 from thermofit.diagnose.held_out import rms_with_error
-from thermofit.diagnose.loop import held_out_of
 from thermofit.diagnose.trace import Traced
 
 WORDS = ("before", "after")

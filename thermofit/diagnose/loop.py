@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,19 +10,18 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.backward import Means, Refit, held_out_of, made_up_for, still_needed, without
 from thermofit.diagnose.case import Case, scans
-from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit
-from thermofit.diagnose.held_out import SURE, Proof, Room, compared, held_out_residual
+from thermofit.diagnose.elsewhere import proof_of_refit
+from thermofit.diagnose.held_out import SURE, Proof, compared
 from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.retraced import missed, retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score, ranked
-from thermofit.diagnose.trace import Traced, best_scan, room_of, traced
+from thermofit.diagnose.trace import Traced, best_scan, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 from thermofit.identify.priors import beyond_error, in_words
 
-Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
-"""Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
 TRIED_PER_ROUND = 2
 TRIED_WHERE_CHEAP = 6
 """Most effects that are refitted in a round where a run costs next to nothing; the best of them is accepted."""
@@ -32,19 +31,6 @@ OWN_GAIN = 0.5
 """Part of its gain that an effect must keep with declared readings held, where its refit drives them beyond their errors."""
 AWAY = 2.0
 """Standard errors by which an accepted amplitude differs from neutral."""
-
-
-@dataclass(frozen=True)
-class Means:
-    """How trials are refitted and traced: the refit, the error of discretisation in the residual, and what is held out."""
-
-    refit: Refit
-    numerical: np.ndarray | None
-    how: str
-
-    def traced(self, here: Traced, parameters: Parameters) -> Traced:
-        """Trace at other parameters, on the same held-out data."""
-        return traced(replace(here.case, parameters=parameters), self.numerical, self.how, here.split)
 
 
 @dataclass(frozen=True)
@@ -148,13 +134,17 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         here, fit, name = winner
         accepted.append(name)
     dropped = []
+    means = Means(refit, numerical, how)
     for name in accepted[:-1]:
-        if not _still_needed(here, name):
-            try:
-                here, fit = _without(here, name, Means(refit, numerical, how))
-                dropped.append(name)
-            except NumericsError as error:
-                remarks.append(f"{name} is no longer needed, but stays in: the fit without it failed ({error})")
+        needed, others = still_needed(here, name), [n for n in accepted if n != name and n not in dropped]
+        try:
+            found = made_up_for(here, name, others, means) if needed else without(here, name, means)
+        except NumericsError as error:
+            remarks.append(f"{name} {'may not be' if needed else 'is no longer'} needed, but stays in: the fit without it failed ({error})")
+            continue
+        if found is not None:
+            here, fit = found
+            dropped.append(name)
     return Closed(
         tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical, tuple(remarks)
     )
@@ -316,15 +306,6 @@ def _freed(
     return found, "fitted" if found[1].converged else "fitted, but not settled"
 
 
-def held_out_of(here: Traced) -> np.ndarray:
-    """Whitened residual (n,) of every row as predicted from the folds that do not hold it; nan in rows that are never held out."""
-    return held_out_residual(here.columns.residual, here.columns.fitted, here.split, _room(here))
-
-
-def _room(here: Traced) -> Room:
-    return room_of(here.case.parameters, here.case.parameters.free)
-
-
 def _refusal(there: Traced, name: str, found: tuple[Mapping[str, float], Mapping[str, float]], proof: Proof, fit: FitResult) -> str:
     """Why a refitted effect with `found` = (estimates, their standard errors) is not accepted, empty where it is."""
     estimate, sigma = found
@@ -340,35 +321,6 @@ def _refusal(there: Traced, name: str, found: tuple[Mapping[str, float], Mapping
     if near and missed(there, name, fit) <= AWAY:
         return f"{amplitude.name} = {estimate[amplitude.name]:.3g} is not away from {amplitude.neutral:g}"
     return ""
-
-
-def _without_columns(here: Traced, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Residual and fitted columns if the effect of that name were back at neutral, to first order."""
-    free = here.case.parameters.free
-    own = [k for k, n in enumerate(free) if n in effect(name).names]
-    amplitudes = [k for k in own if not param(free[k]).scan]
-    back = np.array([param(free[k]).neutral - here.case.parameters[free[k]] for k in amplitudes])
-    residual = here.columns.residual + here.columns.fitted[:, amplitudes] @ back
-    return residual, np.delete(here.columns.fitted, own, axis=1)
-
-
-def _still_needed(here: Traced, name: str) -> bool:
-    """Whether the held-out error rises when an accepted effect is taken away again."""
-    residual, fitted = _without_columns(here, name)
-    own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
-    low, high = _room(here)
-    room = (np.delete(low, own), np.delete(high, own))
-    ends, folds = (held_out_residual(residual, fitted, here.split, room), held_out_of(here)), len(here.split.held_out)
-    found = compared(*ends, here.rows, folds, here.problem.noise, here.columns.residual)
-    return (proof_of_need(here, name, (residual, fitted), room) or found).convinces
-
-
-def _without(here: Traced, name: str, means: Means) -> tuple[Traced, FitResult]:
-    """The loop's state after an effect was dropped and everything else refitted."""
-    neutral = {n: param(n).neutral for n in effect(name).names}
-    free = tuple(n for n in here.case.parameters.free if n not in neutral)
-    parameters, fit = means.refit(here.case.parameters.replace(**neutral).with_free(free), f"without {name}")
-    return means.traced(here, parameters), fit
 
 
 def ranking_rows(here: Traced, accepted: Sequence[str] = ()) -> list[dict[str, Any]]:

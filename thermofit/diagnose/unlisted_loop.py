@@ -10,8 +10,9 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
+from thermofit.diagnose.backward import Refit, held_out_of
 from thermofit.diagnose.held_out import Rows, compared
-from thermofit.diagnose.loop import Closed, Refit, held_out_of
+from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
 from thermofit.diagnose.unlisted_field import Basis, Field, field_of

@@ -119,7 +119,7 @@ UNPLANTED = {
 def unplanted() -> dict[str, str]:
     """Reason for every effect of the catalogue that no driver plants. KeyError where one has none."""
     planted = {name for d in DRIVERS.values() for name in (*d.effects, *d.later, *(e for pair in d.pairs for e in pair))}
-    return {e.name: UNPLANTED[e.name] for e in effects() if e.name not in planted}
+    return {e.name: UNPLANTED[e.name] for e in effects() if e.name not in planted and not e.of_user}
 
 
 def run_one(driver: Driver, study: Study, folder: Path, planted: dict[str, float], seed: int) -> dict[str, Any]:

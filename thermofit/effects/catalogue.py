@@ -60,6 +60,8 @@ class Effect:
     """True where the data are linear in one over the amplitude."""
     on: tuple[str, ...] = ()
     """Kinds of facet sets, "air" or "clamp", that it acts on (slots surface_flux, boundary_temperature)."""
+    of_user: bool = False
+    """True where it stands in a file of the user's, not in the catalogue."""
 
     @property
     def amplitude(self) -> Param:
@@ -150,6 +152,7 @@ def load_effect(path: Path) -> Effect:
     found = effect_of(module, name)
     if found is None:
         raise StudyError(f"{path}: PARAMS holds names; expected Param objects called {name}.<param>")
+    found = replace(found, of_user=True)
     _take(found)
     return found
 

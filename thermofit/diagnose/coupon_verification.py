@@ -15,7 +15,7 @@ from thermofit.core.staging import Made
 from thermofit.core.study import Study
 from thermofit.diagnose.literature import literature_remarks, literature_rows
 from thermofit.diagnose.structure import ResidualField, Span, named_phases, residual_field, statistics
-from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_remarks, phase_table
+from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_table
 from thermofit.fit.memory import memories
 from thermofit.identify.coupon_inputs import CouponData
 from thermofit.identify.coupon_model import HISTORY, comparison, coupon_run, observations, offsets, segments
@@ -79,7 +79,6 @@ def _summary(
     rows = phase_table(fields, spans)
     found = judge(fields, rows, word)
     remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
-    remarks += phase_remarks(rows, found.within)
     for field in fields:
         row = channels[field.channel]
         if field.channel in found.outside:

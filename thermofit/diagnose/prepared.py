@@ -323,5 +323,5 @@ def coupon_spans(data: CouponData) -> tuple[Span, ...]:
     for test, offset in zip(data.tests, offsets(data.tests), strict=True):
         spans = named_phases(test.phases)
         prefix = f"{test.name} " if len(data.tests) > 1 else ""
-        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset) for s in spans]
+        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset, record=test.name) for s in spans]
     return tuple(out)

@@ -28,7 +28,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out))
-        missing = unlisted(here, found.numerical)
+        missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         summary = with_unlisted(told, described(study, here, missing))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}

@@ -13,6 +13,7 @@ from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
+from thermofit.core.study_key import read_of
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, Stages, StageSettings
 from thermofit.diagnose.case import Case, Sharper, slots_of
@@ -75,7 +76,10 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
     sections = (*SECTIONS, *(("experiments", "shared") if study.experiments else ()))
-    return job(study.run_dir, name, study.config_of(*sections), inputs), stages
+    config = read_of(study, *sections)
+    if name == "diagnose":  # which adds no effect
+        config["diagnosis"] = {key: value for key, value in config["diagnosis"].items() if key != "max_effects"}
+    return job(study.run_dir, name, config, inputs), stages
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:

@@ -143,7 +143,7 @@ def write_record(path: Path, content: RecordContent) -> Record:
     """
     path = Path(path)
     _check(content)
-    inputs = {name: path_digest(Path(source)) for name, source in content.inputs.items()}
+    inputs = {name: path_digest(Path(source), without=path.parent) for name, source in content.inputs.items()}
     try:
         remove_partial(path.parent, path.name)
         with replacing(path) as temporary:
@@ -207,7 +207,7 @@ def fresh(path: Path, stage: str, config: Mapping[str, Any], inputs: Mapping[str
             record.stage == stage
             and record.attributes["source_digest"] == source_digest()
             and record.config == json.loads(json_text(config))
-            and record.inputs == {name: path_digest(Path(source)) for name, source in inputs.items()}
+            and record.inputs == {name: path_digest(Path(source), without=Path(path).parent) for name, source in inputs.items()}
         )
     except ThermofitError:
         return False

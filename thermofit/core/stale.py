@@ -1,6 +1,7 @@
 """Which artefacts no longer follow from what they were made of: an input has changed since, or an input of an input.
 
-What is not where it was is no reason: a run folder may be read where its raw data are not.
+What is not where it was is no reason: a run folder may be read where its raw data are not. Neither is a folder of data in which the
+artefact itself lies: every stage changes it.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ def stale(record: Record) -> tuple[str, ...]:
     """What an artefact was made of and is no longer so, in words, one for each input; empty where it still follows from its inputs."""
     found = []
     for name, digest in record.inputs.items():
-        path = Path(record.attributes["input_paths"][name])
-        if not path.exists():
+        path = Path(record.attributes["input_paths"].get(name, ""))
+        if path == Path() or not path.exists() or path.absolute() == record.path.absolute().parent:
             continue
         what = path.name if path.suffix == _ARTEFACT else f"{name} '{path}'"
-        if path_digest(path, _untouched) != digest:
+        if path_digest(path, _untouched, record.path.parent) != digest:
             found.append(f"{what} has changed since")
         elif path.suffix == _ARTEFACT and (deeper := _stale_artefact(path)):
             found.append(f"{what}, from which it was made, is stale itself: {deeper[0]}")

@@ -173,8 +173,8 @@ _MEANING = {"E": "MPa", "M_y0": "MPa, M_yinf > M_y0", "M_yinf": "MPa", "H_exp": 
 
 
 def _of_look(look: Look) -> dict[str, tuple[float, float, float]]:
-    """Start and bounds by what a test has shown: E within a factor of 3 of its elastic slope; yield limits by its largest stress S, of which
-    M_y0 is sqrt(F + H) times a part and M_yinf may lie far above; 1/H_exp within a hundredth to a hundred times its largest strain."""
+    """Start and bounds by what a test has shown: E within a factor of 3 of its elastic slope; yield limits by its largest stress S, M_y0
+    being sqrt(F + H) times a part of it and M_yinf perhaps far above; 1/H_exp within a hundredth to a hundred times its largest strain."""
     modulus, stress, strain = look
     return {
         "E": (modulus, modulus / 3.0, 3.0 * modulus),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, open_record
+from thermofit.core.artefact import Dataset, Record, read_record
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
@@ -69,7 +69,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         return produce(task, lambda: static_record(study), force=force)
     if (study.experiment / "ir").is_dir():
         inputs[CALIBRATE] = artefact_path(study.run_dir, CALIBRATE)
-        read_current(inputs[CALIBRATE], CALIBRATE, study.source.name)
+        read_record(inputs[CALIBRATE], CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
     task = job(study.run_dir, NAME, key_of(study, NAME), inputs)
     return produce(task, lambda: _make(study, inputs.get(CALIBRATE)), force=force)
 
@@ -91,7 +91,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     displacement = masked(_displacement(study, experiment.dic, nodal, points, summary), mask, "evaluation.mask")
     fields, temperature = [displacement], None
     if calibrated is not None:
-        record = open_record(calibrated)
+        record = read_current(calibrated, CALIBRATE, study.source.name)
         temperature = masked(_temperature(study, record, nodal, (points, specimen), summary), mask, "evaluation.mask")
         fields.append(temperature)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)

@@ -29,11 +29,12 @@ class Specimen:
 
 @dataclass(frozen=True)
 class ForceRecord:
-    """Load cell (and crosshead) over time: `time` s (n,), `force` N (n,), `crosshead` mm (n,) or None."""
+    """Load cell (and crosshead) over time: `time` s (n,), `force` N (n,), `crosshead` mm (n,) or None; `remarks`: what was converted."""
 
     time: np.ndarray
     force: np.ndarray
     crosshead: np.ndarray | None = None
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

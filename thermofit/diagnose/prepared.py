@@ -13,6 +13,7 @@ from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
+from thermofit.core.study_key import read_of
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, Stages, StageSettings
 from thermofit.diagnose.case import Case, Sharper, slots_of
@@ -20,6 +21,7 @@ from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.errors_told import Told, told, too_far
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.diagnose.structure import Span, named_phases
@@ -43,6 +45,7 @@ from thermofit.measure.stations import INFRARED
 SECTIONS = (
     *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
 )
+DIAGNOSE = "diagnose"
 USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
 """Parameters that the stages identify where a study does not say."""
 JOINT_EVALUATIONS = 10
@@ -75,7 +78,10 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
     sections = (*SECTIONS, *(("experiments", "shared") if study.experiments else ()))
-    return job(study.run_dir, name, study.config_of(*sections), inputs), stages
+    config = read_of(study, *sections)
+    if name == DIAGNOSE:  # which adds no effect
+        config["diagnosis"] = {key: value for key, value in config["diagnosis"].items() if key != "max_effects"}
+    return job(study.run_dir, name, config, inputs), stages
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:
@@ -110,17 +116,22 @@ class _Joint:
     """Distance in mm over which the noise of neighbouring points hangs together."""
 
 
-def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
-    """Joint fit of everything that the stages identified, from where they ended.
+def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None = None) -> Prepared:
+    """Joint fit of everything that the stages identified, from where they ended; `known`: that fit, where it has been made.
 
     A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
     scores are those after a joint step of all fitted parameters in any case.
     """
     joint = _coupon(study, stages) if study.coupon is not None else _several(study, stages) if study.fitted else _body(study, stages)
-    _refuse_one_family(study, joint)
-    _refuse_few(joint.model.residual(joint.base), joint)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
-    parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
+    if known is None:
+        _refuse_one_family(study, joint)
+        _refuse_few(joint.model.residual(joint.base), joint)
+        parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
+    else:
+        parameters, fit = known.parameters, known.fit
+        refit.failures.extend(known.failures)
+        refit.ends.update(known.ends)
     if not fit.converged:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
@@ -155,7 +166,7 @@ def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper |
             refit.failures.append(
                 f"errors of mesh and force: a run that tells them failed, those of the stages' optimum are kept ({error})"
             )
-        fitting = replace(refit, model=found.whole.model, parts=found.whole)
+        fitting = replace(refit, model=found.whole.model, parts=found.whole, ends={})
         return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole, fitting.heated)
 
     return sharp

@@ -10,17 +10,19 @@ import numpy as np
 
 from thermofit.core.artefact import ParameterResult, Record, open_record
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, param, physical_bounds
 from thermofit.core.progress import progress
 from thermofit.core.staging import artefact_path
+from thermofit.core.stale import other_sources
 from thermofit.core.study import Study
+from thermofit.core.study_key import drifted
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.diagnose.trust import above_floor, level
 from thermofit.fem.body import Body
 from thermofit.fem.march import History, Watch
 from thermofit.identify.channels import reference_times
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
-from thermofit.identify.inputs import LoadSteps, Measured, read_field
+from thermofit.identify.inputs import INTERPOLATE, LoadSteps, Measured, read_field
 from thermofit.identify.instruments import Instruments
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
 from thermofit.measure.observation import FieldObservation
@@ -53,12 +55,23 @@ def identified_stages(study: Study) -> tuple[str, ...]:
     return tuple(name for name in IDENTIFY if name == IDENTIFY[0] or artefact_path(study.run_dir, name).exists())
 
 
+def made_otherwise(study: Study, stages: Sequence[str]) -> list[str]:
+    """Which artefacts of `interpolate` and the given stages were made with other settings than the study's now, or by other sources."""
+    ones = [study.one_of(name) for name in study.fitted] or [study]
+    out = []
+    for one, stage in [*((one, INTERPOLATE) for one in ones), *((study, stage) for stage in stages)]:
+        record = open_record(artefact_path(one.run_dir, stage))
+        sources = other_sources(record)
+        out += [*drifted(one, {stage: record}), *([f"{record.path.name}: {sources}"] if sources else [])]
+    return out
+
+
 def fitted_parameters(study: Study, parameters: Parameters, stages: Sequence[str]) -> dict[str, ParameterResult]:
     """All parameters of the verified model: those that a stage identified as it left them, the others as prescribed."""
     results = {}
     for name in parameters.given():
         value = parameters[name]
-        results[name] = ParameterResult(value, None, param(name).unit, False, False, value, *study.bounds(name))
+        results[name] = ParameterResult(value, None, param(name).unit, False, False, value, *physical_bounds(name))
     for stage in stages:
         record = open_record(artefact_path(study.run_dir, stage))
         results |= {name: result for name, result in record.parameters.items() if result.free}

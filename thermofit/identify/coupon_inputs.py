@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, read_record
+from thermofit.core.artefact import Dataset, Record
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.staging import Made, artefact_path
+from thermofit.core.stale import read_current
 from thermofit.core.study import Study
 from thermofit.core.study_coupon import Coupon
 from thermofit.identify.coupon_elastic import elastic_line
@@ -162,7 +163,7 @@ def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
     """The records of a study that are fitted, or those held out, from `<run_dir>/interpolate.h5`; StudyError that names the command where
     that is missing."""
     path = artefact_path(study.run_dir, INTERPOLATE)
-    data = coupon_data_of(read_record(path, INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+    data = coupon_data_of(read_current(path, INTERPOLATE, study.source.name))
     unseen = {record.label for record in coupon_section(study).records if record.held_out}
     return replace(data, tests=tuple(test for test in data.tests if (test.name in unseen) is held_out))
 

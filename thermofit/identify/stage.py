@@ -11,6 +11,7 @@ from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_key import stage_key
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ElasticStage, StageSettings
 from thermofit.identify.beside import answers, remark_of
@@ -27,7 +28,6 @@ from thermofit.material.bounds import beta_warning
 
 Data = Measured | CouponData | Several
 """What was measured: fields of one specimen or of several, or records of coupons."""
-_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 EARLIER: dict[str, tuple[str, ...]] = {
     "elastic": (),
     "plastic": ("identify-elastic",),
@@ -65,8 +65,7 @@ def ready(study: Study, key: str) -> Ready:
         settings = settings.model_copy(update={"free": expanded(settings.free, data)})
     base, _ = with_identified(study, start_of(study, data), EARLIER[key])
     inputs = {**data_paths(study), **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
-    sections = (*_SECTIONS, *(("experiments", "shared") if isinstance(data, Several) else ()))
-    return Ready(settings, data, base.with_free(settings.free), study.config_of(*sections, f"stages.{key}"), inputs)
+    return Ready(settings, data, base.with_free(settings.free), stage_key(study, key), inputs)
 
 
 def data_of(study: Study) -> Data:

@@ -49,7 +49,10 @@ def test_sources_in_their_long_form(write: Callable[[str], Path]) -> None:
 SENTENCES: list[tuple[dict[str, Any], str]] = [
     ({"strian": "e"}, "key 'coupon.records.0.strian' is not known; did you mean 'strain'?"),
     ({"strain": {"extension": "x", "column": "e"}}, "key 'coupon.records.0.strain' gives column and extension; expected exactly one of"),
-    ({"strain": {"unit": "%"}}, "key 'coupon.records.0.strain' gives none of them; expected exactly one of column, true_strain, extension"),
+    (
+        {"strain": {"unit": "%"}},
+        "key 'coupon.records.0.strain' gives none of them; expected exactly one of column, true_strain, plastic_strain,",
+    ),
     ({"strain": 3}, "key 'coupon.records.0.strain' is 3; expected the name of a column or {column: ...}"),
     ({"strain": {"column": "e", "gauge_length": 8}}, "key 'coupon.records.0.strain.gauge_length' is given without 'extension'"),
     ({"stress": {"force": "F", "area": 3, "diameter": 2}}, "gives the cross-section more than once"),

@@ -44,12 +44,14 @@ def _only_with(section: Section, key: str, others: tuple[str, ...]) -> None:
 
 
 class StrainSource(Section):
-    """Nominal strain: a column of it, true strain (converted), or an elongation over the gauge length."""
+    """Nominal strain: a column of it, true strain (converted), an elongation over the gauge length, or the plastic part of true strain."""
 
     column: Text | None = None
     """Nominal (engineering) strain."""
     true_strain: Text | None = None
     """Logarithmic strain; converted to nominal strain by exp(e) - 1."""
+    plastic_strain: Text | None = None
+    """Logarithmic plastic strain of a flow curve; the elastic strain, true stress over `parameters.E`, is added."""
     extension: Text | None = None
     """Elongation of the gauge length."""
     unit: Text | None = None
@@ -61,14 +63,14 @@ class StrainSource(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> StrainSource:
-        _exactly_one(self, ("column", "true_strain", "extension"))
+        _exactly_one(self, ("column", "true_strain", "plastic_strain", "extension"))
         _only_with(self, "extension", ("gauge_length",))
         return self
 
     @property
     def name(self) -> str:
         """Name of the column."""
-        return str(self.column or self.true_strain or self.extension)
+        return str(self.column or self.true_strain or self.plastic_strain or self.extension)
 
 
 class StressSource(Section):
@@ -194,6 +196,17 @@ class CouponRecordSettings(Section):
     def _one_clock(self) -> CouponRecordSettings:
         _exactly_one(self, ("time", "rate"))
         return self
+
+    @model_validator(mode="after")
+    def _true_flow_curve(self) -> CouponRecordSettings:
+        if self.over_plastic and not (isinstance(self.stress, StressSource) and self.stress.true_stress is not None):
+            raise content_error("is not a true stress, but the strain is a plastic_strain; expected {true_stress: COLUMN}", key="stress")
+        return self
+
+    @property
+    def over_plastic(self) -> bool:
+        """True for a flow curve: true stress over plastic strain."""
+        return isinstance(self.strain, StrainSource) and self.strain.plastic_strain is not None
 
     @property
     def label(self) -> str:

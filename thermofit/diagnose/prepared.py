@@ -29,7 +29,7 @@ from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
+from thermofit.identify.coupon_model import answerable, coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
 from thermofit.identify.inputs import measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
@@ -307,7 +307,7 @@ def unseen_coupons(study: Study, data: CouponData, settings: StageSettings, base
 def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
     """All that the stages of a coupon study identify, on all that they compare; with temperatures, the air's too, held by a prior."""
     hot = any(test.theta is not None for test in data.tests)
-    own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
+    own = [answerable(study.stage(key), data)[0] for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
     wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
     nuisances = tuple(name for name in ("theta_air",) if {"theta", "dtheta"} & set(wanted) and name not in study.parameters)
     free = study.diagnosis.free or tuple(dict.fromkeys((*(name for s in own for name in s.free), *nuisances)))

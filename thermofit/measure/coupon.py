@@ -64,6 +64,7 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
         phases=phases,
         remarks=(*record.traits.remarks, *remarks, *said, estimated),
         theta_start=theta_start,
+        over_plastic=settings.over_plastic,
     )
 
 

@@ -113,6 +113,8 @@ def strain_channel(record: Record, settings: CouponRecordSettings, key: str) -> 
     values = _signed(values, source.tension or settings.tension)
     if source.true_strain is not None:
         return np.expm1(values), [*remarks, f"true strain '{source.true_strain}' converted to nominal strain, exp(e) - 1"]
+    if source.plastic_strain is not None:
+        return np.expm1(values), [*remarks, f"plastic strain '{source.plastic_strain}': the elastic strain is added from parameters.E"]
     if source.extension is None:
         return values, remarks
     length, said = source.gauge_length, ""

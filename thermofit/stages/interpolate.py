@@ -56,7 +56,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         return each(study, NAME, run, lambda one: True, force=force)
     if study.coupon is not None:
         files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
-        return produce(job(study.run_dir, NAME, study.config_of("coupon"), files), lambda: interpolated(study), force=force)
+        config = study.config_of("coupon")
+        if any(record.over_plastic for record in study.coupon.records):
+            config |= study.config_of("parameters.E")  # by which the elastic strain is added
+        return produce(job(study.run_dir, NAME, config, files), lambda: interpolated(study), force=force)
     if not study.experiment.is_dir():
         mend = f"run `thermofit simulate {study.source.name}` first" if study.virtual else "correct the key 'experiment' of the study"
         raise DataError(f"{study.experiment}: the raw folder does not exist; {mend}")

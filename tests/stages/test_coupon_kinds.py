@@ -196,7 +196,9 @@ def across(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     monkeypatch.setattr(coupon_inputs, "read_coupon", with_lateral)
     columns = {"t": time, "e": strain, "s": noisy(stress, 0.2)}
-    path = study(tmp_path, columns, NAMED, E=FREE_E, nu={"start": 0.4, "bounds": [0.0, 0.49]}, F={"start": 0.5, "bounds": [0.05, 5.0]})
+    starts: dict[str, Any] = {"nu": {"start": 0.4, "bounds": [0.0, 0.49]}, "F": {"start": 0.5, "bounds": [0.05, 5.0]}}
+    low = {"M_y0": {"start": 120.0, "bounds": [50.0, 1000.0]}}  # below the elastic window, in which nothing flows
+    path = study(tmp_path, columns, NAMED, E=FREE_E, **starts, **low)
     tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     both = {"stress": {}, "lateral": {}}
     tree["stages"] = {
@@ -229,6 +231,8 @@ def test_a_lateral_strain_is_diagnosed_with_the_others(across: Path) -> None:
     assert {row["channel"] for row in found["lack_of_fit"]} == {"stress", "lateral"}
     assert not any(row["accepted"] for row in found["ranking"]), found["verdict"]
     assert found["unlisted"] is None
+    assert {"rate_power", "rate_logarithmic", "rate_by_temperature", "softening_power"} <= set(found["not_asked"])
+    assert any("not asked for rate_power, rate_logarithmic: as measured, the records flow at one rate" in r for r in found["remarks"])
 
 
 def test_a_lateral_strain_is_used_by_itself_where_the_study_gives_starts() -> None:

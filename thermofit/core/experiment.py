@@ -99,7 +99,8 @@ class CouponRecord:
     `time` s (n,), `strain` (n,) elongation over gauge length, `stress` MPa (n,) force over initial area, `temperature` K (n,) of a sensor
     on the specimen, None where there is none; `theta_air` K of its surroundings, `theta_start` K before the test (None: theta_air).
     `noise`: standard deviation of "strain", "stress", "theta" as estimated or declared.
-    `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended.
+    `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended. `lateral` (n,) nominal strain across the load, NaN
+    where it has gaps, None where there is none. `shift_strain`: may the strain be counted from where the elastic line meets zero stress.
     """
 
     name: str
@@ -112,3 +113,5 @@ class CouponRecord:
     phases: tuple[tuple[float, float, str], ...] = ()
     remarks: tuple[str, ...] = ()
     theta_start: float | None = None
+    lateral: np.ndarray | None = None
+    shift_strain: bool = True

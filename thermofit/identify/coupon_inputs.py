@@ -19,9 +19,9 @@ from thermofit.identify.inputs import INTERPOLATE, TestPhase
 from thermofit.measure.coupon import read_coupon
 from thermofit.measure.noise import robust_sigma, second_differences
 
-LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4}
+LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4, "lateral": 1e-8}
 """Noise of a record without noise: sigma must not vanish, because it divides the residual."""
-UNITS = {"strain": "1", "stress": "MPa", "theta": "K"}
+UNITS = {"strain": "1", "stress": "MPa", "theta": "K", "lateral": "1"}
 _JITTER = 0.5
 """Noise of the prescribed strain over the usual increment between samples above which the record should be thinned."""
 
@@ -40,6 +40,8 @@ class CouponTest:
     theta_start: float
     noise: Mapping[str, float]
     phases: tuple[TestPhase, ...]
+    lateral: np.ndarray | None = None
+    """Nominal strain across the load (n,), NaN where it has gaps; None where it was not measured."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,15 @@ def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
         estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
         noise[name] = max(float(estimate), LEAST_NOISE[name])
     strain = record.strain
+    if record.lateral is not None and "lateral" in record.noise:
+        noise["lateral"] = max(record.noise["lateral"], LEAST_NOISE["lateral"])
     line = elastic_line(record.time, record.strain, record.stress, noise["strain"])
-    if line is not None and abs(line.offset) > 3.0 * noise["strain"]:
+    if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"]:
         strain = strain - line.offset
-        remarks.append(f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e}")
+        remarks.append(
+            f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e} (strain_zero: as-measured "
+            "leaves it)"
+        )
     step = float(np.median(np.abs(np.diff(strain))))
     if noise["strain"] > _JITTER * step:
         remarks.append(
@@ -97,7 +104,16 @@ def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
     start = record.theta_air if record.theta_start is None else record.theta_start
     phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
     test = CouponTest(
-        record.name, record.time, strain, record.stress, record.temperature, float(record.theta_air), float(start), noise, phases
+        record.name,
+        record.time,
+        strain,
+        record.stress,
+        record.temperature,
+        float(record.theta_air),
+        float(start),
+        noise,
+        phases,
+        record.lateral,
     )
     return test, tuple(f"{record.name}: {text}" for text in remarks)
 
@@ -118,6 +134,8 @@ def interpolated(study: Study) -> Made:
         values = {"time": (test.time, "s"), "strain": (test.strain, "1"), "stress": (test.stress, "MPa")}
         if test.theta is not None:
             values["theta"] = (test.theta, "K")
+        if test.lateral is not None:
+            values["lateral"] = (test.lateral, "1")
         for name, (value, unit) in values.items():
             datasets[f"records/{number}/{name}"] = Dataset(value, unit, ("sample",))
         rows.append(_row(test))
@@ -179,12 +197,13 @@ def coupon_data_of(record: Record) -> CouponData:
         time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
         theta = record[f"{get}/theta"].value if record.has(f"{get}/theta") else None
         air, start = float(facts["theta_air"]), float(facts["theta_start"])
-        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases))
+        lateral = record[f"{get}/lateral"].value if record.has(f"{get}/lateral") else None
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 
 def shortened(test: CouponTest, t_end: float) -> CouponTest:
     """The record up to t_end s, two samples at least."""
     n = max(int(np.searchsorted(test.time, t_end + 1e-9)), 2)
-    theta = None if test.theta is None else test.theta[:n]
-    return replace(test, time=test.time[:n], strain=test.strain[:n], stress=test.stress[:n], theta=theta)
+    theta, lateral = (None if x is None else x[:n] for x in (test.theta, test.lateral))
+    return replace(test, time=test.time[:n], strain=test.strain[:n], stress=test.stress[:n], theta=theta, lateral=lateral)

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.measure.formats.contents import Column, Head, Record, Traits
-from thermofit.measure.formats.record_columns import Block, column_of, kind_remarks, make_record, with_dates
+from thermofit.measure.formats.record_columns import Block, column_of, kind_remarks, make_record, texts_of, with_dates
 from thermofit.measure.formats.record_dates import is_stamp
 from thermofit.measure.formats.record_table import LEAST_ROWS, Cell, Start, find_start, number_of, read_preamble, words_of
 from thermofit.measure.formats.record_words import plain
@@ -191,10 +192,12 @@ def read_lines_as_record(lines: list[str], traits: Traits, top: int = 0, about: 
     columns = columns_of(parts) if named else [Column("")] * len(words_of(parts.rows[start.first]))
     first = top + start.first
     table = read_block(lines[first:], path, first + 1, layout, len(columns))
-    columns, values, said = with_dates(columns, table.values, lambda k: _texts(lines, table, layout, k))
+    cells = lru_cache(lambda k: _texts(lines, table, layout, k))
+    columns, values, said = with_dates(columns, table.values, cells)
     above = [k for k in range(start.first) if k not in ((start.names, start.units) if named else ())]
-    cells = [parts.rows[k] for k in above]
-    preamble = read_preamble(cells, lambda cell: number_of(cell, layout.decimal), [lines[top + k] for k in above])
+    said_above = [lines[top + k] for k in above]
+    rows = [split_cells(line.lstrip("#% "), layout.separator) for line in said_above]
+    preamble = read_preamble(rows, lambda cell: number_of(cell, layout.decimal), said_above)
     if not named:
         said = (_without_names(parts, len(columns)), *said)
     filled = Traits(
@@ -203,10 +206,12 @@ def read_lines_as_record(lines: list[str], traits: Traits, top: int = 0, about: 
         traits.encoding,
         SEPARATOR_WORDS.get(layout.separator, layout.separator),
         "comma" if layout.decimal == "," else "point",
-        remarks=(*traits.remarks, *preamble.remarks, *kind_remarks(columns, [lines[top + k] for k in above])),
+        remarks=(*traits.remarks, *preamble.remarks, *kind_remarks(columns, said_above)),
         header={**preamble.header, **traits.header},
     )
-    return make_record(filled, Block(tuple(columns), values, (*_remarks(table), *said)), {**preamble.about, **(about or {})})
+    return make_record(
+        filled, Block(tuple(columns), values, (*_remarks(table), *said), texts_of(values, cells)), {**preamble.about, **(about or {})}
+    )
 
 
 def _without_names(parts: Parts, width: int) -> str:

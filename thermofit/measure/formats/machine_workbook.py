@@ -13,8 +13,8 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.measure.formats.contents import Head, Record, Records, Traits
-from thermofit.measure.formats.record_columns import Block, column_of, kind_remarks, make_record, with_dates
-from thermofit.measure.formats.record_table import LEAST_ROWS, Start, find_start, read_preamble, words_of
+from thermofit.measure.formats.record_columns import Block, column_of, kind_remarks, make_record, texts_of, with_dates
+from thermofit.measure.formats.record_table import LEAST_ROWS, Cell, Start, find_start, read_preamble, words_of
 from thermofit.measure.formats.workbook import Sheet, cell_number, is_workbook, numbers_of, read_sheets
 
 NAME = "machine workbook (XLSX)"
@@ -65,10 +65,14 @@ def sheet_record(sheet: Sheet, path: Path, about: Mapping[str, float] | None = N
     above = [sheet.rows[k] for k in range(start.first) if not named or k not in (start.names, start.units)]
     preamble = read_preamble(above, cell_number)
     written = [column_of(name, unit) for name, unit in zip(names, units, strict=True)]
-    columns, values, said = with_dates(written, numbers_of(rows, width), lambda k: [row[k] if k < len(row) else "" for row in rows])
+
+    def cells(k: int) -> list[Cell]:
+        return [row[k] if k < len(row) else "" for row in rows]
+
+    columns, values, said = with_dates(written, numbers_of(rows, width), cells)
     told = kind_remarks(columns, [" ".join(words_of(row)) for row in above])
     if not named:
         said = (f"the table has no names: its columns are called column 1 to column {width}", *said)
     remarks = (*((f"{empty} empty rows at the end dropped",) if empty else ()), *preamble.remarks, *told)
     traits = Traits(form, path, header={"sheet": sheet.name, **preamble.header}, remarks=remarks)
-    return make_record(traits, Block(tuple(columns), values, said), {**preamble.about, **(about or {})})
+    return make_record(traits, Block(tuple(columns), values, said, texts_of(values, cells)), {**preamble.about, **(about or {})})

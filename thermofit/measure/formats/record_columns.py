@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,8 @@ class Block:
     columns: tuple[Column, ...]
     values: np.ndarray
     remarks: tuple[str, ...] = ()
+    texts: Mapping[int, Sequence[str]] = field(default_factory=dict)
+    """Cells of the columns that hold texts, by the number of the column."""
 
 
 def meaning_of(name: str, unit: str) -> str:
@@ -134,6 +136,12 @@ def with_dates(
     return made, values, tuple(remarks)
 
 
+def texts_of(values: np.ndarray, cells: Callable[[int], Sequence[object]]) -> dict[int, Sequence[str]]:
+    """Cells of the columns without any number, as texts, by the number of the column; `values` (n, m), `cells(k)` those of column k."""
+    empty = np.flatnonzero(~np.isfinite(values).any(axis=0))
+    return {int(k): [cell.strip() if isinstance(cell, str) else "" for cell in cells(int(k))] for k in empty}
+
+
 def kind_remarks(columns: Sequence[Column], lines: Sequence[str]) -> tuple[str, ...]:
     """A remark where a line above the names speaks of true or nominal stress or strain, which the names themselves leave open."""
     if any(kind_of(column.name) for column in columns):
@@ -186,6 +194,8 @@ def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Rec
     values = values[kept]
     if len(values) < 2:
         raise DataError(f"{traits.path}: found {len(values)} rows of numbers, expected a record of at least two; export it again")
+    labels = {columns[k].name: tuple(text for text, keep in zip(texts, kept, strict=True) if keep) for k, texts in block.texts.items()}
+    labels = {name: texts for name, texts in labels.items() if any(texts)}
     channels: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     missing = 0
@@ -194,7 +204,8 @@ def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Rec
     stated: dict[str, float] = {}
     for column, raw, alone in zip(columns, values.T, single, strict=True):
         if not np.isfinite(raw).any():
-            remarks.append(f"column '{column.name}' holds no numbers and is no channel")
+            several = f", but {len(set(labels[column.name]))} texts" if column.name in labels else ""
+            remarks.append(f"column '{column.name}' holds no numbers{several} and is no channel")
             continue
         if alone:
             value = float(raw[np.isfinite(raw)][0])
@@ -208,7 +219,9 @@ def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Rec
     if not channels:
         raise DataError(f"{traits.path}: no column holds numbers, expected the channels of a test; export it again")
     about = _checked(traits.path, {**stated, **about})
-    return Record(replace(traits, columns=tuple(columns), missing=missing, remarks=(*traits.remarks, *remarks)), channels, units, about)
+    return Record(
+        replace(traits, columns=tuple(columns), missing=missing, remarks=(*traits.remarks, *remarks)), channels, units, about, labels
+    )
 
 
 def _checked(path: Path, about: Mapping[str, float]) -> dict[str, float]:

@@ -36,6 +36,8 @@ _STATED = re.compile(
 )
 """A statement such as `# strain rate = 1e-3 1/s`, `Temperature [K]: 293`, `T0 20 degC`."""
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}[.,]\d{3}")
+_ENTRY = re.compile(r"([^\W\d][^:=\t;,]{0,60}?)\s*[:=]\s*(\S.*)")
+"""A line `Start: 2018-12-11 14:50:03`."""
 _PIECES = re.compile(r"[;\t|]|,(?=\s)")
 
 
@@ -224,6 +226,8 @@ def read_preamble(rows: Sequence[Row], number: Number, lines: Sequence[str] = ()
         for name, value, unit, written in stated(text.lstrip("#%/ "), number):
             take(name, value, unit, written)
             header.setdefault(name, written)
+        if (entry := _ENTRY.fullmatch(text.strip("#%/ \t"))) is not None:
+            header.setdefault(entry.group(1), entry.group(2))
     return Preamble(header, about, tuple(text for key, text in silent.items() if key not in about))
 
 

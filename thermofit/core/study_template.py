@@ -143,7 +143,8 @@ stages:
 #       points: 2000                           # thin, turning points kept
 #       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02, lateral: 1.0e-6}
 #   series:                                    # many files alike
-#     - files: records/flow_{temperature_C}C_{rate}.csv    # or a list; then each: {temperature_degC: [..], rate: [..], area: [..]}
+#     - files: [records/a.csv, records/b.csv]    # or a pattern: "records/flow_{temperature_C}C_{rate}.csv", without `each` then
+#       each: {temperature_degC: [20, 300], rate: [1.0e-3, 1.0e-3]}
 #       strain: {true_strain: 1}
 #       stress: {true_stress: 2, unit: MPa}
 

@@ -103,7 +103,7 @@ def wild_samples(rows: Rows, left_out: Sequence[int] = ()) -> list[str]:
         if x is None:
             continue
         held = np.flatnonzero(np.isfinite(x))
-        places = [int(rows.row[k]) for k in held[_wild(x[held])] if int(rows.row[k]) not in left_out]
+        places = [int(rows.row[k]) for k in held[wild_places(x[held])] if int(rows.row[k]) not in left_out]
         if not places:
             continue
         shown = ", ".join(f"row {k} ({x[k]:.6g}{unit})" for k in places[:_SHOWN]) + (", ..." if len(places) > _SHOWN else "")
@@ -114,7 +114,7 @@ def wild_samples(rows: Rows, left_out: Sequence[int] = ()) -> list[str]:
     return found
 
 
-def _wild(x: np.ndarray) -> np.ndarray:
+def wild_places(x: np.ndarray) -> np.ndarray:
     """Places of single samples far off both neighbours in values (n,)."""
     if x.size < LEAST_ROWS:
         return np.zeros(0, dtype=int)

@@ -20,7 +20,7 @@ from thermofit.core.errors import DataError
 from thermofit.measure.formats.contents import Column, Head, Record, Traits
 from thermofit.measure.formats.record_columns import Block, column_of, kind_remarks, make_record, texts_of, with_dates
 from thermofit.measure.formats.record_dates import is_stamp
-from thermofit.measure.formats.record_table import LEAST_ROWS, Cell, Start, find_start, number_of, read_preamble, words_of
+from thermofit.measure.formats.record_table import LEAST_ROWS, MOST_COLUMNS, Cell, Start, find_start, number_of, read_preamble, words_of
 from thermofit.measure.formats.record_words import plain
 from thermofit.measure.formats.text import (
     BLANKS,
@@ -38,8 +38,6 @@ from thermofit.measure.formats.text import (
 
 NAME = "coupon record (text table)"
 WHAT = "a table of a tension test with a row of column names"
-_MOST_COLUMNS = 10
-"""Of a table without names; a thermal image without one has more columns."""
 _MOSTLY = 0.9
 _LOAD = {"force", "stress", "true_stress"}
 _MOTION = {"strain", "true_strain", "plastic_strain", "extension", "displacement", "temperature"}
@@ -233,7 +231,7 @@ def numbered_parts(lines: list[str], path: Path, top: int = 0) -> Parts | None:
     last = tail[-(len(tail) // 2) :]
     separator = detect_separator(last)
     width = len(words_of(split_cells(_sample(last, separator), separator)))
-    if not 2 <= width <= _MOST_COLUMNS:
+    if not 2 <= width <= MOST_COLUMNS:
         return None
     rows = [words_of(split_cells(line, separator)) for line in lines[top:]]
     for decimal in (".", ",") if separator != "," else (".",):

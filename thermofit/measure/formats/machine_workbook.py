@@ -14,7 +14,7 @@ import numpy as np
 from thermofit.core.errors import DataError
 from thermofit.measure.formats.contents import Head, Record, Records, Traits
 from thermofit.measure.formats.record_columns import Block, column_of, kind_remarks, make_record, texts_of, with_dates
-from thermofit.measure.formats.record_table import LEAST_ROWS, Cell, Start, find_start, read_preamble, words_of
+from thermofit.measure.formats.record_table import LEAST_ROWS, MOST_COLUMNS, Cell, Start, find_start, read_preamble, words_of
 from thermofit.measure.formats.workbook import Sheet, cell_number, is_workbook, numbers_of, read_sheets
 
 NAME = "machine workbook (XLSX)"
@@ -46,7 +46,9 @@ def _start_of(sheet: Sheet) -> Start | None:
     if found is not None:
         return found
     rows = sheet.rows[: sheet.filled]
-    good = [len(words_of(row)) >= 2 and all(np.isfinite(cell_number(cell)) for cell in row if words_of([cell])) for row in rows]
+    good = [
+        2 <= len(words_of(row)) <= MOST_COLUMNS and all(np.isfinite(cell_number(cell)) for cell in row if words_of([cell])) for row in rows
+    ]
     return Start(good.index(True), None, good.index(True), sum(good)) if sum(good) >= LEAST_ROWS and sum(good) > 0.9 * len(rows) else None
 
 

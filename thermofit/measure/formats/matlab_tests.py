@@ -16,7 +16,7 @@ from thermofit.core.units import to_fixed
 from thermofit.measure.formats.contents import Column, Head, Record, Records, Traits
 from thermofit.measure.formats.mat5 import MAGIC, Value, variables
 from thermofit.measure.formats.record_columns import Block, make_record
-from thermofit.measure.formats.record_table import LEAST_ROWS
+from thermofit.measure.formats.record_table import LEAST_ROWS, MOST_COLUMNS
 
 NAME = "MATLAB 5 tests (MAT)"
 _CHANNELS = {"t": ("time", "s"), "F": ("force", "N"), "dL": ("extension", "mm"), "u": ("extension", "mm"), "utr": ("displacement", "mm")}
@@ -77,7 +77,7 @@ def _tables(found: Mapping[str, Value]) -> dict[str, np.ndarray]:
         and value.dtype.kind in "fiu"
         and value.ndim == 2
         and len(value) >= LEAST_ROWS
-        and 2 <= value.shape[1] <= 10
+        and 2 <= value.shape[1] <= MOST_COLUMNS
     }
 
 

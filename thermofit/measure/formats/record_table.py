@@ -23,8 +23,8 @@ Row = Sequence[Cell]
 Number = Callable[[Cell], float]
 SEARCHED = 400
 """The names stand in one of the first rows; machine software writes some fifty rows of settings."""
-LEAST_ROWS = 10
-"""Of a table without names."""
+LEAST_ROWS, MOST_COLUMNS = 10, 10
+"""Of a table without names; a field or a thermal image without any has more columns."""
 _LOOKED_AT = 100
 """Rows beyond the last possible names that tell a long table from a short one."""
 _BETWEEN = 4

@@ -97,7 +97,20 @@ def test_blocks_told_apart_by_two_columns_of_numbers(tmp_path: Path) -> None:
     result = look(tmp_path, "T,strain rate,strain [-],stress [MPa]\n" + rows)
     entry = yaml.safe_load(result["suggestion"])["coupon"]["series"][0]
     assert entry["each"] == {"where.T": [25, 25, 300, 300], "where.strain rate": [0.001, 1, 0.001, 1]}
+    assert '# temperature_degC: [25, 25, 300, 300]     # "T": say the unit' in result["suggestion"]
     assert len(read(tmp_path, result["suggestion"], rate=1e-3, initial_temperature_degC=20)) == 4
+
+
+def test_counted_cycles_of_one_clock_are_one_test(tmp_path: Path) -> None:
+    time = np.arange(300.0)
+    result = look(tmp_path, table("cycle,t [s],strain [-],stress [MPa]\n", time // 100, time, np.sin(time / 16), 300 * np.sin(time / 16)))
+    assert "records" in yaml.safe_load(result["suggestion"])["coupon"] and not any("below each other" in text for text in result["remarks"])
+
+
+def test_a_sensor_that_stands_still_beside_another_says_nothing(tmp_path: Path) -> None:
+    text = table("t [s],T1 [degC],T2 [degC],strain [-],stress [MPa]\n", STRAIN, 490 + STRAIN, 0 * STRAIN, STRAIN, STRESS)
+    lines = yaml.safe_load(look(tmp_path, text.replace("T1", "Temp 1").replace("T2", "Temp 2"))["suggestion"])["coupon"]["records"][0]
+    assert lines["temperature"] == "Temp 1 [degC]"
 
 
 def test_a_wild_sample_is_told(tmp_path: Path) -> None:

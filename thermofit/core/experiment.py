@@ -101,6 +101,7 @@ class CouponRecord:
     `noise`: standard deviation of "strain", "stress", "theta" as estimated or declared.
     `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended. `lateral` (n,) nominal strain across the load, NaN
     where it has gaps, None where there is none. `shift_strain`: may the strain be counted from where the elastic line meets zero stress.
+    `measured_clock`: was the time measured, and not built from a rate that somebody said.
     """
 
     name: str
@@ -115,3 +116,4 @@ class CouponRecord:
     theta_start: float | None = None
     lateral: np.ndarray | None = None
     shift_strain: bool = True
+    measured_clock: bool = True

@@ -42,6 +42,8 @@ class CouponTest:
     phases: tuple[TestPhase, ...]
     lateral: np.ndarray | None = None
     """Nominal strain across the load (n,), NaN where it has gaps; None where it was not measured."""
+    measured_clock: bool = True
+    """False where the time was built from a rate that somebody said: the record then knows nothing of its rate."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
         noise,
         phases,
         record.lateral,
+        record.measured_clock,
     )
     return test, tuple(f"{record.name}: {text}" for text in remarks)
 
@@ -173,7 +176,13 @@ def _row(test: CouponTest) -> dict[str, Any]:
 
 def _facts(test: CouponTest) -> dict[str, Any]:
     """What of a record is no array."""
-    return {"name": test.name, "theta_air": test.theta_air, "theta_start": test.theta_start, "noise": dict(test.noise)}
+    return {
+        "name": test.name,
+        "theta_air": test.theta_air,
+        "theta_start": test.theta_start,
+        "noise": dict(test.noise),
+        "measured_clock": test.measured_clock,
+    }
 
 
 def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
@@ -198,7 +207,8 @@ def coupon_data_of(record: Record) -> CouponData:
         theta = record[f"{get}/theta"].value if record.has(f"{get}/theta") else None
         air, start = float(facts["theta_air"]), float(facts["theta_start"])
         lateral = record[f"{get}/lateral"].value if record.has(f"{get}/lateral") else None
-        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral))
+        clock = bool(facts.get("measured_clock", True))
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, clock))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 

@@ -92,6 +92,7 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
         theta_start=theta_start,
         lateral=None if rows.lateral is None else rows.lateral[kept],
         shift_strain=settings.strain_zero == "elastic-line",
+        measured_clock=settings.time is not None,
     )
 
 

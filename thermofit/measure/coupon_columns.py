@@ -66,6 +66,7 @@ def _selected(record: Record, where: Mapping[str, str | float], key: str) -> Rec
 def with_constants(record: Record) -> Record:
     """The record with what its constant columns (temperature, strain rate, sizes with a known unit) say of the test."""
     about, remarks = dict(record.about), []
+    sensors = sum(column.meaning == "temperature" and column.name in record.channels for column in record.traits.columns)
     for column in record.traits.columns:
         values = record.channels.get(column.name)
         if values is None or values.size < _CONSTANT or not np.isfinite(values).all() or np.ptp(values) > 0.0:
@@ -73,6 +74,8 @@ def with_constants(record: Record) -> Record:
         name = "strain rate" if column.meaning == "rate" and "strain" in column.name.lower() else name_and_unit(column.name)[0]
         key = "temperature" if column.meaning == "temperature" else about_key(name)
         unit = known_unit(column.unit)
+        if column.meaning == "temperature" and sensors > 1:
+            continue  # beside a sensor that moves, one that stands still is not connected
         if key is None or key in about or unit is None or unit.fixed != record.units.get(column.name) or not values[0] > 0.0:
             continue
         if {"temperature": "temperature", "rate": "rate"}.get(key, unit.quantity) != unit.quantity:

@@ -21,6 +21,8 @@ GAP = 5.0
 _LEAST_SAMPLES = 10
 _MOST_BLOCKS = 200
 _MOST_WILD = 5
+_LEAP = 10.0
+"""Steps of the strain between two tests of a long table, over its usual step."""
 _MIRRORED = -0.9
 _LOADS = ("stress", "force", "true_stress")
 _STRAINS = ("strain", "extension", "true_strain")
@@ -36,9 +38,9 @@ def look_at_record(record: Record, name: str = "", others: Mapping[str, Record] 
     facts: dict[str, Fact] = {"rows": rows, "without value": record.traits.missing}
     clock = time_channel(record)
     remarks: list[str] = list(record.traits.remarks)
-    below, steady = tests_below_each_other(record)
+    below, telling = tests_below_each_other(record)
     if below:
-        columns, count = ", ".join(f"'{column}'" for column in steady), len(next(iter(below.values())))
+        columns, count = ", ".join(f"'{column}'" for column in below), len(next(iter(below.values())))
         remarks.append(f"{count} blocks of rows in which {columns} hold one value each: several tests below each other? (where)")
     if clock is None and channel_of(record, "force", "stress", "true_stress"):
         remarks.append("no column of time was recognised: a study must name it, or give the strain rate")
@@ -55,7 +57,7 @@ def look_at_record(record: Record, name: str = "", others: Mapping[str, Record] 
     doubts, tension = suspicions(record, clock)
     remarks += [*doubts, *_wild(record)]
     found_columns = tuple(_column(record, column, clock) for column in record.traits.columns)
-    lines = coupon_lines(record, name, tension, others, below, steady)
+    lines = coupon_lines(record, name, tension, others, below, telling)
     return Part(name, "record", rows, record.traits.missing, facts, found_columns, tuple(remarks), lines)
 
 
@@ -80,8 +82,8 @@ def _wild(record: Record) -> list[str]:
     return found
 
 
-def tests_below_each_other(record: Record) -> tuple[dict[str, list[str]], tuple[str, ...]]:
-    """Columns that tell blocks of rows apart, with the value of every block as YAML, and all columns that hold one value in each block.
+def tests_below_each_other(record: Record) -> tuple[dict[str, list[str]], list[str]]:
+    """Columns that hold one value in each of several blocks of rows, with these values as YAML, and those that tell the blocks apart.
 
     A block is at least ten rows long. Blocks that no column or pair of columns tells apart are none.
     """
@@ -98,14 +100,27 @@ def tests_below_each_other(record: Record) -> tuple[dict[str, list[str]], tuple[
         if 0 < edges.size < _MOST_BLOCKS and lengths.min() >= _LEAST_SAMPLES:
             steady[name] = edges
     if not steady:
-        return {}, ()
+        return {}, []
     starts = np.concatenate([[0], np.unique(np.concatenate(list(steady.values())))])
     blocks = [tuple(str(marks[name][k]) for name in steady) for k in starts]
-    if len(set(blocks)) < len(blocks):
-        return {}, ()
+    if len(set(blocks)) < len(blocks) or not _restarts(record, starts[1:]):
+        return {}, []
     whole = next((name for name in steady if len({str(marks[name][k]) for k in starts}) == len(starts)), None)
     used = list(steady) if whole is None else [whole]
-    return {name: [_value(marks[name][k], record, name) for k in starts] for name in used}, tuple(steady)
+    shown = {name: [_value(marks[name][k], record, name) for k in starts] for name in (*used, *(n for n in steady if n not in used))}
+    return shown, used
+
+
+def _restarts(record: Record, starts: np.ndarray) -> bool:
+    """Does the clock go back at the rows `starts`, or, without one, does the strain leap there? Counted cycles are one test."""
+    clock = time_channel(record)
+    name = clock or channel_of(record, *_STRAINS) or channel_of(record, *_LOADS)
+    if name is None:
+        return True
+    step = np.diff(record.channels[name])
+    if clock is not None:
+        return bool(np.any(step[starts - 1] < 0.0))
+    return bool(np.median(np.abs(step[starts - 1])) > _LEAP * np.nanmedian(np.abs(step)))
 
 
 def _value(value: str | float, record: Record, name: str) -> str:

@@ -130,22 +130,29 @@ def coupon_lines(
     test: str = "",
     tension: str = "",
     others: Mapping[str, Record] | None = None,
-    tests: Mapping[str, Sequence[str]] | None = None,
-    steady: Collection[str] = (),
+    below: Mapping[str, Sequence[str]] | None = None,
+    telling: Collection[str] = (),
 ) -> str:
-    """Section `coupon` of a study on one record, or on each test of a long table, which columns and values in `tests` tell apart.
+    """Section `coupon` of a study on one record, or on each test of a long table.
 
-    `steady` columns hold one value within each of them.
+    `below` are the columns that hold one value within each of these tests, with these values, and those in `telling` tell the tests apart.
     """
     if not record.channels:
         return ""
-    body = record_body(record, tension, others, steady)
+    body = record_body(record, tension, others, below or {})
     path = _text(str(record.traits.path.absolute()))
-    if tests:
-        each = [f"        {_text(f'where.{name}')}: [{', '.join(values)}]" for name, values in tests.items()]
+    if below:
+        each = [f"        {_text(f'where.{name}')}: [{', '.join(below[name])}]" for name in telling]
+        each += [f"        # {key}: [{', '.join(below[name])}]     # {_text(name)}: say the unit" for name, key in _silent(record, below)]
         return "\n".join(["coupon:", "  series:", f"    - files: {path}", "      each:", *each, *(f"      {line}" for line in body)])
     named = [f"test: {_text(test)}"] if test else []
     return "\n".join(["coupon:", "  records:", f"    - file: {path}", *(f"      {line}" for line in (*named, *body))])
+
+
+def _silent(record: Record, below: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Columns of a temperature or rate of each test whose unit the file does not say, with the key of `each` that they may be."""
+    keys = {"temperature": "temperature_degC", "rate": "rate"}
+    return [(c.name, keys[c.meaning]) for c in record.traits.columns if c.name in below and c.meaning in keys and not c.unit]
 
 
 def series_lines(record: Record, folder: Path, pattern: str) -> str:

@@ -54,9 +54,15 @@ def test_words_above_the_names_are_no_names(tmp_path: Path, above: str) -> None:
     assert len(record.channels["time"]) == 30
 
 
+def test_names_that_are_words_of_units_are_names(tmp_path: Path) -> None:
+    """`strain` is a spelling of the unit 1, too: below a comment of two words it is a name all the same."""
+    record = read(tmp_path, "# lab A, operator B\nstrain,stress\n" + rows(width=2))
+    assert list(record.channels) == ["strain", "stress"]
+
+
 def test_unknown_names_win_over_a_sentence_with_known_words(tmp_path: Path) -> None:
     """As many words as there are columns count more than words that are known."""
-    record = read(tmp_path, "force and strain, from the machine\na,b,c\n" + rows())
+    record = read(tmp_path, "force, strain, of the machine, north\na,b,c\n" + rows())
     assert list(record.channels) == ["a", "b", "c"]
 
 
@@ -322,6 +328,13 @@ def test_sizes_after_fracture_are_not_those_of_the_specimen(tmp_path: Path) -> N
     )
     record = read(tmp_path, head + "time;strain;stress\n" + rows(";"))
     assert record.about == pytest.approx({"area": 19.66, "rate": 0.00099})
+    assert any("the header line 'Temperature' (RT) is not taken" in remark for remark in record.traits.remarks)
+
+
+def test_a_unit_behind_a_name_is_no_statement(tmp_path: Path) -> None:
+    """`strain rate 1/s` in a row of names that do not fit the columns is no rate of 1."""
+    record = read(tmp_path, "strain stress MPa strain rate 1/s\n" + rows(" "))
+    assert record.about == {} and [column_of(name).meaning for name in ("E", "e")] == ["", "strain"]
 
 
 def test_capital_t_without_a_unit_is_a_temperature_and_t_a_time(tmp_path: Path) -> None:

@@ -211,7 +211,12 @@ def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Rec
             value = float(raw[np.isfinite(raw)][0])
             found = about_of(name_and_unit(column.name)[0], value, column.unit)
             stated |= {key: value for key, value in found.items() if key not in stated}
-            use = f"and says the {next(iter(found)).replace('_', ' ')} of the test" if found else "and is no channel"
+            silent = (
+                ", without a known unit it is not taken,"
+                if about_key(name_and_unit(column.name)[0]) and not known_unit(column.unit)
+                else ""
+            )
+            use = f"and says the {next(iter(found)).replace('_', ' ')} of the test" if found else f"{silent} and is no channel".strip()
             remarks.append(f"column '{column.name}' holds one number, {value:g}{f' {column.unit}' if column.unit else ''}, {use}")
             continue
         channels[column.name], units[column.name] = to_fixed(raw, column.unit) if known_unit(column.unit) else (raw, column.unit)

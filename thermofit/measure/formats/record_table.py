@@ -174,6 +174,8 @@ def stated(text: str, number: Number) -> list[tuple[str, float, str, str]]:
         match = _STATED.fullmatch(piece.strip())
         if match is None:
             continue
+        if known_unit(piece.strip()[match.start("value") :]) is not None:
+            continue  # `strain rate 1/s` is a name with its unit
         written = match["value"]
         unit = (match["unit"] or match["before"] or "").strip()
         found.append((match["name"].strip(), _value(written, number), unit, f"{written} {unit}".strip()))
@@ -227,6 +229,8 @@ def read_preamble(rows: Sequence[Row], number: Number, lines: Sequence[str] = ()
             take(name, value, unit, written)
             header.setdefault(name, written)
         if (entry := _ENTRY.fullmatch(text.strip("#%/ \t"))) is not None:
+            if entry.group(1) not in header:
+                take(entry.group(1), np.nan, "", entry.group(2))
             header.setdefault(entry.group(1), entry.group(2))
     return Preamble(header, about, tuple(text for key, text in silent.items() if key not in about))
 

@@ -102,6 +102,8 @@ def meanings_of(name: str) -> list[str]:
     words = spoken(name)
     found = [meaning for meaning, pattern in WORDS if re.search(pattern, words)]
     true = kind_of(name) == "true"
+    if name.strip() == "E":
+        return []  # a modulus; e is a strain
     if name.strip() == "T":
         found.insert(0, "temperature")  # t is a time; T without a unit rather is none
     return [f"true_{meaning}" if true and meaning in ("stress", "strain") else meaning for meaning in found]

@@ -22,6 +22,7 @@ from thermofit.core.study_experiments import virtual_of
 from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
 from thermofit.core.study_paths import path_from
 from thermofit.core.study_section import MeshSize, ParameterStart, mesh_size
+from thermofit.core.study_series import with_series
 from thermofit.core.study_stages import StageSettings
 
 
@@ -189,6 +190,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     else:
         raw = path_from(source.parent, file.experiment, f"{source}: key 'experiment'")
     sections = {name: getattr(file, name) for name in Sections.model_fields}
+    if file.coupon is not None:
+        sections["coupon"] = with_series(file.coupon, source.parent, str(source))
     return Study(
         **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file), overrides=tuple(overrides)
     )

@@ -43,7 +43,11 @@ class CouponTest:
     noise: Mapping[str, float]
     phases: tuple[TestPhase, ...]
     lateral: np.ndarray | None = None
+    """Nominal strain across the load (n,), NaN where it has gaps; None where it was not measured."""
     over_plastic: bool = False
+    """Was the elastic part of the strain added to a flow curve."""
+    measured_clock: bool = True
+    """False where the time was built from a rate that somebody said: the record then knows nothing of its rate."""
 
     @property
     def line(self) -> ElasticLine | None:
@@ -98,26 +102,31 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
     for name, value in values.items():
         if value is None:
             continue
-        if len(record.time) < 5 or not np.all(np.isfinite(value)):
-            raise DataError(
-                f"{record.name}: {name} has {int(np.isfinite(value).sum())} of {len(value)} values, all of at least 5 are needed"
-            )
+        known = np.isfinite(value)
+        if known.sum() < 5 or (name != "lateral" and not known.all()):
+            need = "at least 5" if name == "lateral" else "all of at least 5"
+            raise DataError(f"{record.name}: {name} has {int(known.sum())} of {len(value)} values, {need} are needed")
         found = record.noise.get(name)
-        estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
+        estimate = robust_sigma(second_differences(record.time[known], value[known, None]))[0] if found is None else found
         noise[name] = max(float(estimate), LEAST_NOISE[name])
     strain = record.strain
     line = None if record.over_plastic else elastic_line(record.time, record.strain, record.stress, noise["strain"])
-    if line is not None and abs(line.offset) > 3.0 * noise["strain"]:
+    if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"]:
         strain = strain - line.offset
-        remarks.append(f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e}")
+        remarks.append(
+            f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e} (strain_zero: as-measured "
+            "leaves it)"
+        )
     lateral = record.lateral
     if line is not None and lateral is not None:
-        slope, zero = np.polyfit(record.stress[: line.end + 1], lateral[: line.end + 1], 1)
-        if slope * line.slope > 0.0:
-            remarks.append("the lateral strain rises in elastic tension, where it must fall: is its sign turned?")
-        if abs(zero) > 3.0 * noise["lateral"]:
-            lateral = lateral - zero
-            remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
+        known = np.flatnonzero(np.isfinite(lateral[: line.end + 1]))
+        if known.size > 2 and np.ptp(record.stress[known]) > 0.0:
+            slope, zero = np.polyfit(record.stress[known], lateral[known], 1)
+            if slope * line.slope > 0.0:
+                remarks.append("the lateral strain rises in elastic tension, where it must fall: is its sign turned?")
+            if record.shift_strain and abs(zero) > 3.0 * noise["lateral"]:
+                lateral = lateral - zero
+                remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
     step = float(np.median(np.abs(np.diff(strain))))
     if noise["strain"] > _JITTER * step:
         remarks.append(
@@ -127,9 +136,19 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
     start = record.theta_air if record.theta_start is None else record.theta_start
     phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
     test = CouponTest(
-        record.name, record.time, strain, record.stress, record.temperature, float(record.theta_air), float(start), noise, phases,
-        lateral, record.over_plastic,
-    )  # fmt: skip
+        record.name,
+        record.time,
+        strain,
+        record.stress,
+        record.temperature,
+        float(record.theta_air),
+        float(start),
+        noise,
+        phases,
+        lateral,
+        record.over_plastic,
+        record.measured_clock,
+    )
     return test, tuple(f"{record.name}: {text}" for text in remarks)
 
 
@@ -196,9 +215,14 @@ def _row(test: CouponTest) -> dict[str, Any]:
 
 def _facts(test: CouponTest) -> dict[str, Any]:
     """What of a record is no array."""
-    return {"name": test.name, "theta_air": test.theta_air, "theta_start": test.theta_start, "noise": dict(test.noise),
+    return {
+        "name": test.name,
+        "theta_air": test.theta_air,
+        "theta_start": test.theta_start,
+        "noise": dict(test.noise),
         "over_plastic": test.over_plastic,
-    }  # fmt: skip
+        "measured_clock": test.measured_clock,
+    }
 
 
 def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
@@ -222,8 +246,8 @@ def coupon_data_of(record: Record) -> CouponData:
         time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
         theta, lateral = (record[f"{get}/{value}"].value if record.has(f"{get}/{value}") else None for value in ("theta", "lateral"))
         air, start = float(facts["theta_air"]), float(facts["theta_start"])
-        over_plastic = bool(facts.get("over_plastic", False))
-        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, over_plastic))
+        over_plastic, clock = bool(facts.get("over_plastic", False)), bool(facts.get("measured_clock", True))
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, over_plastic, clock))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 

@@ -50,7 +50,11 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
     StudyError where a parameter that the stage frees has no start.
     """
     if stage == "interpolate":
-        return read_of(study, "coupon") if study.coupon is not None else read_of(study, *_INTERPOLATE)
+        if study.coupon is None:
+            return read_of(study, *_INTERPOLATE)
+        # The elastic strain that is added to a flow curve is that of E.
+        flow = any(record.over_plastic for record in study.coupon.records)
+        return read_of(study, "coupon", *(("parameters.E",) if flow else ()))
     if stage == "verify":
         return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
     return stage_key(study, stage.removeprefix("identify-"))
@@ -99,7 +103,8 @@ def _read(settings: Mapping[str, float | ParameterStart], free: Collection[str])
         value = start_of(setting)
         if name in freed or bare_name(name) in free:
             scale = setting.scale if isinstance(setting, ParameterStart) else None
-            out[name] = {"start": value, "bounds": list(bounds_of(name, setting)), "scale": scale}
+            given = "start" if isinstance(setting, ParameterStart) else "value"  # of coupons a plain number is prescribed
+            out[name] = {given: value, "bounds": list(bounds_of(name, setting)), "scale": scale}
         else:
             out[name] = value
     return out

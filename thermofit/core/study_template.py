@@ -121,13 +121,16 @@ stages:
 #   records:
 #     - file: records/machine.xlsx           # relative to this file; ${VARIABLES} as above
 #       # test: Values A                       # tag or sheet, where a file holds several
-#       time: "C_1_Temps[s]"                   # or {column: t, unit: min}; without a time: rate: 1.0e-4 (1/s)
+#       # where: {specimen: A 3}               # rows, where one table holds several tests
+#       time: "C_1_Temps[s]"                   # or its number (1), or {column: t, unit: min}; without a time: rate: 1.0e-4 (1/s),
+#                                              # along the path of the strain, or sampling_rate: 10 (rows per second)
 #       strain: {extension: "C_1_Angle[mm]", gauge_length: 8.0}       # or a column, or {true_strain: e_true}; unit: "%"
 #       stress: {force: "C_1_Force[kN]", diameter: 5.98}              # or area, or width and thickness, or {true_stress: ...}
 #       temperature:
 #         column: Temperature
 #         file: records/temperature.xlsx
-#         offset_s: auto                       # of its clock, from the force that both files repeat
+#         offset_s: auto                       # of its clock, from the force that both files repeat; dates: by absolute dates
+#       # lateral: {column: e_t, unit: "%"}    # strain across the load; or {extension: .., width: 12.5}; contraction: positive
 #       tension: negative                      # sign of the raw channels in tension
 #       initial_temperature_degC: 23.8
 #       # air_temperature_degC: 23.8
@@ -136,8 +139,15 @@ stages:
 #       # strain_max: 0.1
 #       # until: maximum-force                 # before necking
 #       # jumps: [566]                         # data rows at which the extensometer slipped
+#       # leave_out: [1201]                    # data rows that are not used, such as wild samples
+#       # strain_zero: as-measured             # absent: strain is counted from where the elastic line meets zero stress
 #       points: 2000                           # thin, turning points kept
-#       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02}
+#       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02, lateral: 1.0e-6}
+#   series:                                    # many files alike
+#     - files: [records/a.csv, records/b.csv]    # or a pattern: "records/flow_{temperature_C}C_{rate}.csv", without `each` then
+#       each: {temperature_degC: [20, 300], rate: [1.0e-3, 1.0e-3]}
+#       strain: {true_strain: 1}
+#       stress: {true_stress: 2, unit: MPa}
 
 ## A virtual experiment instead of a measured one: take away `experiment` above.
 # simulate:

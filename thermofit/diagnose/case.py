@@ -16,10 +16,12 @@ from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
 from thermofit.fit.result import FitResult
 from thermofit.identify.channels import field_of
+from thermofit.identify.flow_conditions import ONE_RATE, FlowConditions
 from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
-from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
+from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS, capacity_effects
 from thermofit.material.law import law_of
+from thermofit.point.driver import air_effects
 
 if TYPE_CHECKING:
     from thermofit.diagnose.elsewhere import Elsewhere
@@ -33,6 +35,8 @@ NEARER = (1.0, 1e-3, 1e-6)
 """Parts of that at which an effect is asked in turn where the model cannot run with it."""
 _RATE, _STEP = 1e-3, 1e-30
 """1/s, and the imaginary step of a derivative by it."""
+_WARMER = 11.7
+"""K"""
 
 
 Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -110,12 +114,14 @@ class Case:
 
 
 def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects that a driver, "body" or "point", knows: `infrared` are the slots of its measuring chain."""
+    """Effects that a driver, "body" or "point", knows: `infrared` are the slots of its measuring chain. Without them nothing is measured
+    that the heat balance alone feels; a body is not asked for what only temperatures far apart can tell."""
     if driver == "point":
         base = tuple(e for e in effects(BASE) if e.name in ON_POINT)
-        return (*base, *effects((*SUMS, *FACTORS, *POINT_ONLY)), *effects(tuple(infrared)))
-    heat = HEAT if infrared else ()
-    return effects((*BASE, *SUMS, *FACTORS, *heat, *LOAD, *KINEMATICS, *infrared, "camera"))
+        heat = (*air_effects(), *capacity_effects()) if infrared else ()
+        return (*base, *effects((*SUMS, *FACTORS, *POINT_ONLY)), *heat, *effects(tuple(infrared)))
+    slots = (*BASE, *SUMS, *FACTORS, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *infrared, "camera")
+    return tuple(e for e in effects(slots) if not e.span)
 
 
 def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
@@ -182,8 +188,32 @@ def feels_rate(effect: Effect, parameters: Parameters) -> bool:
     if effect.slot not in ("yield_stress", "yield_factor"):
         return False
     values = [effect.amplitude.probe, *(p.neutral for p in effect.params[1:])]
-    found = effect.act(0.01, complex(_RATE, _STEP), parameters["theta_ref"], law_of(parameters), *values)
+    # Beside the reference temperature, where an effect that grows with the distance from it would be none.
+    found = effect.act(0.01, complex(_RATE, _STEP), parameters["theta_ref"] + _WARMER, law_of(parameters), *values)
     return bool(np.imag(found) != 0.0)
+
+
+def untold(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Those of the known effects that coupon records can tell, and why the others are not asked: where all flow is at one rate an
+    overstress is a factor on the yield stress, and where it is at one temperature what grows with temperature is one on something else.
+    An effect that the study switches on or frees stays."""
+    dormant = [e for e in known if not set(parameters.free) & set(e.names) and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
+    narrow = [e for e in dormant if e.span > there.span]
+    steady = [e for e in dormant if there.one_rate and e not in narrow and feels_rate(e, parameters)]
+    said = []
+    if steady:
+        names, (low, high) = ", ".join(e.name for e in steady), there.rates
+        said.append(
+            f"not asked for {names}: as measured, the records flow at one rate ({low:.2g} to {high:.2g} 1/s, expected more than a factor "
+            f"of {ONE_RATE:g} between them); a record or a phase at another rate, or a hold, would tell"
+        )
+    if narrow:
+        names, (cold, hot), least = ", ".join(e.name for e in narrow), there.temperatures, min(e.span for e in narrow)
+        said.append(
+            f"not asked for {names}: the records flow at {cold:.0f} to {hot:.0f} K, expected at least {least:g} K between them; a record "
+            "at another temperature would tell"
+        )
+    return tuple(e for e in known if e not in (*steady, *narrow)), tuple(said)
 
 
 def _beside_neutral(effect: Effect, case: Case) -> bool:

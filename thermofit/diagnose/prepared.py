@@ -16,7 +16,7 @@ from thermofit.core.study import Study
 from thermofit.core.study_key import read_of
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, Stages, StageSettings
-from thermofit.diagnose.case import Case, Sharper, slots_of
+from thermofit.diagnose.case import Case, Sharper, slots_of, untold
 from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.errors_told import Told, told, too_far
 from thermofit.diagnose.experiments import joined_rows, spans_of
@@ -31,8 +31,9 @@ from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
+from thermofit.identify.coupon_model import answerable, coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.identify.flow_conditions import flow_conditions
 from thermofit.identify.inputs import measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
 from thermofit.identify.joint_several import JointSeveral, joint_several, known_in
@@ -114,6 +115,7 @@ class _Joint:
     elsewhere: tuple[Elsewhere, ...] = ()
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together."""
+    remarks: tuple[str, ...] = ()
 
 
 def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None = None) -> Prepared:
@@ -138,7 +140,7 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
     how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit), refit.heated)
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how, joint.correlation_length)
-    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, _unknown_force(study, joint))
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*joint.remarks, *_unknown_force(study, joint)))
 
 
 def _unknown_force(study: Study, joint: _Joint) -> tuple[str, ...]:
@@ -286,27 +288,29 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
     model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
     run = coupon_run(study, data, settings.free)
     hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
+    there = flow_conditions(data.tests, lambda test: run.history(base, test))
+    known, untold_words = untold(slots_of("point", SENSOR if hot else ()), base.with_free(settings.free), there)
     return _Joint(
         settings,
         base.with_free(settings.free),
         model,
         lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
         max(float(run.history(base, test).accumulated.max()) for test in data.tests),
-        slots_of("point", SENSOR if hot else ()),
+        known,
         coupon_spans(data),
         MeshSize(n_x=1, n_y=1, n_z=1),
-        elsewhere=_unseen_records(study, settings, base),
+        elsewhere=_unseen_records(study, settings, base, known),
+        remarks=untold_words,
     )
 
 
-def _unseen_records(study: Study, settings: StageSettings, base: Parameters) -> tuple[Elsewhere, ...]:
+def _unseen_records(study: Study, settings: StageSettings, base: Parameters, known: tuple[Effect, ...]) -> tuple[Elsewhere, ...]:
     """Held-out records of coupons."""
     data = coupon_data(study, held_out=True)
     if not data.tests:
         return ()
-    hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
     model = unseen_coupons(study, data, settings, base)
-    return (records_elsewhere([t.name for t in data.tests], model, slots_of("point", SENSOR if hot else ()), coupon_spans(data)),)
+    return (records_elsewhere([t.name for t in data.tests], model, known, coupon_spans(data)),)
 
 
 def unseen_coupons(study: Study, data: CouponData, settings: StageSettings, base: Parameters) -> StageModel:
@@ -318,7 +322,7 @@ def unseen_coupons(study: Study, data: CouponData, settings: StageSettings, base
 def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
     """All that the stages of a coupon study identify, on all that they compare; with temperatures, the air's too, held by a prior."""
     hot = any(test.theta is not None for test in data.tests)
-    own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
+    own = [answerable(study.stage(key), data)[0] for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
     wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
     nuisances = tuple(name for name in ("theta_air",) if {"theta", "dtheta"} & set(wanted) and name not in study.parameters)
     free = study.diagnosis.free or tuple(dict.fromkeys((*(name for s in own for name in s.free), *nuisances)))

@@ -119,6 +119,32 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
     return Made(datasets, summary, parameter_results(study, start, solved))
 
 
+def nothing_identified(study: Study, base: Parameters, remarks: tuple[str, ...]) -> Made:
+    """The record of an identification stage that has nothing to identify: all parameters as they were, and the remarks say why."""
+    results = {
+        name: ParameterResult(
+            value=base[name],
+            sigma=None,
+            unit=param(name).unit,
+            free=False,
+            at_bound=False,
+            start=base[name],
+            lower=study.bounds(name)[0],
+            upper=study.bounds(name)[1],
+        )
+        for name in base.given()
+    }
+    summary = {
+        "verdict": f"nothing to identify: {remarks[0]}",
+        "trustworthy": True,
+        "converged": True,
+        "channels": {},
+        "evaluations": merged_counts(),
+        "remarks": list(remarks[1:]),
+    }
+    return Made({}, summary, results)
+
+
 def _matrices(solved: Solved) -> dict[str, Dataset]:
     if solved.covariance is None:
         return {}

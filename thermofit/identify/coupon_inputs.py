@@ -93,7 +93,7 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
             raise StudyError(f"{record.name}: a flow curve over plastic strain needs E; give parameters.E as a number in MPa")
         record = with_elastic_strain(record, modulus)
     remarks = [*record.remarks]
-    values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature, "lateral": record.lateral}
+    values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature}
     noise = {}
     for name, value in values.items():
         if value is None:
@@ -111,13 +111,14 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
         strain = strain - line.offset
         remarks.append(f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e}")
     lateral = record.lateral
-    if line is not None and lateral is not None:
-        slope, zero = np.polyfit(record.stress[: line.end + 1], lateral[: line.end + 1], 1)
-        if slope * line.slope > 0.0:
-            remarks.append("the lateral strain rises in elastic tension, where it must fall: is its sign turned?")
-        if abs(zero) > 3.0 * noise["lateral"]:
-            lateral = lateral - zero
-            remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
+    if lateral is not None:
+        noise["lateral"] = _lateral_noise(record)
+        early = np.isfinite(lateral) & (np.arange(len(lateral)) <= (-1 if line is None else line.end))
+        if early.sum() >= 3:
+            zero = float(np.polyfit(record.stress[early], lateral[early], 1)[1])
+            if abs(zero) > 3.0 * noise["lateral"]:
+                lateral = lateral - zero
+                remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
     step = float(np.median(np.abs(np.diff(strain))))
     if noise["strain"] > _JITTER * step:
         remarks.append(
@@ -127,10 +128,30 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
     start = record.theta_air if record.theta_start is None else record.theta_start
     phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
     test = CouponTest(
-        record.name, record.time, strain, record.stress, record.temperature, float(record.theta_air), float(start), noise, phases,
-        lateral, record.over_plastic,
-    )  # fmt: skip
+        record.name,
+        record.time,
+        strain,
+        record.stress,
+        record.temperature,
+        float(record.theta_air),
+        float(start),
+        noise,
+        phases,
+        lateral=lateral,
+        over_plastic=record.over_plastic,
+    )
     return test, tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def _lateral_noise(record: CouponRecord) -> float:
+    """Standard deviation of one value of the strain across the load, which may have gaps (NaN). DataError where it has no five values."""
+    assert record.lateral is not None
+    known = np.isfinite(record.lateral)
+    if known.sum() < 5:
+        raise DataError(f"{record.name}: lateral has {int(known.sum())} of {len(known)} values, at least 5 are needed")
+    found = record.noise.get("lateral")
+    estimate = robust_sigma(second_differences(record.time[known], record.lateral[known, None]))[0] if found is None else found
+    return max(float(estimate), LEAST_NOISE["lateral"])
 
 
 def whole(time: np.ndarray) -> tuple[TestPhase, ...]:
@@ -223,7 +244,8 @@ def coupon_data_of(record: Record) -> CouponData:
         theta, lateral = (record[f"{get}/{value}"].value if record.has(f"{get}/{value}") else None for value in ("theta", "lateral"))
         air, start = float(facts["theta_air"]), float(facts["theta_start"])
         over_plastic = bool(facts.get("over_plastic", False))
-        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, over_plastic))
+        of_record = (name, time, strain, stress, theta, air, start, facts["noise"], phases)
+        tests.append(CouponTest(*of_record, lateral=lateral, over_plastic=over_plastic))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 

@@ -84,6 +84,7 @@ def test_the_machine_pulls_by_the_law_of_the_point(model: int, own: dict[str, fl
     peak = int(np.argmax(history.stress))
     assert 0 < peak < len(history.stress) - 1
     assert bar.capacity / 30.0 == pytest.approx(history.stress[peak], rel=1e-6)
+    assert uniaxial_law(law, model, 2001).nominal[-1] == pytest.approx(history.stress[peak], rel=1e-5)
     some = np.arange(5, int(0.9 * peak), 97)
     force = 30.0 * history.stress[some]
     assert elongation(bar, force, force) == pytest.approx(150.0 * history.strain[some], rel=1e-6)

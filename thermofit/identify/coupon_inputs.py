@@ -98,17 +98,16 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
             raise StudyError(f"{record.name}: a flow curve over plastic strain needs E; give parameters.E as a number in MPa")
         record = with_elastic_strain(record, modulus)
     remarks = [*record.remarks]
-    values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature, "lateral": record.lateral}
+    values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature}
     noise = {}
     for name, value in values.items():
         if value is None:
             continue
         known = np.isfinite(value)
-        if known.sum() < 5 or (name != "lateral" and not known.all()):
-            need = "at least 5" if name == "lateral" else "all of at least 5"
-            raise DataError(f"{record.name}: {name} has {int(known.sum())} of {len(value)} values, {need} are needed")
+        if known.sum() < 5 or not known.all():
+            raise DataError(f"{record.name}: {name} has {int(known.sum())} of {len(value)} values, all of at least 5 are needed")
         found = record.noise.get(name)
-        estimate = robust_sigma(second_differences(record.time[known], value[known, None]))[0] if found is None else found
+        estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
         noise[name] = max(float(estimate), LEAST_NOISE[name])
     strain = record.strain
     line = None if record.over_plastic else elastic_line(record.time, record.strain, record.stress, noise["strain"])
@@ -119,6 +118,8 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
             "leaves it)"
         )
     lateral = record.lateral
+    if lateral is not None:
+        noise["lateral"] = _lateral_noise(record)
     if line is not None and lateral is not None:
         known = np.flatnonzero(np.isfinite(lateral[: line.end + 1]))
         if known.size > 2 and np.ptp(record.stress[known]) > 0.0:
@@ -151,6 +152,17 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
         record.measured_clock,
     )
     return test, tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def _lateral_noise(record: CouponRecord) -> float:
+    """Standard deviation of one value of the strain across the load, which may have gaps (NaN). DataError where it has no five values."""
+    assert record.lateral is not None
+    known = np.isfinite(record.lateral)
+    if known.sum() < 5:
+        raise DataError(f"{record.name}: lateral has {int(known.sum())} of {len(known)} values, at least 5 are needed")
+    found = record.noise.get("lateral")
+    estimate = robust_sigma(second_differences(record.time[known], record.lateral[known, None]))[0] if found is None else found
+    return max(float(estimate), LEAST_NOISE["lateral"])
 
 
 def whole(time: np.ndarray) -> tuple[TestPhase, ...]:

@@ -109,12 +109,12 @@ def yield_stress(parameters: Parameters, multiplier: np.ndarray, model: int) -> 
     return np.asarray(p["M_y0"] + linear - (p["M_yinf"] - p["M_y0"]) * np.expm1(-p["H_exp"] * multiplier))
 
 
-def uniaxial_law(parameters: Parameters, model: int = 2) -> UniaxialLaw:
+def uniaxial_law(parameters: Parameters, model: int = 2, points: int = _TABLE) -> UniaxialLaw:
     """Uniaxial law for the load along y: that of the point driver with all its effects, at rest and at the reference temperature.
 
     A slow, isothermal pull to a strain at which any sheet has necked, then again, finely, up to the largest nominal stress. Where the
-    yield stress has a plateau or a drop the table leaps: a force that grows leads a slice through it at once. NumericsError where the
-    driver does not get there.
+    yield stress has a plateau or a drop the table leaps: a force that grows leads a slice through it at once. `points` of the table:
+    2001 tell the largest stress to 1e-5. NumericsError where the driver does not get there.
     """
     still = parameters.replace(c0=_RESERVOIR, theta_air=parameters["theta_ref"])
 
@@ -123,9 +123,9 @@ def uniaxial_law(parameters: Parameters, model: int = 2) -> UniaxialLaw:
         return simulate(still, programme, PointSettings(model, plastic=plastic, max_strain=_STRAIN_END))
 
     # Denser near first yield, where hardening bends most.
-    shares = np.linspace(0.0, 1.0, _TABLE) ** 1.5
+    shares = np.linspace(0.0, 1.0, points) ** 1.5
     whole = pull(_STRAIN_END * shares)
-    table = pull(whole.strain[min(int(np.argmax(whole.stress)) + 1, _TABLE - 1)] * shares)
+    table = pull(whole.strain[min(int(np.argmax(whole.stress)) + 1, points - 1)] * shares)
     flows = int(np.argmax(table.accumulated > 0.0))
     below, above = table.strain[flows - 1], table.strain[flows]
     for _ in range(_BISECTIONS):

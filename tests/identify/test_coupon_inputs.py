@@ -30,7 +30,7 @@ def read_back(folder: Path, more: str, header: str = "") -> tuple[CouponTest, ..
 
 
 def test_lateral_strain_and_its_gaps_are_kept(tmp_path: Path) -> None:
-    (test,) = read_back(tmp_path, "time: 't [s]', lateral: 'e_t [-]'")
+    (test,) = read_back(tmp_path, "time: 't [s]', lateral: 'e_t [-]', strain_zero: as-measured")
     assert test.lateral is not None and test.measured_clock
     assert int(np.isnan(test.lateral).sum()) == 4 and "lateral" in test.noise
     known = np.isfinite(test.lateral)

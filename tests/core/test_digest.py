@@ -94,3 +94,16 @@ def test_folder_digest_knows_names_contents_and_depth(tmp_path: Path) -> None:
 def test_missing_input_is_a_data_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"input '.*nowhere' cannot be read"):
         path_digest(tmp_path / "nowhere")
+
+
+def test_results_among_the_data_are_no_data(tmp_path: Path) -> None:
+    """A run folder may lie in the raw folder; a raw folder in the run folder is one all the same."""
+    raw = tmp_path / "raw"
+    (raw / "run").mkdir(parents=True)
+    (raw / "force.csv").write_text("1")
+    before = path_digest(raw, without=raw / "run")
+    (raw / "run" / "interpolate.h5").write_text("2")
+    assert path_digest(raw, without=raw / "run") == before != path_digest(raw)
+    (raw / "force.csv").write_text("3")
+    assert path_digest(raw, without=raw / "run") != before
+    assert path_digest(raw, without=tmp_path) == path_digest(raw, without=raw) == path_digest(raw)

@@ -18,7 +18,7 @@ from operating_draw import World, worlds
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import job
 from thermofit.core.study import Study, load_study
-from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.case import Case, slots_of, untold
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans
 from thermofit.diagnose.refit import JointFit
@@ -28,6 +28,7 @@ from thermofit.diagnose.unlisted_loop import ended
 from thermofit.identify.coupon_inputs import CouponData, CouponTest, whole
 from thermofit.identify.coupon_model import coupon_model, coupon_run
 from thermofit.identify.coupon_sensor import SENSOR, shown
+from thermofit.identify.flow_conditions import flow_conditions
 from thermofit.identify.inputs import TestPhase
 from thermofit.identify.joint import station_names
 from thermofit.identify.model import StageModel
@@ -72,6 +73,8 @@ stages:
   elastic: {{free: [E]}}
   plastic: {{free: [M_y0, M_yinf, H_exp]}}
 """
+ELASTIC = 0.0015, 12
+"""Strain within which a record begins, and samples of that at least: a record that does not show its E is not asked for it."""
 RATES = (1e-4, 1e-3, 1e-2)
 """1/s, of which the rate of a record is one."""
 
@@ -141,7 +144,10 @@ def paths(world: World) -> list[Path_]:
         truth = Parameters.of(TRUTH)
         driven = programme(kind.named, Usual(peak, rate, AIR), truth, SETTINGS, kind.samples)
         strain = simulate(truth, driven, SETTINGS).strain
-        out.append((f"record {number + 1}", driven.time, strain, whole(driven.time)))
+        first = int(np.argmax(strain > ELASTIC[0])) + 1
+        begin = np.linspace(0.0, float(np.interp(ELASTIC[0], strain[:first], driven.time[:first])), ELASTIC[1])
+        moments = np.union1d(begin, driven.time)
+        out.append((f"record {number + 1}", moments, np.interp(moments, driven.time, strain), whole(moments)))
     return out
 
 
@@ -195,7 +201,9 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
 def _case(study: Study, data: CouponData, model: StageModel, parameters: Parameters, hot: bool) -> Case:
     run = coupon_run(study, data, parameters.free)
     strain = max(float(run.history(parameters, test).accumulated.max()) for test in data.tests)
-    return Case(model, parameters, slots_of("point", SENSOR if hot else ()), coupon_spans(data), station_names(), largest_strain=strain)
+    there = flow_conditions(data.tests, lambda test: run.history(parameters, test))
+    known, _ = untold(slots_of("point", SENSOR if hot else ()), parameters, there)
+    return Case(model, parameters, known, coupon_spans(data), station_names(), largest_strain=strain)
 
 
 def at_truth(world: World) -> Traced:

@@ -117,7 +117,7 @@ def _said(tests: Tests, run: Mapping[str, Any]) -> dict[str, Any]:
 def _found(world: World, found: Closed, missing: Unlisted | None) -> dict[str, Any]:
     families = {s.effect: s.family for s in found.first.ranking.scores}
     for r in found.rounds:
-        families |= {t.score.effect: t.score.family for t in r.trials}
+        families |= {s.effect: s.family for t in r.trials if t.effects == r.accepted for s in t.scores}
     promising = found.first.promising()
     last = found.last.case.parameters
     return {
@@ -127,6 +127,7 @@ def _found(world: World, found: Closed, missing: Unlisted | None) -> dict[str, A
         "families": {name: list(families.get(name, (name,))) for name in found.accepted},
         "estimates": {name: {p.name: last[p.name] for p in effect(name).params} for name in found.accepted},
         "dropped": list(found.dropped),
+        "unjudged": list(found.unjudged),
         "unlisted": None if missing is None else missing.channel,
         "before": held_out(world, found.first),
         "after": held_out(world, found.last),

@@ -93,13 +93,20 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     # The first values of the exponents are those of the score; at others the same run may be possible.
     starts += [(_at(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
     failures = []
+    best: tuple[Trial, Accepted | None] | None = None
     for score, chosen in starts:
         begun = _nearer(here, (score,), chosen, means.refit)
         if isinstance(begun, str):
             failures.append(begun)
             continue
-        return _ended(here, fit, (score,), begun, means)
-    return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+        ended = _ended(here, fit, (score,), begun, means)
+        if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
+            best = ended
+        if not here.case.cheap or not any(at_bound(p, ended[0].estimate[p.name]) for p in own.amplitudes):
+            break  # at a bound the values of the exponents may be the wrong ones
+    if best is None:
+        return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+    return best
 
 
 def tried_together(

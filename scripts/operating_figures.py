@@ -111,6 +111,8 @@ UNPLANTED = {
     "dic_scale": f"{BEYOND}0.55, bound 0.2",
     "ir_registration": "detectable on the small body from 3.7 mm on; three times that is beyond its bound of 10 mm",
     "clamp_difference": "detectable on the small body from 2.4 K on; three times that is refused, 14 standard errors off what is declared",
+    **dict.fromkeys(("softening_power", "rate_by_temperature"), "asked only of coupon records that flow at temperatures 50 K apart"),
+    "tension_compression": "could be planted in coupon records; left out for time",
     "hill_anisotropy": "could be planted in a body (detectable from 0.32 on); left out for time",
 }
 """Effects of the catalogue that no driver plants, and why; smallest amplitudes are those at the truth of `operating_body.SMALL`."""

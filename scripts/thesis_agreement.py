@@ -23,19 +23,20 @@ NOTHING = Why()
 
 @dataclass(frozen=True)
 class Compared:
-    """One comparison of a result with the thesis: what is compared, whether both agree, both figures, and why."""
+    """One comparison of a result with the thesis: what is compared, whether both agree, both figures, why, and the word for agreement."""
 
     what: str
     agrees: bool
     here: str
     thesis: str
     why: Why = NOTHING
+    word: str = "Agrees"
 
     @property
     def line(self) -> str:
         """As an item of a list."""
         reason = self.why.agrees if self.agrees else self.why.differs
-        word = "Agrees" if self.agrees else "Differs"
+        word = self.word if self.agrees else "Differs"
         return f"- **{word}**: {self.what}: here {self.here}; thesis {self.thesis}." + (f" {reason}" if reason else "")
 
 
@@ -49,9 +50,13 @@ def signed(share: float) -> str:
     return f"{100.0 * share:+.0f} %" if abs(share) >= 0.1 else f"{100.0 * share:+.2g} %"
 
 
-def same_sign(what: str, here: float, thesis: float, why: Why = NOTHING, least: float = 0.0) -> Compared:
-    """Relative changes agree where they have one sign and that here is larger than `least`."""
-    return Compared(what, here * thesis > 0.0 and abs(here) > least, signed(here), signed(thesis), why)
+SAME_SIGN = "Same sign"
+"""What is said of relative changes that have one sign: whatever their sizes, which are no agreement."""
+
+
+def same_sign(what: str, here: float, thesis: float, why: Why = NOTHING) -> Compared:
+    """Relative changes that have one sign, or differ in it."""
+    return Compared(what, here * thesis > 0.0, signed(here), signed(thesis), why, SAME_SIGN)
 
 
 def same_size(what: str, here: float, thesis: float, why: Why = NOTHING, factor: float = 2.0) -> Compared:

@@ -26,11 +26,10 @@ def before(place: Place, run: str) -> str:
 
 
 def foreseen(place: Place, run: str, what: str, found: str) -> Statement:
-    """Whether the verdict before the test is what the starts then found; a `weak` optimum is one optimum."""
+    """Whether the verdict before the test is the word for what the starts then found."""
     kind = str(record_before(place, run).summary["kind"])
-    same = kind == found or (kind, found) == ("weak", "unique")
     told = "'weak' (one optimum, poorly determined)" if kind == "weak" else f"'{kind}'"
-    return Statement(f"the analysis before any data foresees what is found: {what}", same, f"foreseen {told}, found '{found}'")
+    return Statement(f"the analysis before any data foresees what is found: {what}", kind == found, f"foreseen {told}, found '{found}'")
 
 
 def moved_by(place: Place, run: str, cause: str) -> dict[str, float]:

@@ -179,9 +179,10 @@ def test_starts_of_a_valley_are_told_from_one_optimum(scripts: Any, tmp_path: Pa
 def test_agreement_is_computed_and_chooses_the_reason(scripts: Any) -> None:
     agreement = scripts("thesis_agreement")
     why = agreement.Why("one reason", "another reason")
-    for here, word, reason in ((-0.2, "Agrees", "one reason"), (0.2, "Differs", "another reason")):
+    for here, word, reason in ((-0.2, "Same sign", "one reason"), (0.2, "Differs", "another reason")):
         line = agreement.same_sign("E by", here, -0.14, why).line
         assert line.startswith(f"- **{word}**: E by: here {100 * here:+.2g} %; thesis -14 %.") and line.endswith(reason)
+    assert agreement.same_size("E", -0.2, -0.14).line.startswith("- **Agrees**") and agreement.same_sign("E", 8.27, 0.34).word == "Same sign"
     assert agreement.same_size("E", -0.2, -0.14).agrees and not agreement.same_size("E", -0.3, -0.14).agrees
     assert not agreement.same_size("E", 0.14, -0.14).agrees
     assert agreement.same_word("uniqueness", "valley", "valley").agrees and not agreement.same_word("uniqueness", "unique", "valley").agrees
@@ -195,7 +196,18 @@ def test_no_verdict_is_written_before_the_result() -> None:
     """A page may say that something agrees or differs only through the comparison that computes it."""
     for path in (ROOT / "scripts").glob("thesis_5*.py"):
         text = path.read_text(encoding="utf-8")
-        assert not any(word in text for word in ("Agrees", "Differs")), path.name
+        assert not any(word in text for word in ("Agrees", "Differs", "Same sign")), path.name
+
+
+@pytest.mark.parametrize(("kind", "found", "holds"), [("unique", "unique", True), ("weak", "unique", False), ("valley", "weak", False)])
+def test_a_forecast_holds_where_it_names_what_is_found(scripts: Any, tmp_path: Path, kind: str, found: str, holds: bool) -> None:
+    """A weak optimum is another forecast than a unique one."""
+    before, runs = scripts("thesis_before"), scripts("thesis_runs")
+    place = runs.place_of(tmp_path, "quick")
+    place.dir_of("planned").mkdir(parents=True)
+    write_record(place.dir_of("planned") / f"{before.ARTEFACT}.h5", RecordContent(before.ARTEFACT, {}, {}, {}, {}, {"kind": kind}))
+    said = before.foreseen(place, "planned", "a search", found)
+    assert said.holds is holds and f"foreseen '{kind}'" in said.measured and said.measured.endswith(f"found '{found}'")
 
 
 def test_values_and_noise_decide_what_is_said_of_deviations(scripts: Any, tmp_path: Path) -> None:

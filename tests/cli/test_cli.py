@@ -399,6 +399,15 @@ def test_show_refuses_what_is_no_artefact(tmp_path: Path) -> None:
     assert folder.exit_code == 2 and "is a folder" in folder.stderr
 
 
+@pytest.mark.parametrize(("name", "words"), [("study.yaml", "`thermofit run"), ("force.csv", "`thermofit inspect")])
+def test_show_of_another_file_does_not_advise_to_remove_it(study: Path, name: str, words: str) -> None:
+    path = study.parent / name
+    path.touch()
+    result = call("show", path)
+    assert result.exit_code == 2 and "is no artefact" in result.stderr and words in result.stderr
+    assert "remove" not in result.stderr
+
+
 def test_new_writes_a_study_that_loads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from thermofit.core.study import load_study
 

@@ -62,4 +62,4 @@ def test_the_ranking_shows_the_predicted_drop_of_chi_square_within_the_page() ->
 def test_effects_that_were_not_asked_are_named_in_one_line() -> None:
     out = StringIO()
     show(Console(file=out, width=140), {"ranking": [], "not_asked": ["lamp", "radiation"]})
-    assert "not asked  lamp, radiation: this driver or its channels do not have them\n" in out.getvalue()
+    assert "not asked  lamp, radiation: this driver, its channels or its records do not tell them\n" in out.getvalue()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import string
 import subprocess
@@ -20,7 +21,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from thermofit.core import artefact
-from thermofit.core.artefact import Dataset, ParameterResult, RecordContent, fresh, open_record, read_record, write_record
+from thermofit.core.artefact import Dataset, ParameterResult, RecordContent, fresh, of_parameters, open_record, read_record, write_record
 from thermofit.core.errors import DataError, NumericsError, StudyError
 
 MADE_BY = "thermofit interpolate study.yaml"
@@ -61,6 +62,50 @@ def test_record_comes_back_with_its_provenance(tmp_path: Path) -> None:
     assert record["fields/u"].unit == "mm" and record["fields/u"].dims == ("time", "node")
     np.testing.assert_array_equal(record["fields/u"].value, np.arange(6.0).reshape(2, 3))
     assert list((tmp_path / "run").iterdir()) == [tmp_path / "run" / "interpolate.h5"]
+
+
+def test_entries_with_units_of_their_own(tmp_path: Path) -> None:
+    """A covariance has no single unit: an entry has the product of the units of its two places."""
+    covariance = of_parameters(np.eye(2), ("parameter", "parameter"), ("MPa", "1"))
+    found = write_record(tmp_path / "a.h5", content(tmp_path, datasets={"covariance": covariance}))["covariance"]
+    assert (found.unit, found.units, found.dims) == ("mixed", ("MPa", "1"), ("parameter", "parameter"))
+    assert artefact.layout(open_record(tmp_path / "a.h5"))["covariance"].units == ("MPa", "1")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert json.loads(file["covariance"].attrs["units"]) == ["MPa", "1"]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        Dataset(np.eye(2), "mixed", ("parameter", "parameter")),
+        Dataset(np.eye(2), "MPa", ("parameter", "parameter"), ("MPa", "1")),
+        Dataset(np.eye(2), "mixed", ("parameter", "parameter"), ("MPa",)),
+        Dataset(np.eye(2), "mixed", ("time", "node"), ("MPa", "1")),
+    ],
+)
+def test_units_of_entries_must_fit(tmp_path: Path, data: Dataset) -> None:
+    with pytest.raises(ValueError, match="needs the units of its parameters"):
+        write_record(tmp_path / "a.h5", content(tmp_path, datasets={"covariance": data}))
+
+
+def test_paths_in_the_folder_of_an_artefact_go_with_it(tmp_path: Path) -> None:
+    """A copied run folder speaks of itself; what lies outside stays where it is, and names that only begin alike are others."""
+    old, new = tmp_path / "run", tmp_path / "copy"
+    (old / "raw").mkdir(parents=True)
+    (old / "raw" / "force.csv").write_text("1")
+    (tmp_path / "part.h5").write_text("1")
+    text = f"written to {old}: see '{old}/a.png', not {old}2/b.png or {old}.old"
+    summary = {"figures": [str(old / "figures" / "a.png")], "of": {"b": str(old)}, "verdict": text}
+    inputs = {"raw": old / "raw", "force": content(tmp_path).inputs["force"], "part": tmp_path / "part.h5"}
+    write_record(old / "a.h5", content(tmp_path, summary=summary, inputs=inputs))
+    assert open_record(old / "a.h5").summary == summary
+    shutil.copytree(old, new)
+    record = open_record(new / "a.h5")
+    assert record.summary["figures"] == [str(new / "figures" / "a.png")] and record.summary["of"] == {"b": str(new)}
+    assert record.summary["verdict"] == f"written to {new}: see '{new}/a.png', not {old}2/b.png or {old}.old"
+    assert record.attributes["input_paths"] == {
+        "raw": str(new / "raw"), "force": str(inputs["force"]), "part": str(tmp_path / "part.h5")
+    }  # fmt: skip
 
 
 def test_file_describes_itself_to_any_hdf5_reader(tmp_path: Path) -> None:

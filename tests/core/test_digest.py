@@ -142,3 +142,16 @@ def test_an_artefact_is_stale_once_an_effect_file_of_the_user_has_changed(tmp_pa
     assert not fresh(path, "verify", {}, {})
     loaded_anew(monkeypatch)
     assert not fresh(path, "verify", {}, {}), "without the file it is another model as well"
+
+
+def test_results_among_the_data_are_no_data(tmp_path: Path) -> None:
+    """A run folder may lie in the raw folder; a raw folder in the run folder is one all the same."""
+    raw = tmp_path / "raw"
+    (raw / "run").mkdir(parents=True)
+    (raw / "force.csv").write_text("1")
+    before = path_digest(raw, without=raw / "run")
+    (raw / "run" / "interpolate.h5").write_text("2")
+    assert path_digest(raw, without=raw / "run") == before != path_digest(raw)
+    (raw / "force.csv").write_text("3")
+    assert path_digest(raw, without=raw / "run") != before
+    assert path_digest(raw, without=tmp_path) == path_digest(raw, without=raw) == path_digest(raw)

@@ -21,7 +21,8 @@ AT = Parameters.of({"theta_ref": 296.0}, ("E",))
 
 
 def test_effects_that_feel_the_rate_of_flow() -> None:
-    assert {e.name for e in effects() if feels_rate(e, AT)} == {"rate_power", "rate_logarithmic"}
+    assert {e.name for e in effects() if feels_rate(e, AT)} == {"rate_power", "rate_logarithmic", "rate_by_temperature"}
+    assert feels_rate(effect("rate_by_temperature"), AT.replace(theta_ref=293.15)), "also where its own reference lies"
 
 
 def test_only_overstress_is_asked_beside_neutral() -> None:
@@ -72,8 +73,10 @@ def test_what_a_driver_does_not_have_is_not_asked(driver: str, infrared: tuple[s
     """Of the base law a coupon lacks films and what needs a field; one of several experiments is asked as <effect>@<experiment>."""
     known = slots_of(driver, infrared)
     case = Case(cast(Any, None), AT, known, (Span("all", 0.0, 1.0),), frozenset())
-    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if driver == "point" else set()
-    assert set(case.not_asked()) == {e.name for e in effects(slots)} | without
+    spans = {"softening_power", "rate_by_temperature"}
+    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if driver == "point" else spans
+    has = {"air_drift", "capacity_by_temperature"} if driver == "point" and infrared else set()
+    assert set(case.not_asked()) == {e.name for e in effects(slots)} - has | without
     assert set(case.not_asked()).isdisjoint(e.name for e in known)
     own = replace(case, known=tuple(effect(f"{e.name}@second") if e.name == "ir_drift" else e for e in known))
     assert own.not_asked() == case.not_asked()

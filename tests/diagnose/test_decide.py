@@ -184,9 +184,9 @@ def test_what_was_added_besides_is_in_no_family_and_is_a_parameter() -> None:
     """Two accepted effects of one family are both needed; another one that was accepted takes its part of the columns."""
     turns = []
     for name, family in (("linear_hardening", (*PAIR, "second_hardening")), ("backstress_first", (PAIR[1], PAIR[0]))):
-        trial = SimpleNamespace(score=SimpleNamespace(effect=name, family=family))
+        trial = SimpleNamespace(scores=(SimpleNamespace(effect=name, family=family),), effects=(name,))
         settings = {"second_hardening": {"second_hardening.b": 100.0}}
-        turns.append(SimpleNamespace(trials=(trial,), accepted=name, traced=SimpleNamespace(settings=settings)))
+        turns.append(SimpleNamespace(trials=(trial,), accepted=(name,), traced=SimpleNamespace(settings=settings)))
     (family,) = added_families(cast(Closed, SimpleNamespace(rounds=tuple(turns), accepted=PAIR)))
     assert family.members == ("linear_hardening", "second_hardening") and family.settings == {"second_hardening.b": 100.0}
     on = LAW.replace(H_lin=100.0, **{"backstress_first.C": 500.0, "ir_drift.rate": 1e-3})

@@ -14,7 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.findings_record import _common
+from thermofit.diagnose.findings_record import diagnosis_summary
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.trace import Traced, traced
@@ -94,7 +94,7 @@ def test_a_reading_that_stands_in_for_something_else_does_not_refuse_an_effect_t
 
 
 def test_an_effect_whose_gain_rests_on_a_reading_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("thermofit.diagnose.loop.OWN_GAIN", 0.95)
+    monkeypatch.setattr("thermofit.diagnose.trial.OWN_GAIN", 0.95)
     found = leaning()
     trial = found.rounds[0].trials[0]
     assert found.accepted == () and trial.refused.startswith("kappa would be ") and "held-out error falls by 6" in trial.readings
@@ -116,19 +116,21 @@ def test_a_reading_whose_second_refit_fails_refuses_with_both_reasons() -> None:
     assert found.rounds[0].trials[0].refused.endswith("the refit with it held failed (it broke)")
 
 
-@pytest.mark.parametrize(("times", "said"), [(4.9, False), (50.0, True)])
-def test_a_reading_that_the_joint_fit_drives_off_is_remarked(times: float, said: bool) -> None:
-    """By both commands: `_common` is theirs. Another declared value, where the fit left it, is not named."""
+@pytest.mark.parametrize(("times", "said"), [(2.9, False), (3.1, True), (50.0, True)])
+def test_a_reading_that_the_joint_fit_drives_off_is_no_trusted_answer(times: float, said: bool) -> None:
+    """Three standard errors are the limit, everything else is at its floor. Another declared value, where the fit left it, is not named."""
     case, fit = settled(case_of(1))
     readings = (Prior("theta_air", 297.4, 0.1), Prior("theta_clamp", 296.7, 0.1))
     there = case.parameters.replace(theta_air=297.4 - 0.1 * times, theta_clamp=296.75)
     here = traced(replace(case, model=replace(case.model, priors=readings), parameters=there))
     refit = cast(Any, SimpleNamespace(failures=[]))
     found = Prepared(here.case, fit, refit, np.zeros(len(here.rows.time)), MeshSize(n_x=1, n_y=1, n_z=1))
-    remarks = _common(found, here)["remarks"]
-    assert len(remarks) == int(said)
+    summary = diagnosis_summary(found, here)
+    assert summary["trustworthy"] is not said and len(summary["doubts"]) == int(said)
     if said:
-        assert remarks[0].startswith("theta_air ends at 292.4 K, 50 times the standard error of 0.1 K off the declared 297.4 K: usually an")
+        (sentence,) = summary["doubts"]
+        assert sentence.startswith("theta_air ends at ") and f", {times:.0f} times the standard error of 0.1 K off the declared" in sentence
+        assert sentence in summary["remarks"] and sentence in summary["verdict"]
 
 
 def test_rows_of_priors_do_not_make_an_effect_felt() -> None:

@@ -8,17 +8,22 @@ import numpy as np
 import pytest
 from test_loop import N_T, case_of
 
-from thermofit.diagnose.held_out import split_by_blocks
+from thermofit.diagnose.held_out import Rows, split_by_blocks
 from thermofit.diagnose.trace import split_of
 
 SPAN, LENGTH = 120.0, 40.0
+
+
+def flat(rows: Rows) -> np.ndarray:
+    """One parameter that all rows tell alike."""
+    return np.ones((len(rows.time), 1))
 
 
 @pytest.mark.parametrize("together", [0.0, 1.9, 2.0])
 def test_noise_that_hangs_together_within_five_per_cent_changes_nothing(together: float) -> None:
     case = replace(case_of(1), correlation_length=together)
     rows, weight = case.rows, np.ones(len(case.rows.time))
-    found, plain = split_of(case, rows, weight), split_by_blocks(rows, (25, 5), (0.01 * SPAN, 0.05 * LENGTH), weight=weight)
+    found, plain = split_of(case, rows, flat(rows)), split_by_blocks(rows, (25, 5), (0.01 * SPAN, 0.05 * LENGTH), weight=weight)
     assert found.by == plain.by and found.by.endswith("buffers 1.2 s and 2 mm")
     for one, other in ((found.held_out, plain.held_out), (found.buffer, plain.buffer)):
         assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
@@ -28,7 +33,7 @@ def test_no_point_is_seen_whose_noise_hangs_together_with_a_held_out_one() -> No
     """At the time of a held-out row, and as near as the noise goes."""
     case = replace(case_of(1), correlation_length=5.0)
     rows = case.rows
-    split, plain = (split_of(c, rows, np.ones(len(rows.time))) for c in (case, case_of(1)))
+    split, plain = (split_of(c, rows, flat(rows)) for c in (case, case_of(1)))
     assert split.by.endswith("buffers 1.2 s and 5 mm")
     near = []
     for one in (split, plain):
@@ -42,5 +47,5 @@ def test_no_point_is_seen_whose_noise_hangs_together_with_a_held_out_one() -> No
 
 def test_the_clock_of_coupons_is_the_sample() -> None:
     case = replace(case_of(1), cheap=True)
-    said = split_of(case, case.rows, np.ones(len(case.rows.time))).by
+    said = split_of(case, case.rows, flat(case.rows)).by
     assert said.endswith(f"buffers {0.01 * (N_T - 1):.3g} samples and 2 mm")

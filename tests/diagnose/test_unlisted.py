@@ -34,7 +34,7 @@ PATCH = (8.0, 7.5)
 
 def diagnosed(seed: int, source: Source | None = None, **planted: float) -> tuple[Traced, Unlisted | None]:
     here = traced(fitted(strip_case(seed, source, **planted))[0], numerical())
-    return here, unlisted(here, numerical())
+    return here, unlisted(here, numerical(), [s.effect for s in here.promising()])
 
 
 def looped(seed: int, source: Source | None = None, **planted: float) -> tuple[Closed, Unlisted | None]:
@@ -69,7 +69,10 @@ def test_a_listed_effect_is_not_unlisted() -> None:
     """Before it is added a family explains it; once it is accepted nothing is left."""
     here, found = diagnosed(1, **{"ir_drift.rate": 2e-3})
     structure = structures(here.case, here.rows, unfitted(here), None)[0]
-    assert structure.stands_out and best_listed(here, structure, unfitted(here)) == ("ir_drift", pytest.approx(1.0, abs=0.05))
+    assert structure.stands_out and best_listed(here, structure, unfitted(here), ["ir_drift", "ir_gain"]) == (
+        "ir_drift",
+        pytest.approx(1.0, abs=0.05),
+    )
     assert found is None
     closed, left = looped(1, **{"ir_drift.rate": 2e-3})
     assert closed.accepted == ("ir_drift",) and left is None
@@ -79,7 +82,7 @@ def test_without_the_term_of_the_catalogue_it_would_be_unlisted() -> None:
     """The criterion bites: the same data, with a catalogue that does not know the effect."""
     case = strip_case(1, **{"ir_drift.rate": 2e-3})
     blind = replace(case, known=tuple(e for e in case.known if e.name != "ir_drift"))
-    assert unlisted(traced(fitted(blind)[0]), None) is not None
+    assert unlisted(traced(fitted(blind)[0]), None, ()) is not None
 
 
 def test_what_only_resembles_is_taken_back_and_what_is_there_beside_stays() -> None:

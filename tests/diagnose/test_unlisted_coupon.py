@@ -84,7 +84,7 @@ def found_in(case: Case) -> tuple[Traced, Unlisted | None]:
     parameters, fit = refitting(case.model)(case.parameters, "joint")
     assert fit.converged
     here = traced(replace(case, parameters=parameters))
-    return here, unlisted(here, None)
+    return here, unlisted(here, None, [s.effect for s in here.promising()])
 
 
 def test_nothing_planted_is_nothing_unlisted(tmp_path: Path) -> None:

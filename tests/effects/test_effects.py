@@ -56,6 +56,15 @@ def _of_moduli(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
     return np.array([e.act(one, LAW, *values) for one in past])
 
 
+def _of_sense(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
+    assert moved <= 0, "the sense of flow is one or the other: nothing is differentiated by it"
+    return np.array([e.act(sense, LAW, *values) for sense in (1.0, -1.0)])
+
+
+def _of_heat_content(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
+    return np.array([e.act(theta + (1j * STEP if moved == 0 else 0.0), 296.7, *values) for theta in (280.0, 296.7, 340.0)])
+
+
 def _of_temperature(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
     return np.asarray(e.act(TEMPERATURE + (1j * STEP if moved == 0 else 0.0), SCENE, *values))
 
@@ -70,6 +79,9 @@ LAWS: dict[str, tuple[Formula, float | np.ndarray]] = {
     "yield_factor": (_in_law, 1.0),
     "dissipation": (_in_law, 1.0),
     "free_energy": (_of_moduli, 1.0),
+    "asymmetry": (_of_sense, 1.0),
+    "capacity": (_of_heat_content, 1.0),
+    "conductivity": (_of_heat_content, 1.0),
     **dict.fromkeys(("emission", "reflection", "optics", "sensor"), (_of_temperature, TEMPERATURE)),
     **dict.fromkeys(("kinematics", "camera"), (_of_displacement, DISPLACEMENT)),
 }

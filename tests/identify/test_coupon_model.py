@@ -83,7 +83,7 @@ def test_stress_control_compares_the_strain(tmp_path: Path) -> None:
 
 def test_elastic_stage_uses_the_straight_part(tmp_path: Path) -> None:
     """E alone, from the elastic range of each record, without plastic flow."""
-    made = study(tmp_path)
+    made = study(tmp_path, parameters={**study(tmp_path).config_of("parameters")["parameters"], "E": {"start": 190e3}})
     settings = made.stage("elastic")
     assert settings.free == ("E",)
     model = coupon_model(made, two_records(), settings, TRUTH.with_free(("E",)))
@@ -118,7 +118,7 @@ def test_windows_without_data(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stage", "settings", "message"),
     [
-        ("elastic", {"free": ["E", "nu"]}, "stages.elastic.free' holds nu, which records of coupons do not determine"),
+        ("elastic", {"free": ["E", "nu"]}, "holds nu, which records of coupons do not determine without the channel lateral"),
         ("plastic", {"free": ["M_y0", "F"]}, "holds F, which"),
         ("plastic", {"channels": {"du": {}}}, "stages.plastic.channels' holds du; records of coupons have stress"),
         ("plastic", {"channels": {"strain": {}}}, "holds strain, which is prescribed"),

@@ -14,7 +14,7 @@ from thermofit.diagnose.unlisted_effect import camera_file, heat_file, sensor_fi
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, MEASUREMENT, Effect, effect, effects, load_effect
 from thermofit.identify import user_effects
-from thermofit.identify.effect_trial import Trial, trial_of, try_effect
+from thermofit.identify.effect_trial import trial_of, try_effect
 from thermofit.identify.missing import Grid
 from thermofit.material.composition import law_effects
 from thermofit.material.law import law_of
@@ -65,9 +65,8 @@ def test_built_in_effects_pass(e: Effect) -> None:
 
 @pytest.mark.parametrize("e", law_effects(), ids=lambda e: e.name)
 def test_built_in_effects_of_the_law_pass(e: Effect) -> None:
-    law, state = law_of(Parameters.of({"theta_ref": 297.0})), (0.01,) if e.slot == "free_energy" else (0.01, 1e-3, 300.0)
-    trial = Trial(state, {k: 0.01 * x for k, x in enumerate(state)}, np.array(user_effects._OFF[e.slot]))
-    try_effect(e, Path(e.name), trial, lambda arguments, numbers: e.act(*arguments, law, *numbers))
+    law = law_of(Parameters.of({"theta_ref": 297.0}))
+    try_effect(e, Path(e.name), user_effects.in_the_law(e.slot), lambda arguments, numbers: e.act(*arguments, law, *numbers))
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import datetime as dt
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import openpyxl
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
@@ -14,6 +19,7 @@ from thermofit.core.study_coupon import Coupon
 from thermofit.measure.coupon import coupon_files, read_coupon
 from thermofit.measure.coupon_clocks import clock_offset
 from thermofit.measure.coupon_phases import coupon_phases, thinned, turning_points
+from thermofit.measure.coupon_repair import Rows, wild_samples
 from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion, thermoelastic_slope
 
 E, YIELD, ALPHA = 200e3, 400.0, -1.0e-3
@@ -105,6 +111,14 @@ def test_sign_of_each_channel(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) ->
     assert not any("contradict" in remark for remark in got.remarks)
 
 
+def test_contradicting_signs_are_seen_through_noise() -> None:
+    """A long flow curve with the sign of the strain turned: single steps of the stress are noise."""
+    strain = np.linspace(0.0, 0.6, 20000)
+    stress = 60.0 * np.tanh(strain / 0.01) - 20.0 * strain + np.random.default_rng(3).normal(0.0, 1.0, strain.size)
+    assert branch_suspicion(strain, stress) is None
+    assert "signs of both contradict" in (branch_suspicion(-strain, stress) or "")
+
+
 def test_suspicion_sees_through_lag_noise_and_drift(cyclic: tuple[np.ndarray, ...]) -> None:
     t, e, s, theta = cyclic
     lagged = np.interp(t - 2.8, t, theta) + 0.01 * t / 80 + np.random.default_rng(1).normal(0, 0.005, t.size)
@@ -144,9 +158,180 @@ def test_time_from_a_rate(tmp_path: Path) -> None:
     np.testing.assert_allclose(got.time, got.strain / 1e-3, atol=1e-9)
     assert got.stress.max() == pytest.approx(300 * 6.894757293, rel=1e-6)
     assert any("time built from the strain at 0.001 1/s" in remark for remark in got.remarks)
-    unloaded = np.concatenate([strain, strain[::-1]])
-    with pytest.raises(DataError, match=r"the strain comes back by 0\.1, so a rate cannot build the time"):
-        record(tmp_path, table("e,s", [unloaded, unloaded]), time=None, rate=1e-3, strain="e", stress={"column": "s", "unit": "ksi"})
+    with pytest.raises(DataError, match="the strain never changes, so a rate cannot build the time"):
+        record(tmp_path, table("e,s", [0 * strain, strain]), time=None, rate=1e-3, strain="e", stress={"column": "s", "unit": "ksi"})
+
+
+def test_time_of_cycles_along_the_path_of_the_strain(tmp_path: Path) -> None:
+    """There and back the clock goes on: 0 to 1 %, to -1 %, to 0 at 1e-3 1/s are 40 s; the rows of a hold have no time and are counted."""
+    t = np.linspace(0.0, 40.0, 401)
+    strain, stress, _ = cycles(t)
+    strain, stress = np.insert(strain, 200, strain[[199, 199]]), np.insert(stress, 200, 0.9 * stress[[199, 199]])
+    got = record(tmp_path, table("e,s [MPa]", [strain, stress]), time=None, rate=1e-3, strain="e", stress="s [MPa]")
+    np.testing.assert_allclose(got.time, t, atol=1e-6)
+    assert any("along the path of the strain with 2 reversals at 0.001 1/s" in remark for remark in got.remarks)
+    assert "2 rows whose strain does not exceed all before since the last reversal dropped" in got.remarks
+
+
+def test_time_from_the_number_of_the_row(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 40.0, 401)
+    strain, stress, _ = cycles(t)
+    got = record(tmp_path, table("e,s [MPa]", [strain, stress]), time=None, sampling_rate=10, strain="e", stress="s [MPa]")
+    np.testing.assert_allclose(got.time, t, atol=1e-9)
+    assert any("from the number of the row at 10 rows per second, which the file does not confirm" in remark for remark in got.remarks)
+
+
+def test_rate_and_temperature_of_comment_lines(tmp_path: Path) -> None:
+    """Neither stands in the study; both are used and said. A clock of the file is never passed over for a rate."""
+    strain = np.linspace(0, 0.1, 101)
+    head = "# Temperature: 400 K\n# strain rate = 5e-3 1/s\n"
+    settings: dict[str, Any] = {"time": None, "strain": "e", "stress": "s [MPa]", "initial_temperature_degC": None}
+    got = record(tmp_path, head + table("e,s [MPa]", [strain, 300 * np.tanh(strain * 200)]), **settings)
+    assert (got.theta_start, got.time[-1]) == (400.0, pytest.approx(20.0))
+    assert "strain rate 0.005 1/s from the header of the file" in got.remarks
+    clocked = head + table("t [s],e,s [MPa]", [strain / 1e-4, strain, 300 * np.tanh(strain * 200)])
+    with pytest.raises(StudyError, match=r"time' is missing, and .* has the clock t \[s\]: name it, or give rate"):
+        record(tmp_path, clocked, **settings)
+    got = record(tmp_path, clocked, **{**settings, "time": "t [s]"})
+    assert any("the header says a strain rate of 0.005 1/s, the record has 0.0001 1/s" in remark for remark in got.remarks)
+    with pytest.raises(StudyError, match=r"says no strain rate: name the column of time, or give rate"):
+        record(tmp_path, table("e,s [MPa]", [strain, strain]), **settings)
+
+
+def test_columns_by_number(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    """In a table without names, and in one with names as well."""
+    t, e, s, _ = cyclic
+    settings = {"time": {"column": 1, "unit": "s"}, "strain": 2, "stress": {"column": 3, "unit": "MPa"}}
+    bare = table("", [t, e, s]).lstrip()
+    for text in (bare, table("a,b,c", [t, e, s])):
+        got = record(tmp_path, text, **settings)
+        np.testing.assert_allclose(got.stress, s, atol=1e-5)
+    with pytest.raises(StudyError, match=r"strain' is column 7, but .* has 3 columns"):
+        record(tmp_path, bare, **{**settings, "strain": 7})
+
+
+@pytest.mark.parametrize(
+    ("names", "settings", "words"),
+    [
+        ("t[s],true strain,s[MPa]", {"strain": "true strain"}, r"as nominal strain, but its name says true; write \{true_strain: "),
+        (
+            "t[s],e[-],wahre Spannung [MPa]",
+            {"stress": "wahre Spannung"},
+            r"as nominal stress, but its name says true; write \{true_stress: ",
+        ),
+        (
+            "t[s],eng. strain,s[MPa]",
+            {"strain": {"true_strain": "eng. strain"}},
+            r"as true strain, but its name says nominal; write \{column: ",
+        ),
+        (
+            "t[s],e[-],engineering stress [MPa]",
+            {"stress": {"true_stress": "engineering stress"}},
+            r"as true stress, but its name says nominal",
+        ),
+    ],
+)
+def test_words_of_true_and_nominal_against_the_study(
+    tmp_path: Path, cyclic: tuple[np.ndarray, ...], names: str, settings: dict[str, Any], words: str
+) -> None:
+    """A contradiction is refused; where the study insists it is a remark."""
+    t, e, s, _ = cyclic
+    with pytest.raises(StudyError, match=words):
+        record(tmp_path, table(names, [t, e, s]), **settings)
+    ((key, source),) = settings.items()
+    insisted = {key: {**({"column": source} if isinstance(source, str) else source), "despite_name": True}}
+    got = record(tmp_path, table(names, [t, e, s]), **insisted)
+    assert any("despite its name, as the study says" in remark for remark in got.remarks)
+
+
+def test_words_that_agree_say_nothing(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    t, e, s, _ = cyclic
+    text = table("t[s],technische Dehnung,true stress [MPa]", [t, e, s * (1 + e)])
+    got = record(tmp_path, text, strain="technische Dehnung", stress={"true_stress": "true stress"})
+    np.testing.assert_allclose(got.stress, s, atol=1e-5)
+    assert not any("despite" in remark for remark in got.remarks)
+
+
+def test_a_wild_sample_is_told_and_kept(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    t, e, s, _ = cyclic
+    noisy = s + np.random.default_rng(5).normal(0.0, 2.0, s.size)
+    assert not any("wild" in remark for remark in record(tmp_path, table("t[s],e[-],s[MPa]", [t, e, noisy])).remarks)
+    noisy[700] += 900.0
+    text = table("t[s],e[-],s[MPa]", [t, e, noisy])
+    got = record(tmp_path, text)
+    said = next(remark for remark in got.remarks if "wild" in remark)
+    assert said.startswith("1 wild samples of the stress, far off their neighbours: row 700 (") and "kept as they are" in said
+    assert got.time.size == t.size and got.stress.max() > 800.0
+    got = record(tmp_path, text, leave_out=[700])
+    assert got.time.size == t.size - 1 and got.stress.max() < 600.0 and not any("wild" in remark for remark in got.remarks)
+    assert "1 data rows left out, as the study says" in got.remarks
+    with pytest.raises(StudyError, match="leave_out' names row 5000, but the record has the rows 0 to 1599"):
+        record(tmp_path, text, leave_out=[5000])
+
+
+@given(st.integers(3, 40), st.floats(0.0, 1e-3), st.integers(0, 2**31))
+def test_reversals_and_noise_are_no_wild_samples(rows_per_branch: int, noise: float, seed: int) -> None:
+    """Saw teeth of any coarseness with noise, plastic or not."""
+    t = np.arange(0.0, 160.0, 10.0 / rows_per_branch)
+    strain, stress, _ = cycles(t)
+    random = np.random.default_rng(seed)
+    strain, stress = strain * (1.0 + random.normal(0.0, 1e-4, t.size)), stress + random.normal(0.0, 1e3 * noise + 1e-9, t.size)
+    assert wild_samples(Rows(t, strain, stress, None, (), None, np.arange(t.size))) == []
+
+
+def test_noise_of_a_hold_is_no_wild_sample() -> None:
+    """Of 20000 samples of noise some lie five times farther out than their neighbours lie apart."""
+    t = np.arange(20000.0)
+    noise = np.random.default_rng(7).normal(0.0, 1.0, t.size)
+    assert wild_samples(Rows(t, 1e-6 * t, noise, None, (), None, np.arange(t.size))) == []
+
+
+@pytest.mark.parametrize("names", ["t[s],e[-],s[MPa],lateral strain [%]", "t[s],e[-],s[MPa],Querdehnung [%]"])
+def test_lateral_strain_is_a_channel_with_gaps(tmp_path: Path, cyclic: tuple[np.ndarray, ...], names: str) -> None:
+    t, e, s, _ = cyclic
+    lines = table(names, [t, e, s, -30.0 * e]).splitlines()
+    lines[11] = lines[11].rpartition(",")[0] + ","
+    got = record(tmp_path, "\n".join(lines), lateral=names.rpartition(",")[2])
+    assert got.lateral is not None and got.time.size == t.size
+    known = np.isfinite(got.lateral)
+    np.testing.assert_allclose(got.lateral[known], -0.3 * e[known], atol=1e-9)
+    assert (~known).sum() == 1 and any("1 of 1600 rows without value" in remark for remark in got.remarks)
+    assert not any("contraction" in remark for remark in got.remarks) and "lateral" in got.noise
+    thin = record(tmp_path, "\n".join(lines), lateral=names.rpartition(",")[2], points=200)
+    assert thin.lateral is not None and thin.lateral.size == thin.time.size
+    assert record(tmp_path, "\n".join(lines)).lateral is None
+
+
+def test_lateral_strain_from_a_change_of_width(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    t, e, s, _ = cyclic
+    text = table("t[s],e[-],F[N],change of width [mm]", [t, e, 25.0 * s, 3.75 * e])
+    stress = {"force": "F", "width": 12.5, "thickness": 2.0}
+    wrong = record(tmp_path, text, stress=stress, lateral={"extension": "change of width"})
+    assert any("the lateral strain grows with the strain" in remark for remark in wrong.remarks)
+    got = record(tmp_path, text, stress=stress, lateral={"extension": "change of width", "contraction": "positive"})
+    assert got.lateral is not None
+    np.testing.assert_allclose(got.lateral, -0.3 * e, atol=1e-9)
+    with pytest.raises(StudyError, match=r"lateral.width' is missing"):
+        record(tmp_path, text, stress={"force": "F", "area": 25.0}, lateral={"extension": "change of width"})
+
+
+def test_one_of_several_tests_in_a_long_table(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    """Rows chosen by a column of text or of numbers; what is constant in them speaks of the test."""
+    t, e, s, _ = cyclic
+    text = "file,temp [degC],t[s],e[-],s[MPa]\n" + "".join(
+        f"{name},{hot},{a:.9g},{b:.9g},{c * f:.9g}\n"
+        for name, hot, f in (("A 1", 20, 1.0), ("B", 300, 0.5))
+        for a, b, c in zip(t, e, s, strict=True)
+    )
+    for where in ({"file": "B"}, {"temp [degC]": 300}):
+        got = record(tmp_path, text, where=where, initial_temperature_degC=None)
+        np.testing.assert_allclose(got.stress, 0.5 * s, atol=1e-5)
+        assert got.theta_start == pytest.approx(573.15) and got.time.size == t.size
+        assert any(remark.startswith("1600 of 3200 rows: ") for remark in got.remarks)
+    with pytest.raises(StudyError, match=r"where.file' is 'C', but no row of .* holds it; there are A 1, B"):
+        record(tmp_path, text, where={"file": "C"})
+    with pytest.raises(DataError, match="the time goes back"):
+        record(tmp_path, text)
 
 
 @pytest.mark.parametrize("offset", [17.3, -9.21])
@@ -353,3 +538,122 @@ def test_files_and_variables(tmp_path: Path, simple: str, monkeypatch: pytest.Mo
     monkeypatch.delenv("RECORDS")
     with pytest.raises(StudyError, match=r"key 'coupon.records.0.file' is .* RECORDS is not set"):
         read_coupon(coupon, tmp_path)
+
+
+def camera_and_machine(folder: Path, offset: float) -> tuple[np.ndarray, str]:
+    """Times and table of a machine (time, force, extension); that of a camera whose clock is `offset` s ahead lies in camera.csv."""
+    t = np.arange(0.0, 80.0, 0.05)
+    later = np.arange(-3.0, 82.0, 0.25)
+    grow = 1.0 + t / 80.0
+    e, s, _ = cycles(t)
+    machine = table("t[s],F[N],ext[mm]", [t, 28.0 * s * grow, 8.0 * e * grow])
+    seen, loaded = np.interp(later, t, e * grow), np.interp(later, t, s * grow)
+    camera = table("clock[s],e_cam[-],F_cam[V],ext_cam[mm]", [later + offset, seen, loaded / 100.0, 8.0 * seen])
+    (folder / "camera.csv").write_text(camera, encoding="utf-8")
+    return t, machine
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ({"repeats": "F_cam[V]"}, "which repeats the force"),
+        ({"repeats": "ext_cam", "repeated": "ext[mm]"}, "which repeats the channel 'ext[mm]'"),
+        ({"repeats": "ext_cam"}, "which repeats the extension 'ext[mm]'"),
+        ({}, "which repeats the extension 'ext[mm]'"),
+    ],
+)
+def test_strain_of_a_camera_with_its_own_clock(tmp_path: Path, source: dict[str, str], words: str) -> None:
+    """Joined by the force of the camera or by the extension of the machine."""
+    t, machine = camera_and_machine(tmp_path, 17.3)
+    got = record(tmp_path, machine, strain={"column": "e_cam", "file": "camera.csv", **source}, stress={"force": "F[N]", "area": 28.0})
+    e, _, _ = cycles(t)
+    np.testing.assert_allclose(got.strain, np.interp(got.time, t, e * (1 + t / 80)), atol=2e-4)
+    said = next(remark for remark in got.remarks if "clock of the strain" in remark)
+    assert words in said and float(said.split(" is ")[1].split(" s")[0]) == pytest.approx(17.3, abs=0.03)
+
+
+def test_two_clocks_of_one_table_and_of_one_workbook(tmp_path: Path) -> None:
+    """Another time column of the same table, another sheet of the same workbook."""
+    t, machine = camera_and_machine(tmp_path, -4.0)
+    camera = (tmp_path / "camera.csv").read_text(encoding="utf-8")
+    one, two = (text.splitlines() for text in (machine, camera))
+    two += [",,,"] * (len(one) - len(two))
+    both = "\n".join(f"{a},{b}" for a, b in zip(one, two, strict=True))
+    e, _, _ = cycles(t)
+    wanted = e * (1 + t / 80)
+    stress = {"force": "F[N]", "area": 28.0}
+    got = record(tmp_path, both, strain={"column": "e_cam", "time": "clock[s]", "repeats": "F_cam[V]"}, stress=stress)
+    np.testing.assert_allclose(got.strain, np.interp(got.time, t, wanted), atol=2e-4)
+    cells = [[[_cell(word) for word in line.split(",")] for line in text.splitlines()] for text in (machine, camera)]
+    (tmp_path / "book.xlsx").write_bytes(workbook({"machine": cells[0], "camera": cells[1]}))
+    strain = {"column": "e_cam", "test": "camera", "repeats": "F_cam[V]"}
+    got = record(tmp_path, "", file="book.xlsx", test="machine", strain=strain, stress=stress)
+    np.testing.assert_allclose(got.strain, np.interp(got.time, t, wanted), atol=2e-4)
+    # The clock of the camera may be the one that counts, too.
+    force = {"force": "F[N]", "area": 28.0, "test": "machine", "repeated": "F_cam[V]"}
+    got = record(tmp_path, "", file="book.xlsx", test="camera", time="clock[s]", strain="e_cam", stress=force)
+    assert got.time.size == pytest.approx(320, abs=4) and np.corrcoef(got.stress, np.interp(got.time + 4.0, t, cycles(t)[1]))[0, 1] > 0.9
+
+
+def workbook(sheets: dict[str, list[list[float | str]]]) -> bytes:
+    """A workbook of sheets of cells."""
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, cells in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in cells:
+            sheet.append(row)
+    file = io.BytesIO()
+    book.save(file)
+    return file.getvalue()
+
+
+def _cell(word: str) -> float | str:
+    try:
+        return float(word)
+    except ValueError:
+        return word
+
+
+@pytest.mark.parametrize("header", [False, True])
+def test_clocks_joined_by_absolute_dates(tmp_path: Path, cyclic: tuple[np.ndarray, ...], header: bool) -> None:
+    """Dates of rows, those of the machine cut off at whole seconds, or the start of each test in its header; 12.5 s apart."""
+    t, e, s, _ = cyclic
+    began = dt.datetime(2021, 6, 30, 23, 59, 30)
+    later = np.arange(0.0, 110.0, 0.5)
+    theta = 20.0 + 0.1 * later
+    if header:
+        text = f"# Start: {began:%Y-%m-%d %H:%M:%S}\n" + table("t[s],e[-],s[MPa]", [t, e, s])
+        second = f"# Start: {began - dt.timedelta(seconds=12.5):%Y-%m-%d %H:%M:%S.%f}\n" + table("clock[s],T[degC]", [later, theta])
+    else:
+        stamps = [f"{began + dt.timedelta(seconds=float(x)):%Y-%m-%d %H:%M:%S}" for x in t]
+        text = "t[s],e[-],s[MPa],stamp\n" + "".join(f"{a:.9g},{b:.9g},{c:.9g},{d}\n" for a, b, c, d in zip(t, e, s, stamps, strict=True))
+        others = [f"{began + dt.timedelta(seconds=float(x) - 12.5):%d.%m.%Y %H:%M:%S.%f}" for x in later]
+        second = "clock[s];T[degC];date\n" + "".join(f"{a:.9g};{b:.9g};{d}\n" for a, b, d in zip(later, theta, others, strict=True))
+    (tmp_path / "sensor.csv").write_text(second, encoding="utf-8")
+    got = record(tmp_path, text, temperature={"column": "T[degC]", "file": "sensor.csv", "offset_s": "dates"})
+    assert got.temperature is not None
+    np.testing.assert_allclose(got.temperature, 293.15 + 0.1 * (got.time + 12.5), atol=1e-4 if header else 1e-3)
+    said = next(remark for remark in got.remarks if "by the dates of both" in remark)
+    assert said.endswith("which hold to 0 s" if header else "which hold to 0.95 s")
+    (tmp_path / "sensor.csv").write_text(table("clock[s],T[degC]", [later, theta]), encoding="utf-8")
+    with pytest.raises(
+        StudyError, match=r"temperature.date' is missing, and .* has 0 columns of dates and no start of the test in its header"
+    ):
+        record(tmp_path, text, temperature={"column": "T[degC]", "file": "sensor.csv", "offset_s": "dates"})
+
+
+def test_a_column_of_dates_may_be_the_clock(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:
+    t, e, s, _ = cyclic
+    began = dt.datetime(2021, 6, 30, 23, 59, 30)
+    stamps = [f"{began + dt.timedelta(seconds=float(x)):%Y-%m-%d %H:%M:%S.%f}" for x in t]
+    text = "when,e[-],s[MPa]\n" + "".join(f"{d},{b:.9g},{c:.9g}\n" for d, b, c in zip(stamps, e, s, strict=True))
+    got = record(tmp_path, text, time="when")
+    np.testing.assert_allclose(got.time, t, atol=1e-5)
+    assert "time counted from the first date, 2021-06-30 23:59:30" in got.remarks
+
+
+def test_a_straight_line_fits_at_any_offset_and_is_refused() -> None:
+    t = np.arange(0.0, 100.0, 0.1)
+    with pytest.raises(DataError, match="give offset_s"):
+        clock_offset((t, 3.0 * t), (t[:700] + 11.0, 5.0 * t[:700]))

@@ -19,8 +19,8 @@ from thermofit.measure.machine import (
     load_history,
     programme_of,
     uniaxial_law,
-    yield_stress,
 )
+from thermofit.point.driver import PointSettings, Programme, simulate
 
 LAW = Parameters.of({"E": 68396.66, "nu": 0.34, "M_y0": 128.92, "M_yinf": 292.73, "H_exp": 10.87, "F": 0.35})
 DOGBONE = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
@@ -37,10 +37,20 @@ PROGRAMME = [
 MACHINE = MachineSettings()
 
 
+LAME, MU = 68396.66 * 0.34 / (1.34 * 0.32), 68396.66 / 2.68
+
+
+def hencky(mandel: float) -> float:
+    """Logarithmic elastic stretch b along the load: mu (exp 2b - exp 2a) = M_22, lateral faces free mu exp 2a + lambda (2a + b) = mu."""
+    return brentq(
+        lambda b: MU * (np.exp(2.0 * b) - 1.0) - mandel + LAME * (np.log(np.exp(2.0 * b) - mandel / MU) + b), -0.01, 0.02, xtol=1e-16
+    )
+
+
 def closed_form_force(lam: float) -> tuple[float, float]:
     """Force and elongation of the straight bar at the plastic multiplier Lambda."""
     mandel = (128.92 + (292.73 - 128.92) * (1.0 - np.exp(-10.87 * lam))) / RATIO
-    stretch = np.exp(RATIO * lam + mandel / 68396.66)
+    stretch = np.exp(RATIO * lam + hencky(mandel))
     return mandel / stretch * 25.0 * 1.2, 150.0 * (stretch - 1.0)
 
 
@@ -63,10 +73,33 @@ def test_capacity_is_the_largest_force_of_the_closed_form() -> None:
     assert bar_of(STRAIGHT, uniaxial_law(LAW)).capacity == pytest.approx(forces.max(), rel=1e-8)
 
 
-def test_linear_hardening_belongs_to_model_1_only() -> None:
-    law = LAW.replace(H_lin=50.0)
-    lam = np.array([0.0, 0.1])
-    assert yield_stress(law, lam, 1) - yield_stress(law, lam, 2) == pytest.approx([0.0, 5.0])
+@pytest.mark.parametrize("model", [1, 2])
+@pytest.mark.parametrize("own", [{}, {"H_lin": 200.0}, {"second_hardening.Q": 60.0, "second_hardening.b": 20.0}, {"G": 0.7, "F": 0.42}])
+def test_the_machine_pulls_by_the_law_of_the_point(model: int, own: dict[str, float]) -> None:
+    """Capacity is the largest nominal stress of the point driver, slowly pulled at one temperature; elongation its strain."""
+    law = LAW.replace(**own)
+    bar = bar_of(STRAIGHT, uniaxial_law(law, model))
+    programme = Programme.by_strain(np.linspace(0.0, 1e9, 8001), np.linspace(0.0, 0.4, 8001))
+    history = simulate(law.replace(tau=1.0), programme, PointSettings(model))
+    peak = int(np.argmax(history.stress))
+    assert 0 < peak < len(history.stress) - 1
+    assert bar.capacity / 30.0 == pytest.approx(history.stress[peak], rel=1e-6)
+    assert uniaxial_law(law, model, 2001).nominal[-1] == pytest.approx(history.stress[peak], rel=1e-5)
+    some = np.arange(5, int(0.9 * peak), 97)
+    force = 30.0 * history.stress[some]
+    assert elongation(bar, force, force) == pytest.approx(150.0 * history.strain[some], rel=1e-6)
+
+
+def test_linear_hardening_raises_what_the_specimen_carries_in_both_models() -> None:
+    for model in (1, 2):
+        without, with_it = (uniaxial_law(LAW.replace(H_lin=h), model).nominal[-1] for h in (0.0, 200.0))
+        assert with_it > 1.1 * without
+
+
+def test_a_yield_plateau_is_passed_and_not_taken_for_the_largest_force() -> None:
+    law = uniaxial_law(LAW.replace(**{"yield_plateau.share": 1.0, "yield_plateau.length": 0.02, "yield_plateau.upper": 10.0}))
+    assert (np.diff(law.nominal) > 0.0).all() and (np.diff(law.plastic) > 0.0).all()
+    assert law.nominal[-1] > 1.2 * law.nominal[0] and np.diff(law.plastic).max() > 0.01
 
 
 def test_elastic_dogbone_against_quadrature_over_its_width() -> None:
@@ -78,7 +111,7 @@ def test_elastic_dogbone_against_quadrature_over_its_width() -> None:
 
     def strain(y: float) -> float:
         nominal = force / (width(y) * 1.2)
-        return np.expm1(brentq(lambda e: 68396.66 * e - nominal * np.exp(e), 0.0, 0.01, xtol=1e-15))
+        return np.expm1(brentq(lambda e: e - hencky(nominal * np.exp(e)), 0.0, 0.01, xtol=1e-15))
 
     expected = 2.0 * quad(strain, 0.0, 75.0, points=[50.0, 65.0], epsabs=1e-13)[0]
     bar = bar_of(DOGBONE, uniaxial_law(LAW))

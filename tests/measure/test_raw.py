@@ -177,6 +177,65 @@ def test_crosshead_is_optional_and_columns_go_by_name(raw: Path) -> None:
     assert force.crosshead is None and force.time.tolist() == [0, 1, 2, 3, 4] and force.force[4] == 40.0
 
 
+def rename(path: Path, line: int, columns: dict[str, tuple[str, float]]) -> None:
+    """Name columns of a table otherwise, in line `line` of its file, and multiply their values."""
+    lines = path.read_text().splitlines()
+    names = lines[line - 1].split(",")
+    for old, (new, factor) in columns.items():
+        k = names.index(old)
+        names[k] = new
+        for n in range(line, len(lines)):
+            cells = lines[n].split(",")
+            cells[k] = f"{factor * float(cells[k]):.12g}"
+            lines[n] = ",".join(cells)
+    lines[line - 1] = ",".join(names)
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_units_in_the_names_of_columns_are_converted(raw: Path) -> None:
+    plain = read_experiment(raw)
+    rename(raw / "force.csv", 1, {"force_N": ("force_kN", 1e-3), "time_s": ("time_ms", 1e3), "crosshead_mm": ("crosshead_um", 1e3)})
+    for path in (raw / "dic").glob("*.csv"):
+        rename(path, 2, {"ux_mm": ("ux_um", 1e3), "y_mm": ("y_m", 1e-3)})
+    for path in (raw / "ir").glob("*.csv"):
+        first, *rest = path.read_text().splitlines()
+        path.write_text("\n".join([f"# time_ms: {1e3 * float(first.split(':')[1]):g}", *rest]) + "\n")
+    e = read_experiment(raw)
+    assert e.dic is not None and plain.dic is not None and e.ir is not None and plain.ir is not None
+    for found, wanted in (
+        (e.force.force, plain.force.force),
+        (e.force.time, plain.force.time),
+        (e.force.crosshead, plain.force.crosshead),
+        (e.dic.displacement, plain.dic.displacement),
+        (e.dic.reference, plain.dic.reference),
+        (e.ir.time, plain.ir.time),
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=1e-9)
+    assert "force.csv: force_kN is converted to force_N" in e.repairs
+    assert "dic: ux_um is converted to ux_mm in 3 stages" in e.repairs
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "text", "words"),
+    [
+        ("force.csv", 1, "time_s,force_V,crosshead_mm", ("column 'force_V' is in 'V'", "convert its values to N and name it 'force_N'")),
+        ("force.csv", 1, "time_s,force_MPa,crosshead_mm", ("'force_MPa'", "convert its values to N")),
+        ("force.csv", 1, "time_s,Kraft,crosshead_mm", ("'force_N' is missing", "with the unit that its values are in")),
+        ("force.csv", 1, "time_s,force_kN,force_lbf", ("force_kN and force_lbf hold the same",)),
+        ("ir/frame_0001.csv", 1, "# time_px: 1.0", ("'px'", "no known unit of time", "convert it to s")),
+    ],
+)
+def test_a_unit_that_cannot_be_converted_is_to_be(raw: Path, file: str, line: int, text: str, words: tuple[str, ...]) -> None:
+    edit(raw / file, line, text)
+    refuse(raw, *words)
+
+
+def test_the_unit_of_a_key_is_to_be_converted_with_its_value(raw: Path) -> None:
+    path = raw / "experiment.yaml"
+    path.write_text(path.read_text().replace("theta_air_degC", "theta_air_K"))
+    refuse(raw, "found 'theta_air_K' instead: convert the value from K to degC and name it 'theta_air_degC'")
+
+
 def test_byte_order_mark_and_windows_line_ends(raw: Path) -> None:
     want = read_experiment(raw)
     for path in [*raw.glob("*.csv"), *raw.glob("*/*.csv")]:

@@ -11,11 +11,12 @@ from scipy.integrate import solve_ivp
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.material.composition import AMPLITUDES, EFFECT_PARAMS, body_effects, law_effects
+from thermofit.material.composition import AMPLITUDES, CAPACITIES, EFFECT_PARAMS, body_effects, capacity_effects, law_effects
 from thermofit.point.driver import CHANNELS, PointSettings, Programme, simulate, simulate_rates
 
-PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in law_effects() for p in e.params}
-SECONDARY = {name: PROBES[name] for name in EFFECT_PARAMS if name not in AMPLITUDES}
+PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in (*law_effects(), *capacity_effects()) for p in e.params}
+SWITCHES = (*AMPLITUDES, *CAPACITIES)
+SECONDARY = {name: PROBES[name] for name in EFFECT_PARAMS if name not in SWITCHES}
 IN_BODY = tuple(e.amplitude.name for e in body_effects())
 PLAIN = SHEET.replace(F=0.5, alpha_exp=0.0)
 PERFECT = PLAIN.replace(M_yinf=PLAIN["M_y0"] * (1.0 + 1e-9), H_exp=1e-3)
@@ -155,6 +156,70 @@ def test_stress_on_a_flat_plateau_cannot_be_carried() -> None:
         simulate(soft, Programme.under_stress(time, np.linspace(0.0, 600.0, 11)))
 
 
+def resting(rate: float, constant: float, **changes: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, temperature and sensor of a coupon that rests in air which drifts from its own temperature, 290 K."""
+    time = 7.0 + np.linspace(0.0, 300.0, 1201)
+    parameters = PLAIN.replace(tau=40.0, theta_air=290.0, theta_ref=290.0, **changes)
+    drift = {"air_drift.rate": rate, "air_drift.time": constant}
+    found = simulate(parameters.replace(**drift), Programme.by_strain(time, np.zeros(len(time)), 290.0))
+    return time - time[0], found.theta - 290.0, found.theta_sensor - 290.0
+
+
+def test_a_coupon_follows_the_air_that_drifts() -> None:
+    """tau theta' = b t - theta: theta = b (t - tau (1 - exp(-t / tau))); dying away with T: two exponentials; a sensor lags that."""
+    b, tau = 0.01, 40.0
+    t, steady, shown = resting(b, 1e7, lag=5.0)
+    expected = b * (t - tau * -np.expm1(-t / tau))
+    assert steady == pytest.approx(expected, abs=2e-5 * expected[-1])
+    assert shown[-1] == pytest.approx(expected[-1] - b * 5.0, abs=1e-4), "long after the start the lag is a delay"
+    T = 100.0
+    _, dying, _ = resting(b, T)
+    expected = b * T * (1.0 - np.exp(-t / tau) - T / (T - tau) * (np.exp(-t / T) - np.exp(-t / tau)))
+    assert dying == pytest.approx(expected, abs=2e-5 * expected[-1])
+
+
+def test_steps_between_samples_share_the_drift_of_the_air() -> None:
+    """An interval that is cut into many steps sees the air as it is within it."""
+    parameters = PLAIN.replace(tau=40.0, **{"air_drift.rate": 0.02, "air_drift.time": 1e7})
+    time, strain = np.array([0.0, 60.0]), np.array([0.0, 1e-3])
+    fine = np.linspace(0.0, 1.0, 401)
+    whole = simulate(parameters, Programme.by_strain(60.0 * fine, 1e-3 * fine))
+    cut = simulate(parameters, Programme.by_strain(time, strain), PointSettings(max_strain=1e-3 / 400.0))
+    assert cut.counts["steps"] >= 400
+    assert cut.theta[-1] == pytest.approx(whole.theta[-1], abs=1e-6)
+
+
+def test_heat_capacity_that_changes_with_temperature() -> None:
+    """Adiabatic: c0 (x + s x^2 / 2) = Q, x the rise; without heat in a film: -tau ln(x / x_0) - tau s (x - x_0) = t."""
+    s, c0 = 4e-3, PLAIN["c0"]
+    parameters = PLAIN.replace(theta_ref=PLAIN["theta_air"], **{"capacity_by_temperature.slope": s})
+    found = simulate(parameters, Programme.by_strain(*ramp(1e-3, 0.15, 300)))
+    rise = found.theta - found.theta[0]
+    assert rise[-1] > 5.0
+    assert c0 * (rise + 0.5 * s * rise**2) == pytest.approx(found.dissipated, rel=1e-9, abs=1e-10)
+    time = np.linspace(0.0, 60.0, 2001)
+    cooling = simulate(parameters.replace(tau=40.0), Programme.by_strain(time, np.zeros(len(time)), parameters["theta_air"] + 30.0))
+    x = cooling.theta - parameters["theta_air"]
+    assert -40.0 * np.log(x / 30.0) - 40.0 * s * (x - 30.0) == pytest.approx(time, abs=1e-4)
+    plain = simulate(PLAIN.replace(theta_ref=PLAIN["theta_air"]), Programme.by_strain(*ramp(1e-3, 0.15, 300)))
+    assert rise[-1] < 0.995 * (plain.theta[-1] - plain.theta[0])
+
+
+def test_yield_stress_in_compression() -> None:
+    """Perfect plasticity: M_y0 in tension, M_y0 (1 + d) in compression, also on the way back; what is more is heat."""
+    d = 0.2
+    parameters = PERFECT.replace(**{"tension_compression.difference": d})
+    time, strain = corners((0.0, 0.0), (100.0, 0.02), (200.0, -0.02), (300.0, 0.02), steps=100)
+    found = simulate(parameters, Programme.by_strain(time, strain))
+    stress, limit = flow_stress_of(found, parameters), parameters["M_y0"]
+    assert stress[[100, 300]] == pytest.approx(limit, rel=1e-9)
+    assert stress[200] == pytest.approx(limit * (1.0 + d), rel=1e-9) and found.stress[200] < 0.0
+    late = slice(180, 201)
+    heat, flow = np.diff(found.dissipated[late]), np.diff(found.accumulated[late])
+    beta = parameters["beta"]
+    assert heat / flow == pytest.approx(limit * (beta + d), rel=3e-5)
+
+
 @pytest.mark.parametrize("name", [*IN_BODY, "all"])
 def test_bar_of_finite_elements(name: str) -> None:
     """Every effect that both drivers have, and all at once: stress, lateral strain and temperature of the adiabatic bar to 1e-6."""
@@ -164,13 +229,13 @@ def test_bar_of_finite_elements(name: str) -> None:
     bar_and_point(LOSSY.replace(**changes), time, strain, 2)
 
 
-@pytest.mark.parametrize("name", AMPLITUDES)
+@pytest.mark.parametrize("name", SWITCHES)
 def test_neutral_is_exactly_off_and_the_probe_is_visible(name: str) -> None:
     programme = cycles(6)
     plain, off = simulate(LOSSY, programme), simulate(LOSSY.replace(**SECONDARY), programme)
     assert np.array_equal(plain.states, off.states) and plain.counts == off.counts
     there = simulate(LOSSY.replace(**SECONDARY, **{name: PROBES[name]}), programme)
-    assert max(np.abs(there.stress - plain.stress).max(), np.abs(there.theta - plain.theta).max()) > 0.05
+    assert max(np.abs(there.stress - plain.stress).max(), np.abs(there.theta - plain.theta).max()) > 0.01
 
 
 def _taken(case: str) -> tuple[Programme, Callable[..., Parameters]]:
@@ -201,7 +266,7 @@ def test_derivatives_with_all_effects_on(case: str, model: int) -> None:
             assert np.abs(found - difference).max() < 5e-5 * np.abs(found).max() + 20.0 * round_off, (name, channel)
 
 
-@pytest.mark.parametrize("name", AMPLITUDES)
+@pytest.mark.parametrize("name", SWITCHES)
 def test_influence_of_a_dormant_effect(name: str) -> None:
     """Asked for at a thousandth of the probe, by differences from neutral; one that rests in holds does not flow there without it."""
     programme, h = cycles(10), 0.02 * PROBES[name]

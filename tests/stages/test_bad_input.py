@@ -160,6 +160,9 @@ def test_stages_in_another_order_are_sorted_and_counted(study_of: StudyOf) -> No
     dic = study.experiment / "dic"
     for old, new in (("0004", "keep"), ("0005", "0004"), ("keep", "0005")):
         (dic / f"stage_{old}.csv").rename(dic / f"stage_{new}.csv")
+    with pytest.raises(StudyError, match=r"calibrate-ir\.h5 is stale: experiment '.*raw' has changed since"):
+        tiny.stage_run("interpolate")(study)
+    tiny.stage_run("calibrate-ir")(study)
     record = tiny.stage_run("interpolate")(study).record
     assert any("2 stages sorted by time" in repair for repair in record.summary["repairs"])
     assert np.array_equal(record["u/value"].value, whole, equal_nan=True)
@@ -172,6 +175,7 @@ def test_points_outside_the_field_are_left_out_and_counted(study_of: StudyOf) ->
     for path in (study.experiment / "dic").glob("*.csv"):
         rows = path.read_text().splitlines()
         path.write_text("\n".join([*rows[:2], *[row for row in rows[2:] if float(row.split(",")[2]) < 5.0]]) + "\n")
+    tiny.stage_run("calibrate-ir")(study)
     record = tiny.stage_run("interpolate")(study).record
     counts, full = record.summary["displacement"], whole.summary["displacement"]
     assert counts["nodes_outside"] > full["nodes_outside"] and counts["masked"] > full["masked"]

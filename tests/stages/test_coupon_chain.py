@@ -14,6 +14,7 @@ import yaml
 from typer.testing import CliRunner
 
 from thermofit.cli import app
+from thermofit.core.artefact import open_record
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
@@ -119,6 +120,8 @@ def test_commands_one_by_one(twin: Path) -> None:
     assert shown.exit_code == 0 and "pull" in shown.output and "2 records" in shown.output
     elastic = call("identify-elastic", twin)
     assert elastic.exit_code == 0 and "elastic range: pull up to" in elastic.output
+    found = open_record(twin.parent / "run" / "identify-elastic.h5")
+    assert found["covariance"].units == found["evaluations/x"].units == ("MPa",), "squares of MPa are no plain numbers"
     assert call("identify-plastic", twin).exit_code == 0
     assert "have not run" in (text := call("verify", twin).output) or "identify-thermal has not run" in text
     assert call("identify-thermal", twin).exit_code == 0

@@ -105,7 +105,7 @@ def test_finished_starts_are_not_repeated(study_of: StudyOf, monkeypatch: pytest
 
 def test_evaluations_of_other_data_are_not_taken_over(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     """The key of the evaluations holds the content of the inputs, not their paths."""
-    from thermofit.stages import interpolate
+    from thermofit.stages import identify_elastic, identify_plastic, identify_thermal, interpolate
 
     study, solve, calls = study_of(), trials.solve, []
 
@@ -121,6 +121,8 @@ def test_evaluations_of_other_data_are_not_taken_over(study_of: StudyOf, monkeyp
             gridsearch.run(study, force=True)
     changed = study_of("noise.temperature=0.1")
     interpolate.run(changed)
+    for stage in (identify_elastic, identify_plastic, identify_thermal):
+        stage.run(changed)
     summary = gridsearch.run(changed).record.summary
     assert summary["evaluations"]["replayed"] == 0
     assert summary["channels"]["dtheta"]["chi2_reduced"] < 0.2

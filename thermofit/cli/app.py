@@ -75,9 +75,17 @@ def new(
     with reporting(json):
         from thermofit.core.study_template import write_template
 
-        write_template(file, experiment, overwrite=force)
-        line = f"study written: {file}; set starts and bounds, then `thermofit run {file}`"
+        said = write_template(file, experiment, overwrite=force, look=_looked)
+        line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
         typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
+
+
+def _looked(folder: Path) -> tuple[float, float, float] | str:
+    """What a raw folder says of its material; readers are imported when there is something to read."""
+    from thermofit.measure.first_look import first_look
+
+    found = first_look(folder)
+    return found if isinstance(found, str) else (found.modulus, found.stress, found.strain)
 
 
 measured.register(app)

@@ -21,7 +21,7 @@ _WIDTH = 140
 _NONE = number(None)
 _LONG = 8
 """A list of more plain values than this is described, not printed."""
-_HEAD = ("stage", "verdict", "trustworthy", "parameters", "channels", "evaluations", "remarks", "artefact", "fresh", "wall_s")
+_HEAD = ("stage", "verdict", "trustworthy", "parameters", "channels", "evaluations", "remarks", "artefact", "fresh", "wall_s", "stale")
 
 Result = Mapping[str, Any]
 
@@ -115,10 +115,15 @@ def artefact(description: Result) -> None:
     print_remarks(console, description.get("remarks") or ())
     data = description["datasets"]
     if data:
-        rows = ([n, d["unit"], ", ".join(d["dims"]), " x ".join(map(str, d["shape"])) or "scalar", d["dtype"]] for n, d in data.items())
+        rows = (
+            [n, ", ".join(d.get("units", ())) or d["unit"], ", ".join(d["dims"]), " x ".join(map(str, d["shape"])) or "scalar", d["dtype"]]
+            for n, d in data.items()
+        )
         console.print(table("datasets", ("name", "unit", "axes", "shape", "type"), rows, 5))
     print_pairs(console, "provenance", _provenance(attributes, description["inputs"]))
     print_pairs(console, "config (what is not shown is null)", {k: v for k, v in _flat(description["config"]).items() if v != _NONE})
+    for reason in description["stale"]:
+        console.print(_wrapped(console, "stale     ", reason), style="red")
     console.print(f"artefact  {description['artefact']}", soft_wrap=True)
     print_verdict(console, description)
 
@@ -180,8 +185,8 @@ def _figures(result: Result) -> list[str]:
 
 
 def print_verdict(console: Console, result: Result) -> None:
-    """The last line: green, or red where the result is not to be trusted."""
-    style = "bold green" if result.get("trustworthy", True) else "bold red"
+    """The last line: green, or red where the result is not to be trusted or stale."""
+    style = "bold green" if result.get("trustworthy", True) and not result.get("stale") else "bold red"
     console.print(f"verdict   {result['verdict']}", style=style, soft_wrap=True)
 
 
@@ -200,7 +205,7 @@ def print_pairs(console: Console, title: str, pairs: Mapping[str, str]) -> None:
 
 def _plain(description: Result) -> dict[str, str]:
     """What the summary holds besides the common keys and the tables."""
-    own = ("attributes", "inputs", "config", "datasets")
+    own = ("attributes", "inputs", "config", "datasets", "stale")
     return _flat({k: v for k, v in description.items() if k not in (*_HEAD, *own) and not _is_rows(v)})
 
 

@@ -20,7 +20,9 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     if "before" in result and "after" in result:
         _before_after(console, result["before"], result["after"])
     if result.get("not_asked"):
-        console.print(f"not asked  {', '.join(result['not_asked'])}: this driver or its channels do not have them", soft_wrap=True)
+        console.print(
+            f"not asked  {', '.join(result['not_asked'])}: this driver, its channels or its records do not tell them", soft_wrap=True
+        )
     for text in result.get("undecided") or ():
         console.print(f"undecided  {text}", soft_wrap=True)
     if result.get("unlisted"):

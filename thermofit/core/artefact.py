@@ -3,18 +3,23 @@
 Layout, schema version 1. Root attributes: `schema`, `schema_version`, `stage`, `thermofit_version`, `source_digest`, `created` (UTC),
 `packages` (JSON), `identity` (unlike for each writing), `seed` (absent where nothing was drawn), `config` (JSON),
 `inputs` (JSON: name -> sha256), `input_paths` (JSON), `summary` (JSON). Every dataset has the text attributes `unit` ("1" where it has
-none) and `dims` (names of its axes, separated by blanks). `parameters/NAME` is a scalar dataset with the attributes of
-ParameterResult. Only this module writes HDF5; files of other programmes are read by `foreign_hdf5`.
+none) and `dims` (names of its axes, separated by blanks). Where the entries along the axes called `parameter` have units of their own,
+`unit` is "mixed" and `units` (JSON) lists them; the unit of an entry is the product of those of its places. `parameters/NAME` is a scalar
+dataset with the attributes of ParameterResult. Only this module writes HDF5; files of other programmes are read by `foreign_hdf5`.
+
+A run folder may be copied or moved: paths in it are written relative to the artefact, in texts of the summary as `${HERE}/...`, and read
+as they lie now.
 """
 
 from __future__ import annotations
 
 import importlib.metadata
 import json
+import os
 import platform
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -28,15 +33,20 @@ from thermofit import __version__
 from thermofit.core.atomic import remove_partial, replacing
 from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
-from thermofit.core.jsonable import json_text
+from thermofit.core.jsonable import json_text, jsonable
 
 SCHEMA = "thermofit"
 SCHEMA_VERSION = 1
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 PARAMETERS = "parameters"
 """Group of the parameters; no dataset may be called so."""
 
 _PACKAGES = ("numpy", "scipy", "numba", "h5py", "nlopt")
 _TEXTS = ("stage", "thermofit_version", "source_digest", "created", "packages", "identity", "config", "inputs", "input_paths", "summary")
+MIXED = "mixed"
+"""Unit of a dataset whose entries have the units of its parameters."""
+_HERE = "${HERE}"
+"""In texts of the summary: the folder of the artefact, wherever it lies."""
 _NAME = re.compile(r"[A-Za-z0-9_.+@-]+(/[A-Za-z0-9_.+@-]+)*")
 _DIM = re.compile(r"\S+")
 _COMPRESS_FROM = 1 << 20
@@ -45,21 +55,29 @@ _COMPRESS_FROM = 1 << 20
 
 @dataclass(frozen=True)
 class Dataset:
-    """An array with its unit ("1" where it has none) and one name per axis."""
+    """An array with its unit ("1" where it has none) and one name per axis; `units` of the entries along the axes called `parameter`, where
+    `unit` is MIXED."""
 
     value: np.ndarray
     unit: str
     dims: tuple[str, ...]
+    units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What a dataset is without its values: unit, names of the axes, shape and type."""
+    """What a dataset is without its values: unit, names of the axes, shape, type, and units along the axes called `parameter`."""
 
     unit: str
     dims: tuple[str, ...]
     shape: tuple[int, ...]
     dtype: str
+    units: tuple[str, ...] = ()
+
+
+def of_parameters(value: np.ndarray, dims: tuple[str, ...], units: tuple[str, ...]) -> Dataset:
+    """A dataset whose entries have the units of parameters, one for each place along the axes called `parameter`."""
+    return Dataset(value, MIXED, dims, units)
 
 
 @dataclass(frozen=True)
@@ -125,12 +143,12 @@ def write_record(path: Path, content: RecordContent) -> Record:
     """
     path = Path(path)
     _check(content)
-    inputs = {name: path_digest(Path(source)) for name, source in content.inputs.items()}
+    inputs = {name: path_digest(Path(source), without=path.parent) for name, source in content.inputs.items()}
     try:
         remove_partial(path.parent, path.name)
         with replacing(path) as temporary:
             with h5py.File(temporary, "w", locking=False) as file:
-                _write(file, content, inputs)
+                _write(file, content, inputs, path.absolute().parent)
     except (OSError, RuntimeError) as error:
         raise StudyError(
             f"artefact '{path}' cannot be written ({error}): expected a writable folder with free space; free it or take another"
@@ -157,14 +175,24 @@ def open_record(path: Path) -> Record:
     path = Path(path)
     if not path.exists():
         raise StudyError(f"artefact '{path}' is missing: expected the path of a file <run folder>/<stage>.h5")
+    if path.suffix != ".h5" and path.is_file() and not _is_hdf5(path):
+        known = path.suffix in (".yaml", ".yml")
+        mend = f"`thermofit run {path}` makes the artefacts of a study" if known else f"`thermofit inspect {path}` says what it is"
+        raise StudyError(f"'{path}' is no artefact: expected the path of a file <run folder>/<stage>.h5; {mend}")
     return _record(path)
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Whether a file begins as HDF5 does."""
+    with open(path, "rb") as stream:
+        return stream.read(len(_HDF5)) == _HDF5
 
 
 def layout(record: Record) -> dict[str, Layout]:
     """Unit, dims, shape and type of every dataset, without reading the values (fields may be large)."""
     with _reading(record.path) as file:
         stored = ((name, file[name]) for name in record.names)
-        return {name: Layout(*_labels(data, record.path), data.shape, _type_name(data)) for name, data in stored}
+        return {name: Layout(*_labels(data, record.path), data.shape, _type_name(data), _units(data, record.path)) for name, data in stored}
 
 
 def _type_name(stored: h5py.Dataset) -> str:
@@ -179,7 +207,7 @@ def fresh(path: Path, stage: str, config: Mapping[str, Any], inputs: Mapping[str
             record.stage == stage
             and record.attributes["source_digest"] == source_digest()
             and record.config == json.loads(json_text(config))
-            and record.inputs == {name: path_digest(Path(source)) for name, source in inputs.items()}
+            and record.inputs == {name: path_digest(Path(source), without=Path(path).parent) for name, source in inputs.items()}
         )
     except ThermofitError:
         return False
@@ -194,6 +222,9 @@ def _check(content: RecordContent) -> None:
             raise ValueError(f"dataset '{name}' has no unit; it is '1' where there is none")
         if len(data.dims) != np.ndim(data.value) or not all(_DIM.fullmatch(dim) for dim in data.dims):
             raise ValueError(f"dataset '{name}' of shape {np.shape(data.value)} needs one name per axis, not {data.dims}")
+        places = {size for size, dim in zip(np.shape(data.value), data.dims, strict=True) if dim == "parameter"}
+        if (data.unit == MIXED) != bool(data.units) or (data.units and places != {len(data.units)}):
+            raise ValueError(f"dataset '{name}' of unit '{data.unit}' needs the units of its parameters if it is '{MIXED}', else none")
     for name, result in content.parameters.items():
         if not np.isfinite(result.value):
             raise NumericsError(
@@ -202,7 +233,7 @@ def _check(content: RecordContent) -> None:
             )
 
 
-def _write(file: h5py.File, content: RecordContent, inputs: Mapping[str, str]) -> None:
+def _write(file: h5py.File, content: RecordContent, inputs: Mapping[str, str], folder: Path) -> None:
     file.attrs["schema"] = SCHEMA
     file.attrs["schema_version"] = SCHEMA_VERSION
     file.attrs["stage"] = content.stage
@@ -215,8 +246,8 @@ def _write(file: h5py.File, content: RecordContent, inputs: Mapping[str, str]) -
         file.attrs["seed"] = content.seed
     file.attrs["config"] = json_text(content.config)
     file.attrs["inputs"] = json_text(inputs)
-    file.attrs["input_paths"] = json_text({name: str(source) for name, source in content.inputs.items()})
-    file.attrs["summary"] = json_text(content.summary)
+    file.attrs["input_paths"] = json_text({name: _written(Path(source), folder) for name, source in content.inputs.items()})
+    file.attrs["summary"] = json_text(_texts(jsonable(content.summary), _portable(folder)))
     for name, data in content.datasets.items():
         _write_dataset(file, name, data)
     group = file.create_group(PARAMETERS)
@@ -225,6 +256,28 @@ def _write(file: h5py.File, content: RecordContent, inputs: Mapping[str, str]) -
         stored.attrs["sigma"] = np.nan if result.sigma is None else result.sigma
         for key in ("free", "at_bound", "start", "lower", "upper"):
             stored.attrs[key] = getattr(result, key)
+
+
+def _written(source: Path, folder: Path) -> str:
+    """How the path of an input is written: relative where it goes with the artefact when the run folder is copied, that is in its folder,
+    or an artefact in the one above (of several experiments); else as given."""
+    home = folder.parent if source.suffix == ".h5" else folder
+    return os.path.relpath(source, folder) if source.absolute().is_relative_to(home) else str(source)
+
+
+def _portable(folder: Path) -> Callable[[str], str]:
+    """Puts _HERE for the folder where a text names it or a path in it."""
+    named = re.compile(re.escape(str(folder)) + r"(?=[/\\\s'\"`,;:)\]]|\.(?:\s|$)|$)")
+    return lambda text: named.sub(lambda _: _HERE, text)
+
+
+def _texts(value: Any, change: Callable[[str], str]) -> Any:
+    """A tree of JSON with all its texts changed; keys stay."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, dict):
+        return {key: _texts(item, change) for key, item in value.items()}
+    return [_texts(item, change) for item in value] if isinstance(value, list) else value
 
 
 def _packages() -> dict[str, str]:
@@ -248,6 +301,8 @@ def _write_dataset(group: h5py.Group, name: str, data: Dataset) -> h5py.Dataset:
         raise ValueError(f"dataset '{name}' has the type {value.dtype}: an artefact holds numbers, truth values and texts")
     stored.attrs["unit"] = data.unit
     stored.attrs["dims"] = " ".join(data.dims)
+    if data.units:
+        stored.attrs["units"] = json_text(data.units)
     return stored
 
 
@@ -278,7 +333,9 @@ def _record(path: Path, mend: str = "run its stage again") -> Record:
             raise DataError(f"{path}: schema version {version}, this thermofit reads version {SCHEMA_VERSION}: {mend}")
         attributes: dict[str, Any] = {key: _attribute(file, key, path) for key in _TEXTS}
         parsed = {key: _parsed(attributes.pop(key), key, path) for key in ("packages", "config", "inputs", "input_paths", "summary")}
-        attributes |= {"schema_version": SCHEMA_VERSION, "packages": parsed["packages"], "input_paths": parsed["input_paths"]}
+        here = path.absolute().parent
+        paths = {name: os.path.normpath(here / str(text)) for name, text in parsed["input_paths"].items()}
+        attributes |= {"schema_version": SCHEMA_VERSION, "packages": parsed["packages"], "input_paths": paths}
         attributes["seed"] = int(file.attrs["seed"]) if "seed" in file.attrs else None
         results = {name: _parameter(stored, path) for name, stored in file.get(PARAMETERS, {}).items()}
         return Record(
@@ -288,7 +345,7 @@ def _record(path: Path, mend: str = "run its stage again") -> Record:
             config=parsed["config"],
             inputs=parsed["inputs"],
             parameters=results,
-            summary=parsed["summary"],
+            summary=_texts(parsed["summary"], lambda text: text.replace(_HERE, str(here))),
             names=_names(file, path),
         )
 
@@ -316,11 +373,23 @@ def _labels(stored: h5py.Dataset, path: Path) -> tuple[str, tuple[str, ...]]:
     return unit, dims
 
 
+def _units(stored: h5py.Dataset, path: Path) -> tuple[str, ...]:
+    """Units along the axes of the parameters; none where the dataset has one unit."""
+    text = stored.attrs.get("units")
+    if text is None:
+        return ()
+    try:
+        return tuple(str(unit) for unit in json.loads(text))
+    except (json.JSONDecodeError, TypeError) as error:
+        raise DataError(f"{path}: dataset '{stored.name}' has 'units' that are no JSON list ({error}): run its stage again") from error
+
+
 def _dataset(stored: h5py.Dataset, path: Path) -> Dataset:
     unit, dims = _labels(stored, path)
+    units = _units(stored, path)
     if h5py.check_string_dtype(stored.dtype) is None:
-        return Dataset(np.asarray(stored[()]), unit, dims)
-    return Dataset(np.asarray(stored.asstr()[()], dtype=str).reshape(stored.shape), unit, dims)
+        return Dataset(np.asarray(stored[()]), unit, dims, units)
+    return Dataset(np.asarray(stored.asstr()[()], dtype=str).reshape(stored.shape), unit, dims, units)
 
 
 def _parameter(stored: h5py.Dataset, path: Path) -> ParameterResult:

@@ -44,16 +44,20 @@ def file_digest(path: Path) -> str:
     return digest.hexdigest()
 
 
-def path_digest(path: Path) -> str:
-    """sha256 of a file, or of the sorted relative names and contents of all files of a folder.
+def path_digest(path: Path, digest_of: Callable[[Path], str] = file_digest, without: Path | None = None) -> str:
+    """sha256 of a file, or of the sorted relative names and contents of all files of a folder; `digest_of` gives that of one file.
 
+    What lies in the folder `without` is left out: results may lie among the data that they are made of.
     Names that start with a dot are left out: file browsers write them while one looks at the data.
     DataError where the path is missing or unreadable.
     """
     try:
         if path.is_dir():
-            return _combined(path, _visible_files(path))
-        return file_digest(path)
+            files = _visible_files(path)
+            if without is not None and path.absolute() in without.absolute().parents:
+                files = [file for file in files if not file.absolute().is_relative_to(without.absolute())]
+            return _combined(path, files, digest_of)
+        return digest_of(path)
     except OSError as error:
         raise DataError(f"input '{path}' cannot be read ({error.strerror or error}): expected a readable file or folder") from error
 

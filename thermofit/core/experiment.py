@@ -29,11 +29,12 @@ class Specimen:
 
 @dataclass(frozen=True)
 class ForceRecord:
-    """Load cell (and crosshead) over time: `time` s (n,), `force` N (n,), `crosshead` mm (n,) or None."""
+    """Load cell (and crosshead) over time: `time` s (n,), `force` N (n,), `crosshead` mm (n,) or None; `remarks`: what was converted."""
 
     time: np.ndarray
     force: np.ndarray
     crosshead: np.ndarray | None = None
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,11 @@ class CouponRecord:
 
     `time` s (n,), `strain` (n,) elongation over gauge length, `stress` MPa (n,) force over initial area, `temperature` K (n,) of a sensor
     on the specimen, None where there is none; `theta_air` K of its surroundings, `theta_start` K before the test (None: theta_air).
-    `noise`: standard deviation of "strain", "stress", "theta" as estimated or declared.
-    `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended.
+    `noise`: standard deviation of "strain", "stress", "theta", "lateral" as estimated or declared. `lateral` (n,): nominal strain across
+    the load, along the width of a flat specimen, NaN where it has gaps, None where it was not measured. `over_plastic`: a flow curve, whose
+    strain has no elastic part; strain and stress are then what exp(e_p) - 1 and sigma exp(-e_p) make of plastic strain e_p and true stress
+    sigma. `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended. `shift_strain`: may the strain be counted from
+    where the elastic line meets zero stress. `measured_clock`: was the time measured, and not built from a rate that somebody said.
     """
 
     name: str
@@ -112,3 +116,7 @@ class CouponRecord:
     phases: tuple[tuple[float, float, str], ...] = ()
     remarks: tuple[str, ...] = ()
     theta_start: float | None = None
+    lateral: np.ndarray | None = None
+    over_plastic: bool = False
+    shift_strain: bool = True
+    measured_clock: bool = True

@@ -114,6 +114,16 @@ def param(name: str) -> Param:
     return found
 
 
+def physical_bounds(name: str) -> tuple[float, float]:
+    """Lower and upper physical bound of the Param of that name."""
+    return param(name).lower, param(name).upper
+
+
+def units_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Units of the named Params."""
+    return tuple(param(name).unit for name in names)
+
+
 @dataclass(frozen=True)
 class Parameters:
     """Named vector of all Params and which are free. Immutable: `replace` returns a new one.

@@ -7,6 +7,7 @@ from typing import Any
 
 from thermofit.core.artefact import Record, layout
 from thermofit.core.jsonable import jsonable
+from thermofit.core.stale import other_sources, stale
 
 
 def result_of(record: Record) -> dict[str, Any]:
@@ -26,12 +27,14 @@ def result_of(record: Record) -> dict[str, Any]:
 
 
 def description_of(record: Record) -> dict[str, Any]:
-    """The result with its provenance (attributes, config, hashes of the inputs) and the datasets without their values."""
+    """The result with its provenance (attributes, config, hashes of the inputs), why it is stale, and the datasets without their values."""
+    sources = other_sources(record)
     extra = {
+        "stale": [*stale(record), *([sources] if sources else [])],
         "attributes": record.attributes,
         "inputs": record.inputs,
         "config": record.config,
-        "datasets": {name: asdict(data) for name, data in layout(record).items()},
+        "datasets": {name: {k: v for k, v in asdict(data).items() if v or k != "units"} for name, data in layout(record).items()},
     }
     description: dict[str, Any] = {**result_of(record), **jsonable(extra)}
     return description

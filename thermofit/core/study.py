@@ -15,13 +15,14 @@ from pydantic import ValidationError
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
-from thermofit.core.study_coupon_stages import coupon_stage
+from thermofit.core.study_coupon_stages import COUPON_CHOICES, coupon_stage
 from thermofit.core.study_effects import declare_effects
 from thermofit.core.study_errors import near_miss, sentence
 from thermofit.core.study_experiments import virtual_of
-from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, start_of
+from thermofit.core.study_models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
 from thermofit.core.study_paths import path_from
 from thermofit.core.study_section import MeshSize, ParameterStart, mesh_size
+from thermofit.core.study_series import with_series
 from thermofit.core.study_stages import StageSettings
 
 
@@ -64,7 +65,9 @@ class Study(Sections):
             raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
         settings: StageSettings = getattr(self.stages, name)
         if self.coupon is not None:
-            settings = coupon_stage(self.source.name, name, settings, self.coupon.control)
+            lateral = any("lateral" in record.model_fields_set for record in self.coupon.records)
+            wanted = tuple(p for p in COUPON_CHOICES if not is_prescribed(self.parameters, p) and (p == "E" or p in self.parameters))
+            settings = coupon_stage(self.source.name, name, settings, self.coupon.control, wanted=wanted, lateral=lateral)
         if missing := check_starts(settings, self.parameters):
             raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
         return settings
@@ -187,6 +190,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     else:
         raw = path_from(source.parent, file.experiment, f"{source}: key 'experiment'")
     sections = {name: getattr(file, name) for name in Sections.model_fields}
+    if file.coupon is not None:
+        sections["coupon"] = with_series(file.coupon, source.parent, str(source))
     return Study(
         **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file), overrides=tuple(overrides)
     )

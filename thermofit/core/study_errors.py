@@ -47,6 +47,7 @@ _ALTERNATIVES: Mapping[str, str] = {
     TAG + "column": "the name of a column or {column: ..., unit: ...}",
     TAG + "strain": "the name of a column or {column: ...}, {true_strain: ...} or {extension: ..., gauge_length: ...}",
     TAG + "stress": "the name of a column or {column: ..., unit: ...}, {true_stress: ...} or {force: ..., area: ...}",
+    TAG + "lateral": "the name of a column or {column: ..., unit: ...} or {extension: ..., width: ...}",
     TAG + "temperature": "the name of a column or {column: ..., unit: ..., file: ..., time: ..., offset_s: auto}",
 }
 """What was expected where a key may be a word or a number too, by union member."""

@@ -249,6 +249,7 @@ class Sections(Section):
                 low, high = bounds_of(name, self.parameters.get(name))
                 if not low <= value <= high:
                     raise content_error(f"is {value:g}; expected {low:g} to {high:g}, the bounds in parameters.{name}", f"{key}.{name}")
+        _check_coupon(self)
         if self.sensitivity is not None and self.sensitivity.quantity in getattr(self.stages, self.sensitivity.stage).free:
             quantity, stage = self.sensitivity.quantity, self.sensitivity.stage
             raise content_error(f"is {quantity}, which stages.{stage}.free identifies; expected a prescribed one", "sensitivity.quantity")
@@ -283,6 +284,26 @@ class StudyFile(Sections):
         return self
 
 
+def _check_coupon(sections: Sections) -> None:
+    """Channels that only coupons have; flow curves over plastic strain, which know nothing of E."""
+    stages = {key: getattr(sections.stages, key) for key in ("elastic", "plastic", "thermal")}
+    if sections.coupon is None:
+        for key, stage in stages.items():
+            if "lateral" in stage.channels:
+                raise content_error("is a channel of coupon records; expected strain or du", f"stages.{key}.channels.lateral")
+        return
+    curves = [record.label for record in sections.coupon.records if record.over_plastic]
+    if not curves:
+        return
+    text = f"'{curves[0]}' is a flow curve over plastic strain, which knows nothing of E"
+    if not is_prescribed(sections.parameters, "E"):
+        raise content_error(f"is not prescribed, but record {text}; expected a number in MPa, without start and bounds", "parameters.E")
+    freed = {f"stages.{key}.free": stage.free for key, stage in stages.items() if "free" in stage.model_fields_set}
+    for key, free in {**freed, "diagnosis.free": sections.diagnosis.free or ()}.items():
+        if "E" in free:
+            raise content_error(f"holds E, but record {text}; leave it out", key)
+
+
 def _check_several(sections: Sections) -> None:
     """Experiments have their data; parameters of one experiment are named where that experiment is known."""
     named = {f"parameters.{name}": name for name in sections.parameters}
@@ -294,6 +315,11 @@ def _check_several(sections: Sections) -> None:
             _check_parameter(parameter, setting, f"experiments.{name}.parameters.{parameter}")
     if sections.shared and not sections.experiments:
         raise content_error("is given, but there is only one experiment; leave it out", "shared")
+
+
+def is_prescribed(parameters: Mapping[str, float | ParameterStart], name: str) -> bool:
+    """True where a study gives a parameter as a plain number; {start: ...} is one to be identified."""
+    return name in parameters and not isinstance(parameters[name], ParameterStart)
 
 
 def start_of(setting: float | ParameterStart) -> float:

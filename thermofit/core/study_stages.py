@@ -21,7 +21,7 @@ from thermofit.core.study_section import (
 )
 from thermofit.core.study_windows import ChannelWindow, Mask
 
-Channel = Literal["u", "du", "theta", "dtheta", "force", "stress", "strain"]
+Channel = Literal["u", "du", "theta", "dtheta", "force", "stress", "strain", "lateral"]
 StageName = Literal["elastic", "plastic", "thermal"]
 Method = Literal["least-squares", "trust-region", "gauss-newton", "nelder-mead", "bobyqa", "sbplx", "cobyla"]
 

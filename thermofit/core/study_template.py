@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import yaml
@@ -28,16 +29,16 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 
 ## A number is the start of an identified parameter and the value of a fixed one. What is not given is neutral:
 ## G = H = 0.5 and L = M = N = 1.5 (von Mises with F = 0.5), H_lin = 0. Scale: usual size of a parameter, for the search.
+## Bounds say how far the search may go, not what the material is: these hold for metals in general, from lead to tungsten and spring steel.
+## Starts lie between metals: put in what a handbook says of yours, and narrow bounds only where you know better than the data.
+@LOOKED@
 parameters:
-  E: {start: 60000, bounds: [30000, 150000]}   # MPa
+@MEASURED@
   nu: {start: 0.30, bounds: [0.05, 0.49]}
-  M_y0: {start: 140, bounds: [20, 1000]}       # MPa, M_yinf > M_y0
-  M_yinf: {start: 290, bounds: [50, 2000]}     # MPa
-  H_exp: {start: 15, bounds: [1, 200]}
   F: {start: 0.5, bounds: [0.05, 5]}           # Hill parameter; load along y: width-to-thickness ratio r = F/H
-  alpha_exp: {start: 23.0e-6, bounds: [1.0e-6, 1.0e-4]}   # 1/K
-  kappa: {start: 200, bounds: [10, 1000]}      # mW/(mm K)
-  c0: {start: 2.43, bounds: [0.5, 10]}         # mJ/(mm^3 K), at constant elastic deformation
+  alpha_exp: {start: 15.0e-6, bounds: [1.0e-7, 1.0e-4]}   # 1/K
+  kappa: {start: 50, bounds: [1, 1000]}        # mW/(mm K)
+  c0: {start: 2.8, bounds: [0.5, 10]}          # mJ/(mm^3 K), at constant elastic deformation
   beta: {start: 1.0, bounds: [0.0, 5]}         # dissipation factor (not a Taylor-Quinney factor)
   alpha_air: {start: 10, bounds: [0, 1000]}    # W/(m^2 K)
   alpha_clamp: {start: 300, bounds: [0, 1.0e+6]}
@@ -120,13 +121,16 @@ stages:
 #   records:
 #     - file: records/machine.xlsx           # relative to this file; ${VARIABLES} as above
 #       # test: Values A                       # tag or sheet, where a file holds several
-#       time: "C_1_Temps[s]"                   # or {column: t, unit: min}; without a time: rate: 1.0e-4 (1/s)
+#       # where: {specimen: A 3}               # rows, where one table holds several tests
+#       time: "C_1_Temps[s]"                   # or its number (1), or {column: t, unit: min}; without a time: rate: 1.0e-4 (1/s),
+#                                              # along the path of the strain, or sampling_rate: 10 (rows per second)
 #       strain: {extension: "C_1_Angle[mm]", gauge_length: 8.0}       # or a column, or {true_strain: e_true}; unit: "%"
 #       stress: {force: "C_1_Force[kN]", diameter: 5.98}              # or area, or width and thickness, or {true_stress: ...}
 #       temperature:
 #         column: Temperature
 #         file: records/temperature.xlsx
-#         offset_s: auto                       # of its clock, from the force that both files repeat
+#         offset_s: auto                       # of its clock, from the force that both files repeat; dates: by absolute dates
+#       # lateral: {column: e_t, unit: "%"}    # strain across the load; or {extension: .., width: 12.5}; contraction: positive
 #       tension: negative                      # sign of the raw channels in tension
 #       initial_temperature_degC: 23.8
 #       # air_temperature_degC: 23.8
@@ -135,8 +139,15 @@ stages:
 #       # strain_max: 0.1
 #       # until: maximum-force                 # before necking
 #       # jumps: [566]                         # data rows at which the extensometer slipped
+#       # leave_out: [1201]                    # data rows that are not used, such as wild samples
+#       # strain_zero: as-measured             # absent: strain is counted from where the elastic line meets zero stress
 #       points: 2000                           # thin, turning points kept
-#       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02}
+#       # noise: {strain: 1.0e-6, stress: 0.2, temperature: 0.02, lateral: 1.0e-6}
+#   series:                                    # many files alike
+#     - files: [records/a.csv, records/b.csv]    # or a pattern: "records/flow_{temperature_C}C_{rate}.csv", without `each` then
+#       each: {temperature_degC: [20, 300], rate: [1.0e-3, 1.0e-3]}
+#       strain: {true_strain: 1}
+#       stress: {true_stress: 2, unit: MPa}
 
 ## A virtual experiment instead of a measured one: take away `experiment` above.
 # simulate:
@@ -162,11 +173,50 @@ stages:
 """
 
 
-def template(name: str = "my-study", experiment: str = "my-experiment") -> str:
-    """Text of the commented study file of that name on that raw folder; it loads as it stands."""
+LookAt = Callable[[Path], "Look | str"]
+"""Looks at a raw folder."""
+Look = tuple[float, float, float]
+"""Elastic slope and largest nominal stress in MPa, and largest strain, as a test has shown them."""
+_METALS = {"E": (1e5, 5e3, 1e6), "M_y0": (2e2, 1.0, 1e4), "M_yinf": (5e2, 2.0, 2e4), "H_exp": (1e1, 1e-2, 1e3)}
+"""Start and bounds of what a test shows at a first look, for metals in general."""
+_MEANING = {"E": "MPa", "M_y0": "MPa, M_yinf > M_y0", "M_yinf": "MPa", "H_exp": "saturation: reached at a strain of a few 1/H_exp"}
+
+
+def _of_look(look: Look) -> dict[str, tuple[float, float, float]]:
+    """Start and bounds by what a test has shown: E within a factor of 3 of its elastic slope; yield limits by its largest stress S, M_y0
+    being sqrt(F + H) times a part of it and M_yinf perhaps far above; 1/H_exp within a hundredth to a hundred times its largest strain."""
+    modulus, stress, strain = look
+    return {
+        "E": (modulus, modulus / 3.0, 3.0 * modulus),
+        "M_y0": (0.7 * stress, 0.02 * stress, 5.0 * stress),
+        "M_yinf": (1.3 * stress, 0.2 * stress, 20.0 * stress),
+        "H_exp": (1.0 / strain, 0.01 / strain, 100.0 / strain),
+    }
+
+
+def _line(name: str, values: tuple[float, float, float]) -> str:
+    """One parameter with start and bounds to two digits; any reader of YAML takes 1.0e+06 for a number, not 1e+06."""
+    start, low, high = (re.sub(r"^(\d+)e", r"\1.0e", f"{float(f'{value:.1e}'):g}") for value in values)
+    return f"{f'  {name}: {{start: {start}, bounds: [{low}, {high}]}}':<47}# {_MEANING[name]}"
+
+
+def template(name: str = "my-study", experiment: str = "my-experiment", look: Look | str = "no data were looked at") -> str:
+    """Text of the commented study file of that name on that raw folder; it loads as it stands. `look`: what the test has shown, from which
+    starts and bounds of the mechanical parameters are, or in words why it has shown nothing."""
     first, second = f"name: {_quoted(name)}", f"experiment: {_quoted(experiment)}"
+    if isinstance(look, str):
+        values, said = _METALS, f"## E, M_y0, M_yinf, H_exp: for metals in general; {' '.join(look.split())}."
+    else:
+        values = _of_look(look)
+        said = (
+            f"## E, M_y0, M_yinf, H_exp: from these data at a first look, elastic slope {look[0]:.3g} MPa, largest nominal stress "
+            f"{look[1]:.3g} MPa, strain {look[2]:.3g}."
+        )
+    lines = "\n".join(_line(parameter, own) for parameter, own in values.items())
     return (
-        _TEMPLATE.replace("name: my-study                     ", f"{first:<35}", 1)
+        _TEMPLATE.replace("@LOOKED@", said, 1)
+        .replace("@MEASURED@", lines, 1)
+        .replace("name: my-study                     ", f"{first:<35}", 1)
         .replace("experiment: my-experiment          ", f"{second:<35}", 1)
         .replace("runs/my-study  ", f"runs/{name}  ", 1)
     )
@@ -178,13 +228,18 @@ def _quoted(text: str) -> str:
     return text if plain else json.dumps(text)
 
 
-def write_template(file: Path, experiment: str | None = None, *, overwrite: bool = False) -> None:
-    """Write the commented study file, named after the file, on a raw folder given relative to the current directory.
+def write_template(file: Path, experiment: str | None = None, *, overwrite: bool = False, look: LookAt | None = None) -> str:
+    """Write the commented study file, named after the file, on a raw folder given relative to the current directory; `look` at that folder
+    says what the test shows of its material. Returns in words where starts and bounds are from.
 
     StudyError where the file exists (unless `overwrite`), where it cannot be written, or where the folder holds no experiment.
     """
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", file.stem) or "my-study"
-    text = template(name, "my-experiment" if experiment is None else _from_file(experiment, file))
+    raw = "my-experiment" if experiment is None else _from_file(experiment, file)
+    seen: Look | str = "no data were looked at"
+    if experiment is not None and look is not None and "${" not in experiment:
+        seen = look(Path(experiment).expanduser())
+    text = template(name, raw, seen)
     try:
         with file.open("w" if overwrite else "x", encoding="utf-8") as out:
             out.write(text)
@@ -194,6 +249,9 @@ def write_template(file: Path, experiment: str | None = None, *, overwrite: bool
         raise StudyError(
             f"'{file}' cannot be written: {error.strerror or error}; expected the name of a file in a writable folder"
         ) from None
+    if isinstance(seen, str):
+        return f"bounds are those of metals in general ({' '.join(seen.split())})"
+    return f"bounds by the elastic slope {seen[0]:.3g} MPa and the largest stress {seen[1]:.3g} MPa of the data"
 
 
 def _from_file(experiment: str, file: Path) -> str:

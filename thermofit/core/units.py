@@ -57,14 +57,14 @@ _SPELLINGS: dict[str, tuple[Unit, tuple[str, ...]]] = {
     "1": (Unit("strain", "1", 1.0), ("1", "-", "--", "mm/mm", "m/m", "in/in", "strain", "none", "abs")),
     "%": (Unit("strain", "1", 1e-2), ("%", "percent", "pct", "prozent")),
     "permille": (Unit("strain", "1", 1e-3), ("permille", "millistrain", "mm/m", "1e-3", "m\u03b5")),
-    "microstrain": (Unit("strain", "1", 1e-6), ("microstrain", "ustrain", "um/m", "ue", "u\u03b5", "1e-6", "ppm")),
+    "microstrain": (Unit("strain", "1", 1e-6), ("microstrain", "ustrain", "um/m", "ue", "u\u03b5", "1e-6", "ppm", "micro-strain", "uE")),
     "mm^2": (Unit("area", "mm^2", 1.0), ("mm^2", "mm2", "mm**2")),
     "in^2": (Unit("area", "mm^2", _INCH**2), ("in^2", "in2", "in**2")),
     "mm/s": (Unit("speed", "mm/s", 1.0), ("mm/s", "mm/sec")),
     "mm/min": (Unit("speed", "mm/s", 1.0 / 60.0), ("mm/min",)),
     "in/min": (Unit("speed", "mm/s", _INCH / 60.0), ("in/min",)),
-    "1/s": (Unit("rate", "1/s", 1.0), ("1/s", "s^-1", "/s", "1/sec", "Hz", "mm/mm/s")),
-    "1/min": (Unit("rate", "1/s", 1.0 / 60.0), ("1/min", "min^-1")),
+    "1/s": (Unit("rate", "1/s", 1.0), ("1/s", "s^-1", "s-1", "s**-1", "/s", "1/sec", "sec^-1", "/sec", "Hz", "mm/mm/s")),
+    "1/min": (Unit("rate", "1/s", 1.0 / 60.0), ("1/min", "min^-1", "min-1", "/min")),
     "%/s": (Unit("rate", "1/s", 1e-2), ("%/s",)),
 }
 _EXACT = {spelling: unit for unit, spellings in _SPELLINGS.values() for spelling in spellings}
@@ -85,7 +85,15 @@ _ANY_CASE = _regardless_of_case()
 def _plain(text: str) -> str:
     """A unit in plain characters: signs of degree, micro, square and permille spelt out, brackets and blanks around it off."""
     text = text.strip().strip("()[]<>{}").strip()
-    for sign, word in (("\u00b0", "deg"), ("\u00ba", "deg"), ("\u00b5", "u"), ("\u03bc", "u"), ("\u00b2", "^2"), ("\u2030", "permille")):
+    for sign, word in (
+        ("\u00b0", "deg"),
+        ("\u00ba", "deg"),
+        ("\u00b5", "u"),
+        ("\u03bc", "u"),
+        ("\u00b2", "^2"),
+        ("\u207b\u00b9", "^-1"),
+        ("\u2030", "permille"),
+    ):
         text = text.replace(sign, word)
     return re.sub(r"\s+", " ", text)
 

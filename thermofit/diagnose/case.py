@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Param, Parameters, bare_name
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
 from thermofit.fit.result import FitResult
 from thermofit.identify.channels import field_of
+from thermofit.identify.flow_conditions import ONE_RATE, FlowConditions
 from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
-from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS
+from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS, capacity_effects
 from thermofit.material.law import law_of
+from thermofit.point.driver import air_effects
 
 if TYPE_CHECKING:
     from thermofit.diagnose.elsewhere import Elsewhere
@@ -28,8 +31,12 @@ ON_POINT = ("linear_hardening", "thermal_expansion")
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
 surface does not flow, with the least overstress it does. Only effects of the overstress are asked so."""
+NEARER = (1.0, 1e-3, 1e-6)
+"""Parts of that at which an effect is asked in turn where the model cannot run with it."""
 _RATE, _STEP = 1e-3, 1e-30
 """1/s, and the imaginary step of a derivative by it."""
+_WARMER = 11.7
+"""K"""
 
 
 Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -107,12 +114,14 @@ class Case:
 
 
 def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects that a driver, "body" or "point", knows: `infrared` are the slots of its measuring chain."""
+    """Effects that a driver, "body" or "point", knows: `infrared` are the slots of its measuring chain. Without them nothing is measured
+    that the heat balance alone feels; a body is not asked for what only temperatures far apart can tell."""
     if driver == "point":
         base = tuple(e for e in effects(BASE) if e.name in ON_POINT)
-        return (*base, *effects((*SUMS, *FACTORS, *POINT_ONLY)), *effects(tuple(infrared)))
-    heat = HEAT if infrared else ()
-    return effects((*BASE, *SUMS, *FACTORS, *heat, *LOAD, *KINEMATICS, *infrared, "camera"))
+        heat = (*air_effects(), *capacity_effects()) if infrared else ()
+        return (*base, *effects((*SUMS, *FACTORS, *POINT_ONLY)), *heat, *effects(tuple(infrared)))
+    slots = (*BASE, *SUMS, *FACTORS, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *infrared, "camera")
+    return tuple(e for e in effects(slots) if not e.span)
 
 
 def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
@@ -153,15 +162,25 @@ def _tried_of(p: Param, case: Case) -> tuple[float, ...]:
 
 
 def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:
-    """Columns (n, k) of a dormant effect whose other Params have the given values, from one differentiated run."""
+    """Columns (n, k) of a dormant effect whose other Params have the given values, from one differentiated run.
+
+    Where the model cannot run with the effect so far on, it is asked nearer to neutral: a power law of the rate that is harmless at one
+    rate is hundreds of GPa at another. NumericsError where it cannot at any of NEARER.
+    """
     names = _felt(effect)
-    tiny = {} if effect.amplitude.name in case.instruments else {effect.amplitude.name: _tiny(effect)}
-    _, columns = case.model.linearised(case.parameters.replace(**values, **tiny), names)
-    return columns
+    error: NumericsError | None = None
+    for nearer in (1.0,) if effect.amplitude.name in case.instruments else NEARER:
+        tiny = {} if effect.amplitude.name in case.instruments else {effect.amplitude.name: _tiny(effect, nearer)}
+        try:
+            return case.model.linearised(case.parameters.replace(**values, **tiny), names)[1]
+        except NumericsError as failed:
+            error = failed
+    assert error is not None
+    raise error
 
 
-def _tiny(effect: Effect) -> float:
-    return effect.amplitude.neutral + TINY * float(effect.amplitude.probe or 0.0)
+def _tiny(effect: Effect, nearer: float = 1.0) -> float:
+    return effect.amplitude.neutral + nearer * TINY * float(effect.amplitude.probe or 0.0)
 
 
 def feels_rate(effect: Effect, parameters: Parameters) -> bool:
@@ -169,8 +188,32 @@ def feels_rate(effect: Effect, parameters: Parameters) -> bool:
     if effect.slot not in ("yield_stress", "yield_factor"):
         return False
     values = [effect.amplitude.probe, *(p.neutral for p in effect.params[1:])]
-    found = effect.act(0.01, complex(_RATE, _STEP), parameters["theta_ref"], law_of(parameters), *values)
+    # Beside the reference temperature, where an effect that grows with the distance from it would be none.
+    found = effect.act(0.01, complex(_RATE, _STEP), parameters["theta_ref"] + _WARMER, law_of(parameters), *values)
     return bool(np.imag(found) != 0.0)
+
+
+def untold(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Those of the known effects that coupon records can tell, and why the others are not asked: where all flow is at one rate an
+    overstress is a factor on the yield stress, and where it is at one temperature what grows with temperature is one on something else.
+    An effect that the study switches on or frees stays."""
+    dormant = [e for e in known if not set(parameters.free) & set(e.names) and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
+    narrow = [e for e in dormant if e.span > there.span]
+    steady = [e for e in dormant if there.one_rate and e not in narrow and feels_rate(e, parameters)]
+    said = []
+    if steady:
+        names, (low, high) = ", ".join(e.name for e in steady), there.rates
+        said.append(
+            f"not asked for {names}: as measured, the records flow at one rate ({low:.2g} to {high:.2g} 1/s, expected more than a factor "
+            f"of {ONE_RATE:g} between them); a record or a phase at another rate, or a hold, would tell"
+        )
+    if narrow:
+        names, (cold, hot), least = ", ".join(e.name for e in narrow), there.temperatures, min(e.span for e in narrow)
+        said.append(
+            f"not asked for {names}: the records flow at {cold:.0f} to {hot:.0f} K, expected at least {least:g} K between them; a record "
+            "at another temperature would tell"
+        )
+    return tuple(e for e in known if e not in (*steady, *narrow)), tuple(said)
 
 
 def _beside_neutral(effect: Effect, case: Case) -> bool:
@@ -182,43 +225,65 @@ def _beside_neutral(effect: Effect, case: Case) -> bool:
 class Linearised:
     """Residual (n,) at the optimum, columns (n, p) of the fitted parameters, and per dormant effect those of the Params it is felt by.
 
-    `scanned`: of effects whose columns come from a heat run, those at every set of values of `scans`.
+    `scanned`: of effects whose columns come from a heat run, those at every set of values of `scans`. `failed`: effects with which the
+    model cannot run at all, with the reason; the others do not know of them.
     """
 
     residual: np.ndarray
     fitted: np.ndarray
     dormant: dict[str, tuple[tuple[str, ...], np.ndarray]]
     scanned: dict[str, tuple[np.ndarray, ...]]
+    failed: dict[str, str] = field(default_factory=dict)
 
 
 def linearised(case: Case) -> Linearised:
-    """All columns from one differentiated run; effects of the heat problem from a heat run on its motion. NumericsError where it fails."""
+    """All columns from one differentiated run; effects of the heat problem from a heat run on its motion.
+
+    Where the run fails with the effects of the overstress a little on, all are asked nearer to neutral, then each on its own.
+    NumericsError where it fails without any.
+    """
     dormant = case.dormant()
     heated = [e for e in dormant if case.scored is not None and acts_in_heat(e)]
     coupled = [e for e in dormant if e not in heated]
     # Where an overstress is on already, what rests flows by that one.
     flows = any(feels_rate(e, case.parameters) for e in case.known if e not in dormant)
-    tiny = {} if flows else {e.amplitude.name: _tiny(e) for e in coupled if _beside_neutral(e, case)}
+    beside = [] if flows else [e for e in coupled if _beside_neutral(e, case)]
     felt = {e.name: _felt(e) for e in coupled}
     fitted = case.parameters.free
     names = (*fitted, *(name for group in felt.values() for name in group))
     directions = [(name, values) for e in heated for values in scans(e, case) for name in _felt(e)]
-    there = case.parameters.replace(**tiny)
-    if case.scored is None:
-        residual, columns = case.model.linearised(there, names)
-    else:
-        residual, columns, along = case.scored(there, names, directions)
+    along, failed = np.zeros((0, 0)), {}
     at = {name: k for k, name in enumerate(names)}
-    for name, value in tiny.items():
-        residual = residual - columns[:, at[name]] * (value - case.parameters[name])
+    for nearer in (*(NEARER if beside else ()), 0.0):
+        tiny = {e.amplitude.name: _tiny(e, nearer) for e in beside} if nearer else {}
+        there = case.parameters.replace(**tiny)
+        try:
+            if case.scored is None:
+                residual, columns = case.model.linearised(there, names)
+            else:
+                residual, columns, along = case.scored(there, names, directions)
+        except NumericsError:
+            if not nearer:
+                raise
+            continue
+        for name, value in tiny.items():
+            residual = residual - columns[:, at[name]] * (value - case.parameters[name])
+        break
     blocks = {effect: (group, columns[:, [at[name] for name in group]]) for effect, group in felt.items()}
+    for e in beside if not nearer else ():
+        # At neutral itself the column is wrong where the material rests.
+        try:
+            blocks[e.name] = (_felt(e), columns_of(case, e, {}))
+        except NumericsError as error:
+            del blocks[e.name]
+            failed[e.name] = str(error)
     scanned, k = {}, 0
     for e in heated:
         width, count = len(_felt(e)), len(scans(e, case))
         scanned[e.name] = tuple(along[:, k + n * width : k + (n + 1) * width] for n in range(count))
         blocks[e.name] = (_felt(e), scanned[e.name][0])
         k += width * count
-    return Linearised(residual, columns[:, : len(fitted)], blocks, scanned)
+    return Linearised(residual, columns[:, : len(fitted)], blocks, scanned, failed)
 
 
 def _felt(effect: Effect) -> tuple[str, ...]:

@@ -20,9 +20,10 @@ from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held
 from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, diagnosis_mesh, unseen_coupons
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.structure import named_phases
-from thermofit.diagnose.trace import information, room_of, split_of
+from thermofit.diagnose.trace import room_of, split_of
+from thermofit.diagnose.trust import WHOLE
 from thermofit.diagnose.unseen import predicting, unseen
-from thermofit.diagnose.verification import STANDS_OUT, fitted_parameters, identified_stages
+from thermofit.diagnose.verification import fitted_parameters, identified_stages
 from thermofit.diagnose.worth import Criteria, criteria, independent, least, mean_squares
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
@@ -191,7 +192,7 @@ def _held_out(study: Study, contenders: Sequence[Contender]) -> tuple[tuple[np.n
         rows = rows_of(first.model, spans)
     together = 0.0 if isinstance(data, CouponData) else data.correlation_length
     case = Case(first.model, first.parameters, (), spans, frozenset(), isinstance(data, CouponData), correlation_length=together)
-    split = split_of(case, rows, information(first.columns), study.diagnosis.held_out)
+    split = split_of(case, rows, first.columns, study.diagnosis.held_out)
     return tuple(_predicted(c, split) for c in contenders), rows, split.by
 
 
@@ -243,7 +244,7 @@ def verdict(found: Judged) -> tuple[str, bool]:
             confirmed = "" if proof.gain > _SURE * proof.sigma else ", which held-out data do not confirm"
             parts.append(f"{names[k]} is {word} (BIC {more:+.0f}; {gain}{confirmed})")
     left = max(float(np.sqrt(q)) for q in found.errors[best].values())
-    fits = f"explains the data ({left:.2f} times the noise at most)" if left <= STANDS_OUT else f"leaves up to {left:.2g} times the noise"
+    fits = f"explains the data ({left:.2f} times the noise at most)" if left <= WHOLE else f"leaves up to {left:.2g} times the noise"
     if not all(c.fit.converged for c in found.contenders):
         unsettled = [c.name for c in found.contenders if not c.fit.converged]
         parts.append(f"not converged: {', '.join(unsettled)}")

@@ -7,18 +7,20 @@ from pathlib import Path
 
 from thermofit.core.artefact import Record
 from thermofit.core.study import Study
-from thermofit.diagnose.tables import parameter_rows, phase_rows, remark_lines, table
+from thermofit.diagnose.tables import parameter_rows, phase_rows, remark_lines, stale_lines, table
 
 
-def coupon_report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path]) -> str:
-    """The report of a run on coupons; `records` by stage hold `interpolate`, `verify` and the identification stages that have run."""
+def coupon_report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:
+    """The report of a run on coupons; `records` by stage hold `interpolate`, `verify` and the identification stages that have run, `stale`
+    why they are not what the study would give now."""
     verify, interpolate = records["verify"], records["interpolate"]
     phases = ("channel", "phase", "t0 s", "t1 s", "n", "rms", "noise", "unit", "chi2/n", "lag-1", "lag-1 of noise")
     parts = [
         f"# {study.name}",
+        *stale_lines(study, stale),
         str(verify.summary["verdict"]) + ".",
         "## Records",
-        f"Prescribed: {interpolate.summary['control']}. Material: model {study.model}. "
+        f"Prescribed: {interpolate.summary['control']}. Material: model {verify.config['model']}. "
         f"thermofit {verify.attributes['thermofit_version']}, source {verify.attributes['source_digest'][:12]}.",
         table(
             ("record", "samples", "duration s", "strain", "stress MPa", "start K", "noise of strain", "of stress MPa", "of theta K"),

@@ -15,15 +15,15 @@ from thermofit.core.staging import Made
 from thermofit.core.study import Study
 from thermofit.diagnose.literature import literature_remarks, literature_rows
 from thermofit.diagnose.structure import ResidualField, Span, named_phases, residual_field, statistics
-from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_remarks, phase_table
+from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_table
 from thermofit.fit.memory import memories
-from thermofit.identify.coupon_inputs import CouponData
+from thermofit.identify.coupon_inputs import UNITS, CouponData
 from thermofit.identify.coupon_model import HISTORY, comparison, coupon_run, observations, offsets, segments
 from thermofit.identify.inputs import TestPhase, field_datasets
 from thermofit.measure.observation import FieldObservation
 from thermofit.point.driver import PointHistory
 
-_CURVES = (("strain", "1"), ("stress", "MPa"), ("theta", "K"), ("theta_sensor", "K"), ("accumulated", "1"))
+_CURVES = (("strain", "1"), ("stress", "MPa"), ("theta", "K"), ("theta_sensor", "K"), ("lateral_x", "1"), ("accumulated", "1"))
 
 
 def verified_coupons(study: Study, data: CouponData, parameters: Parameters, stages: tuple[str, ...], word: str = "verified") -> Made:
@@ -33,7 +33,8 @@ def verified_coupons(study: Study, data: CouponData, parameters: Parameters, sta
     run = coupon_run(study, data)
     histories = [run.history(parameters, test) for test in data.tests]
     measured = "stress" if data.control == "strain" else "strain"
-    names = [measured, *(["theta"] if any(t.theta is not None for t in data.tests) else [])]
+    held = {"lateral": [t.lateral for t in data.tests], "theta": [t.theta for t in data.tests]}
+    names = [measured, *(name for name, values in held.items() if any(value is not None for value in values))]
     windows = [(float(t.time[0]), float(t.time[-1])) for t in data.tests]
     seen = observations(data, names, windows, parameters["E"])
     fields = []
@@ -79,7 +80,6 @@ def _summary(
     rows = phase_table(fields, spans)
     found = judge(fields, rows, word)
     remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
-    remarks += phase_remarks(rows, found.within)
     for field in fields:
         row = channels[field.channel]
         if field.channel in found.outside:
@@ -134,7 +134,8 @@ def _datasets(
         out[f"curves/{number}/time"] = Dataset(history.time, "s", ("sample",))
         for name, unit in _CURVES:
             out[f"curves/{number}/{name}"] = Dataset(getattr(history, name), unit, ("sample",))
-        for name, value, unit in (("strain", test.strain, "1"), ("stress", test.stress, "MPa"), ("theta", test.theta, "K")):
+        for name, unit in UNITS.items():
+            value = getattr(test, name)
             if value is not None:
                 out[f"curves/{number}/measured_{name}"] = Dataset(value, unit, ("sample",))
     return out

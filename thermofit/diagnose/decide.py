@@ -108,12 +108,11 @@ def added_families(closed: Closed) -> tuple[Family, ...]:
     out = []
     for turn in closed.rounds:
         for trial in turn.trials:
-            if trial.score.effect != turn.accepted or turn.accepted not in closed.accepted:
-                continue
-            others = tuple(n for n in trial.score.family if n not in closed.accepted)
-            if others:
-                settings = {n: v for other in others for n, v in turn.traced.settings.get(other, {}).items()}
-                out.append(Family((turn.accepted, *others), turn.accepted, settings))
+            for score in trial.scores if trial.effects == turn.accepted else ():
+                others = tuple(n for n in score.family if n not in closed.accepted and n != score.effect)
+                if others and score.effect in closed.accepted:
+                    settings = {n: v for other in others for n, v in turn.traced.settings.get(other, {}).items()}
+                    out.append(Family((score.effect, *others), score.effect, settings))
     return tuple(out)
 
 

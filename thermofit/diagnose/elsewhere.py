@@ -10,7 +10,7 @@ decide; where its error does not fall, the effect is refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +54,8 @@ class Beyond:
     rows: Rows
     floors: Mapping[str, float]
     noise: NoiseOperator | None
+    failed: Mapping[str, str] = field(default_factory=dict)
+    """Effects with which this test could not be run, and why."""
 
 
 Settings = Mapping[str, dict[str, float]]
@@ -83,7 +85,12 @@ def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settin
     )
     found = linearised(there)
     used = there.rows.channel >= 0
-    blocks = {name: _block(there, found, name, settings.get(name))[used] for name in wanted if name in found.dormant}
+    blocks, failed = {}, {name: f"held-out {test.name}: {why}" for name, why in found.failed.items()}
+    for name in (name for name in wanted if name in found.dormant):
+        try:
+            blocks[name] = _block(there, found, name, settings.get(name))[used]
+        except NumericsError as error:
+            failed[name] = f"held-out {test.name}: {error}"
     residual, fitted = found.residual[used], found.fitted[used]
     basis, _ = np.linalg.qr(_unit(fitted[:, len(names) :]))
 
@@ -103,6 +110,7 @@ def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settin
         own,
         floors,
         _noise_of(there, used) if noisy else None,
+        failed,
     )
 
 

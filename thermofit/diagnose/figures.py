@@ -61,13 +61,16 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def with_residual(figure: Figure, columns: int) -> tuple[list[Axes], list[Axes]]:
-    """Panels side by side and a lower one for the residual below each, with a common abscissa."""
+def with_residual(figure: Figure, panels: int, columns: int | None = None) -> tuple[list[Axes], list[Axes]]:
+    """Panels side by side, in rows of `columns` (None: in one), and a lower one for the residual below each, with a common abscissa."""
+    columns = panels if columns is None else min(columns, panels)
+    rows = -(-panels // columns)
     upper, lower = [], []
-    grid = figure.add_gridspec(2, columns, height_ratios=(3.0, 1.2))
-    for column in range(columns):
-        top = figure.add_subplot(grid[0, column])
-        below = figure.add_subplot(grid[1, column], sharex=top)
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=(3.0, 1.2) * rows)
+    for panel in range(panels):
+        row, column = divmod(panel, columns)
+        top = figure.add_subplot(grid[2 * row, column])
+        below = figure.add_subplot(grid[2 * row + 1, column], sharex=top)
         top.tick_params(labelbottom=False)
         below.axhline(0.0, color="black", linewidth=0.6)
         upper.append(top)

@@ -14,7 +14,8 @@ from thermofit.diagnose.figures_search import correlation_figure, objective_figu
 from thermofit.diagnose.verification import IDENTIFY
 
 _SHOWN = 6
-"""So many records have panels of their own; of more, they are evenly chosen."""
+"""So many records have panels of their own; of more, those are drawn that the model misses most, over their noise."""
+_COLUMNS = 3
 _RECORD: dict[str, Any] = {"color": "black", "linewidth": 0.8}
 
 
@@ -25,7 +26,7 @@ def coupon_figures(records: Mapping[str, Record]) -> dict[str, Figure]:
     channels = verify.summary["channels"]
     mechanical = "stress" if "stress" in channels else "strain"
     made = {
-        "stress-strain": stress_strain_figure(verify),
+        "stress-strain": stress_strain_figure(verify, mechanical),
         f"{mechanical}-time": over_time_figure(verify, mechanical),
         "temperature": over_time_figure(verify, "theta") if "dtheta" in channels else None,
         "objective": objective_figure(identified),
@@ -34,19 +35,29 @@ def coupon_figures(records: Mapping[str, Record]) -> dict[str, Figure]:
     return {name: figure for name, figure in made.items() if figure is not None}
 
 
-def shown_records(verify: Record) -> list[tuple[int, str]]:
-    """Number and name of the records that are drawn."""
-    names = [str(row["record"]) for row in verify.summary["records"]]
-    chosen = np.unique(np.linspace(0, len(names) - 1, min(_SHOWN, len(names))).round().astype(int))
-    return [(int(n), names[n]) for n in chosen]
+def shown_records(verify: Record, channel: str) -> tuple[list[tuple[int, str]], str]:
+    """Number and name of the records that are drawn, in the order of the study, and what is left out of those that have the channel.
+
+    Of many, those are drawn whose error is largest over their noise: a record that the model misses must not be the one that is not seen.
+    """
+    key = f"{channel}_over_noise"
+    having = [(n, row) for n, row in enumerate(verify.summary["records"]) if row.get(key) is not None]
+    ranked = sorted(having, key=lambda one: -float(one[1][key]))
+    worst, others = sorted(ranked[:_SHOWN], key=lambda one: one[0]), ranked[_SHOWN:]
+    shown = [(n, f"{row['record']}: {float(row[key]):.3g} times the noise") for n, row in worst]
+    if not others:
+        return shown, ""
+    at_most = f"{len(others)} left out, at most {float(others[0][1][key]):.3g} times the noise"
+    return shown, f"the {len(shown)} of {len(having)} records with the largest error; {at_most}"
 
 
-def stress_strain_figure(verify: Record) -> Figure:
-    """Nominal stress over nominal strain of every shown record, measured and model."""
-    shown = shown_records(verify)
-    columns = min(len(shown), 3)
+def stress_strain_figure(verify: Record, channel: str) -> Figure:
+    """Nominal stress over nominal strain of every shown record, measured and model; `channel` is the mechanical one that is compared."""
+    shown, left_out = shown_records(verify, channel)
+    columns = min(len(shown), _COLUMNS)
     rows = -(-len(shown) // columns)
     figure = new_figure(3.6 * columns + 1.0, 3.0 * rows + 0.5)
+    _say(figure, left_out)
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax in axes.ravel()[len(shown) :]:
         ax.set_visible(False)
@@ -62,18 +73,26 @@ def stress_strain_figure(verify: Record) -> Figure:
     return figure
 
 
+def _say(figure: Figure, left_out: str) -> None:
+    """What a figure does not show, above its panels."""
+    if left_out:
+        figure.suptitle(left_out)
+
+
 _AXES = {"stress": ("stress", "nominal stress in MPa"), "strain": ("strain", "nominal strain"), "theta": ("theta_sensor", "sensor in K")}
 
 
 def over_time_figure(verify: Record, name: str) -> Figure | None:
-    """A channel over time, measured and model, with the difference beside the noise below; None where no shown record has it."""
-    shown = [(n, label) for n, label in shown_records(verify) if verify.has(f"curves/{n}/measured_{name}")][:3]
+    """A channel over time, measured and model, with the difference beside the noise below; None where no record has it."""
+    shown, left_out = shown_records(verify, "dtheta" if name == "theta" else name)
     if not shown:
         return None
     model, label = _AXES[name]
     sigma = float(np.nanmedian(verify[f"{name}/sigma"].value))
-    figure = new_figure(3.6 * len(shown) + 2.0, 4.6)
-    upper, lower = with_residual(figure, len(shown))
+    columns = min(len(shown), _COLUMNS)
+    figure = new_figure(3.6 * columns + 2.0, 4.6 * -(-len(shown) // columns))
+    _say(figure, left_out)
+    upper, lower = with_residual(figure, len(shown), columns)
     for top, below, (number, title) in zip(upper, lower, shown, strict=True):
         time, measured, value = (verify[f"curves/{number}/{key}"].value for key in ("time", f"measured_{name}", model))
         top.plot(time, measured, label="measured", **_RECORD)
@@ -82,8 +101,9 @@ def over_time_figure(verify: Record, name: str) -> Figure | None:
         below.plot(time, value - measured, **_RECORD)
         top.set_title(title)
         below.set_xlabel("time in s")
-    upper[0].set_ylabel(label)
-    lower[0].set_ylabel("model - measured")
+    for top, below in list(zip(upper, lower, strict=True))[::columns]:
+        top.set_ylabel(label)
+        below.set_ylabel("model - measured")
     handles, _ = upper[0].get_legend_handles_labels()
     legend_below(figure, [*handles, lower[0].patches[0]], 3)
     return figure

@@ -15,8 +15,11 @@ from thermofit.diagnose.figures import new_figure
 _COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple")
 
 
-def objective_figure(records: Sequence[Record]) -> Figure:
-    """Objective (2.24) per compared value over the evaluations of every stage, and the best one so far."""
+def objective_figure(records: Sequence[Record]) -> Figure | None:
+    """Objective (2.24) per compared value over the evaluations of every stage, and the best one so far; None without any."""
+    records = [record for record in records if record.has("evaluations/f")]  # a stage may have had nothing to identify
+    if not records:
+        return None
     figure = new_figure(3.2 * len(records) + 0.6, 3.2)
     axes = figure.subplots(1, len(records), squeeze=False)[0]
     for ax, record in zip(axes, records, strict=True):

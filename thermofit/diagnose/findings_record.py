@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +14,17 @@ from thermofit.core.study import Study
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import held_out_words
-from thermofit.diagnose.loop import Closed, Place, Round, Trial, place_of, ranking_rows
+from thermofit.diagnose.loop import Closed, Place, Round, place_of, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.structure import lag_ones
 from thermofit.diagnose.trace import Traced
+from thermofit.diagnose.trial import Trial
+from thermofit.diagnose.trust import Level, doubts, level
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 from thermofit.identify.channels import field_of
-from thermofit.identify.priors import strayed
 from thermofit.identify.solve import merged_counts
-
-_EXCESS = 1.05
-"""Rms over the noise from which a channel or phase is said to hold more than noise."""
 
 
 def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, ParameterResult]:
@@ -110,14 +109,33 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
         line = f"the residual points to {names}"
     else:
         line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
-    return {**_common(found, here), "verdict": line, "ranking": ranking_rows(here), "undecided": _undecided(here)}
+    against = doubts(_levels(here, found.numerical), (here.case.model.priors, here.case.parameters), here.unjudged)
+    return {
+        **_common(found, here, against),
+        "verdict": _with_doubts(line, against),
+        "ranking": ranking_rows(here),
+        "undecided": _undecided(here),
+    }
 
 
-def _common(found: Prepared, here: Traced) -> dict[str, Any]:
+def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
+    """Every channel over its floor, as a whole and in every phase."""
+    whole = []
+    for k, c in enumerate(here.case.model.comparisons):
+        own = here.rows.channel == k
+        square, error = (float(np.mean(v[own] ** 2)) for v in (here.columns.residual, numerical))
+        whole.append(level(c.channel, square, error, c.n))
+    rows = lack_of_fit(here, numerical)
+    return whole + [level(r["channel"], r["chi2_reduced"], r["numerical"], r["n"], r["phase"]) for r in rows]
+
+
+def _common(found: Prepared, here: Traced, against: Sequence[str]) -> dict[str, Any]:
+    """What both commands say; `against`: what speaks against the answer (`trust`)."""
     size, counts, failures = found.size, merged_counts(found.fit), list(dict.fromkeys(found.refit.failures))
     settled = [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"]
     return {
-        "trustworthy": found.fit.converged,
+        "trustworthy": found.fit.converged and not against,
+        "doubts": [*settled, *against],
         "channels": channels_of(here),
         "lack_of_fit": lack_of_fit(here, found.numerical),
         "mesh": [size.n_x, size.n_y, size.n_z],
@@ -127,14 +145,16 @@ def _common(found: Prepared, here: Traced) -> dict[str, Any]:
         "not_asked": list(here.case.not_asked()),
         "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
         "failed_starts": failures,
-        "remarks": [*settled, *found.remarks, *strayed(here.case.model.priors, here.case.parameters), *failed_in_words(failures)],
+        "unjudged": dict(here.unjudged),
+        "remarks": [*settled, *against, *found.remarks, *failed_in_words(failures)],
     }
 
 
-def _trial(trial: Trial, accepted: str | None) -> dict[str, Any]:
+def _trial(trial: Trial, accepted: tuple[str, ...]) -> dict[str, Any]:
     estimate = {n: {"value": v, "sigma": trial.sigma.get(n), "unit": param(n).unit} for n, v in trial.estimate.items()}
     return {
-        "effect": trial.score.effect,
+        "effect": " + ".join(trial.effects),
+        "effects": list(trial.effects),
         "family": list(trial.score.family),
         "z": trial.score.z,
         "predicted_drop": trial.score.predicted_drop,
@@ -143,8 +163,9 @@ def _trial(trial: Trial, accepted: str | None) -> dict[str, Any]:
         "held_out_gain": None if trial.proof is None else trial.proof.gain,
         "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
         "held_out_on": None if trial.proof is None else trial.proof.on or "rows of the fitted data",
-        "accepted": trial.score.effect == accepted,
-        "remark": trial.refused or ("" if trial.score.effect == accepted else f"less than {accepted}"),
+        "accepted": trial.effects == accepted,
+        "unjudged": trial.unjudged,
+        "remark": trial.refused or ("" if trial.effects == accepted else f"less than {' + '.join(accepted)}"),
         "exponents": trial.exponents,
         "readings": trial.readings,
         "exponent_values": {n: {"value": v, "sigma": sigma, "unit": param(n).unit} for n, (v, sigma) in trial.ends.items()},
@@ -161,7 +182,8 @@ def _round(turn: Round) -> dict[str, Any]:
     return {
         "ranking": ranking_rows(turn.traced),
         "tried": [_trial(t, turn.accepted) for t in turn.trials],
-        "accepted": turn.accepted,
+        "accepted": " + ".join(turn.accepted) or None,
+        "added": list(turn.accepted),
         "before": _place(place_of(turn.traced)),
         "after": None if turn.after is None else _place(turn.after),
     }
@@ -170,14 +192,18 @@ def _round(turn: Round) -> dict[str, Any]:
 def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str, Any]:
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
-    common = _common(found, closed.last)
-    common["remarks"] = [*common["remarks"], *closed.remarks]
-    if not closed.fit.converged:
-        common["remarks"] = [*common["remarks"], f"the last joint fit has not settled: {closed.fit.message}"]
+    here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
+    against = doubts(_levels(here, found.numerical), (here.case.model.priors, here.case.parameters), closed.unjudged, unsettled)
+    if closed.open_ones:
+        against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
+    common = _common(found, here, against)
     return {
         **common,
-        "trustworthy": closed.fit.converged,
-        "verdict": _verdict(closed, table),
+        "trustworthy": not against,
+        "doubts": against,
+        "remarks": [*common["remarks"], *closed.remarks],
+        "unjudged": dict(closed.unjudged),
+        "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),
         "accepted": list(closed.accepted),
         "dropped": list(closed.dropped),
@@ -188,11 +214,18 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     }
 
 
+def _with_doubts(line: str, against: Sequence[str]) -> str:
+    """A verdict with what speaks most against it."""
+    if not against:
+        return line
+    return f"{line}; not the whole answer: {against[0]}" + (f" (and {len(against) - 1} more, see remarks)" if len(against) > 1 else "")
+
+
 def _verdict(closed: Closed, table: dict[str, Any]) -> str:
     errors = _errors(table)
     if not closed.accepted:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
-    families = {t.score.effect: t.score.family for r in closed.rounds for t in r.trials}
+    families = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
     names = []
     for name in closed.accepted:
         others = [other for other in families.get(name, ()) if other != name]

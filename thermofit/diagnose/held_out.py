@@ -15,6 +15,11 @@ SURE = 2.0
 """Standard errors by which held-out error has to fall."""
 PRACTICAL = 3e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
+LEAST_SEEN = 0.2
+"""Share of what all rows tell of a direction of the parameters that the rows which a fold sees must tell: then a step that they ask for
+changes held-out rows by no more than twice what it changes theirs."""
+FEWEST = 5
+"""Blocks of time of a record or experiment at least: one for each fold."""
 
 
 @dataclass(frozen=True)
@@ -51,37 +56,103 @@ def split_by_phase(rows: Rows, names: Sequence[str], buffer_s: float) -> Split |
 
 
 def split_by_blocks(
-    rows: Rows, shape: tuple[int, int], buffer: tuple[float, float], folds: int = 5, weight: np.ndarray | None = None, clock: str = "s"
+    rows: Rows,
+    shape: tuple[int, int],
+    buffer: tuple[float, float],
+    folds: int = 5,
+    weight: np.ndarray | None = None,
+    clock: str = "s",
+    *,
+    part: np.ndarray | None = None,
+    fitted: np.ndarray | None = None,
 ) -> Split:
     """Blocks of time and of length along the load, `shape` = (in time, in y), dealt out to folds as on a chess board with a shift.
 
     `buffer` = (s, mm): rows nearer than that to a held-out block are not seen either; `clock` is the unit of their times. Blocks of time
     hold equal shares of `weight` (n,), which says how much every row tells of the parameters: else a short phase that tells most would be
     one block.
+
+    `part` (n,) numbers the records or experiments that rows are of. Blocks and their buffers do not reach from one into another, all parts
+    have about `shape[0]` together, FEWEST each at least, buffers as much shorter as the blocks, and every part deals them out one fold
+    later than the one before: of equal records no fold holds out the same phase.
+
+    `fitted` (n, p): columns of the fitted parameters. A fold sees LEAST_SEEN of what all rows tell of every direction of them at least; the
+    blocks that tell most of a direction which a fold would lose are never held out.
     """
     n_t, n_y = shape
-    order = np.argsort(rows.time, kind="stable")
-    share = np.cumsum((np.ones(len(rows.time)) if weight is None else weight)[order])
-    inner = np.interp(np.linspace(0.0, share[-1], n_t + 1)[1:-1], share, rows.time[order])
-    t_edges = np.concatenate([[rows.time.min()], inner, [rows.time.max()]])
-    y = rows.xy[:, 1]
+    number = np.zeros(len(rows.time), dtype=int) if part is None else np.unique(part, return_inverse=True)[1]
+    parts = int(number.max(initial=0)) + 1
+    each = n_t if parts == 1 else max(-(-n_t // parts), FEWEST)
+    y, span = rows.xy[:, 1], float(np.ptp(rows.time))
     y_edges = np.linspace(y.min() - 1e-9, y.max() + 1e-9, n_y + 1)
-    i = np.clip(np.searchsorted(t_edges, rows.time, side="right") - 1, 0, n_t - 1)
     j = np.clip(np.searchsorted(y_edges, y, side="right") - 1, 0, n_y - 1)
-    held, near = [], []
+    blocks: list[_Block] = []
+    near_by = []
+    for k in range(parts):
+        own = number == k
+        t = rows.time[own]
+        edges = _edges_of_time(t, None if weight is None else weight[own], each)
+        i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, each - 1)
+        reach = buffer[0] * (float(np.ptp(t)) / each) / (span / n_t) if span > 0.0 else 0.0
+        near_by.append(reach)
+        for a, b in sorted({(int(a), int(b)) for a, b in zip(i, j[own], strict=True)}):
+            inside = np.zeros(len(own), dtype=bool)
+            inside[own] = (i == a) & (j[own] == b)
+            close = own & (rows.time > edges[a] - reach) & (rows.time < edges[a + 1] + reach)
+            close &= (y > y_edges[b] - buffer[1]) & (y < y_edges[b + 1] + buffer[1])
+            blocks.append(_Block((a + 2 * b + k) % folds, inside, close))
+    left, kept = _predictable(blocks, folds, fitted)
+    held = [_any(len(y), [b.inside for b in left if b.fold == f]) for f in range(folds)]
+    near = [_any(len(y), [b.close for b in left if b.fold == f]) & ~out for f, out in enumerate(held)]
+    whole = f"{each} x {n_y} blocks of time and length" + (f" of each of {parts} tests" if parts > 1 else "")
+    seen = f", {kept} of {len(blocks)} blocks never held out, because a parameter rests on them" if kept else ""
+    return Split(tuple(held), tuple(near), f"{whole}, {folds} folds{seen}, buffers {max(near_by):.3g} {clock} and {buffer[1]:.3g} mm")
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """A block: the fold that holds it out, its rows (n,), and those within its buffer (n,)."""
+
+    fold: int
+    inside: np.ndarray
+    close: np.ndarray
+
+
+def _any(n: int, masks: Sequence[np.ndarray]) -> np.ndarray:
+    return np.logical_or.reduce(masks) if masks else np.zeros(n, dtype=bool)
+
+
+def _edges_of_time(time: np.ndarray, weight: np.ndarray | None, count: int) -> np.ndarray:
+    """Edges (count + 1,) of blocks of time that hold equal shares of the weight (n,); of the rows where none has any."""
+    order = np.argsort(time, kind="stable")
+    share = np.cumsum((np.ones(len(time)) if weight is None or not np.any(weight) else weight)[order])
+    inner = np.interp(np.linspace(0.0, share[-1], count + 1)[1:-1], share, time[order])
+    return np.concatenate([[time.min()], inner, [time.max()]])
+
+
+def _predictable(blocks: Sequence[_Block], folds: int, fitted: np.ndarray | None) -> tuple[list[_Block], int]:
+    """The blocks that are held out, and how many are not because a fold without them would lose a direction of the parameters.
+
+    With Q an orthonormal basis of the fitted columns, hidden rows H of a fold tell the share v^T Q_H^T Q_H v of a direction v (leverage).
+    """
+    if fitted is None or fitted.shape[1] == 0:
+        return list(blocks), 0
+    size = np.linalg.norm(fitted, axis=0)
+    u, s, _ = np.linalg.svd(fitted[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    basis = u[:, s > 1e-8 * s.max(initial=0.0)]
+    left, kept = [], 0
     for fold in range(folds):
-        out = (i + 2 * j) % folds == fold
-        close = np.zeros(len(out), dtype=bool)
-        for a, b in {(int(a), int(b)) for a, b in zip(i[out], j[out], strict=True)}:
-            in_time = (rows.time > t_edges[a] - buffer[0]) & (rows.time < t_edges[a + 1] + buffer[0])
-            close |= in_time & (y > y_edges[b] - buffer[1]) & (y < y_edges[b + 1] + buffer[1])
-        held.append(out)
-        near.append(close & ~out)
-    return Split(
-        tuple(held),
-        tuple(near),
-        f"{n_t} x {n_y} blocks of time and length, {folds} folds, buffers {buffer[0]:.3g} {clock} and {buffer[1]:.3g} mm",
-    )
+        own = [b for b in blocks if b.fold == fold]
+        while own:
+            hidden = basis[_any(len(basis), [b.close | b.inside for b in own])]
+            values, vectors = np.linalg.eigh(hidden.T @ hidden)
+            if values[-1] <= 1.0 - LEAST_SEEN:
+                break
+            told = basis @ vectors[:, -1]
+            own.remove(max(own, key=lambda b: float(np.sum(told[b.inside | b.close] ** 2))))
+            kept += 1
+        left += own
+    return left, kept
 
 
 def restricted(split: Split, mine: np.ndarray) -> Split:

@@ -11,48 +11,21 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.backward import Means, Refit, held_out_of, made_up_for, still_needed, without
-from thermofit.diagnose.case import Case, scans
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import proof_of_refit
-from thermofit.diagnose.held_out import SURE, Proof, compared
-from thermofit.diagnose.refit import EXPONENTS, with_effect
-from thermofit.diagnose.retraced import missed, retraced
-from thermofit.diagnose.score import OVER_NUMERICAL, Score, ranked
-from thermofit.diagnose.trace import Traced, best_scan, traced
-from thermofit.effects.catalogue import effect
+from thermofit.diagnose.held_out import SURE, compared
+from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
+from thermofit.diagnose.retraced import retraced
+from thermofit.diagnose.score import OVER_NUMERICAL, Score
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
 from thermofit.fit.result import FitResult
-from thermofit.identify.priors import beyond_error, in_words
 
 TRIED_PER_ROUND = 2
-TRIED_WHERE_CHEAP = 6
+TRIED_WHERE_CHEAP = 8
 """Most effects that are refitted in a round where a run costs next to nothing; the best of them is accepted."""
-WORTH_AN_EXPONENT = 10.0
-"""Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
-OWN_GAIN = 0.5
-"""Part of its gain that an effect must keep with declared readings held, where its refit drives them beyond their errors."""
-AWAY = 2.0
-"""Standard errors by which an accepted amplitude differs from neutral."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One effect added and refitted: its score before, the proof by the refit, sigma of its Params, why it was refused (empty: kept), what
-    became of its exponents, and the values that they ended at, with sigma where they were fitted; what its gain is without the declared
-    readings that its refit drives off."""
-
-    score: Score
-    proof: Proof | None
-    estimate: Mapping[str, float]
-    sigma: Mapping[str, float]
-    achieved_drop: float
-    refused: str
-    exponents: str = ""
-    ends: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
-    readings: str = ""
-
-    @property
-    def gain(self) -> float:
-        """Relative fall of the held-out mean square by the refit; minus infinity where there was none."""
-        return -np.inf if self.proof is None else self.proof.gain
+MOST_TRIED = 4
+"""Most effects of a body that are refitted in a round as long as none of them is accepted."""
 
 
 @dataclass(frozen=True)
@@ -65,20 +38,24 @@ class Place:
 
 @dataclass(frozen=True)
 class Round:
-    """One turn of the loop: what was traced before, what was tried, what was accepted (None: nothing), and where its refit ends.
+    """One turn of the loop: what was traced before, what was tried, what was accepted (one effect, two together, or none), and where its
+    refit ends.
 
     The next round may begin elsewhere: at the optimum of the problem that knows the error of the force."""
 
     traced: Traced
     trials: tuple[Trial, ...]
-    accepted: str | None
+    accepted: tuple[str, ...]
     after: Place | None = None
 
 
 @dataclass(frozen=True)
 class Closed:
     """Result of the loop: the rounds, the traces at the first and at the last optimum, the accepted effects, those dropped again, how the
-    last problem is fitted, and the error of its discretisation."""
+    last problem is fitted, and the error of its discretisation.
+
+    `unjudged`: effects that no run of the last round could judge, and why. `open_ones`: effects that were worth a refit when the most
+    effects had been added."""
 
     rounds: tuple[Round, ...]
     first: Traced
@@ -89,6 +66,8 @@ class Closed:
     refit: Refit
     numerical: np.ndarray | None
     remarks: tuple[str, ...] = ()
+    unjudged: Mapping[str, str] = field(default_factory=dict)
+    open_ones: tuple[str, ...] = ()
 
 
 def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numerical: np.ndarray | None, how: str = "auto") -> Closed:
@@ -106,37 +85,71 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         if sharp is not None:
             held = tuple(n for n in here.case.parameters.free if n not in sharp[1].case.parameters.free)
             if held:
-                remarks.append(f"{_held(sharp[1].case.parameters, held)}: free beside the error of the force, it does not settle")
+                values = ", ".join(f"{n} = {sharp[1].case.parameters[n]:.3g}" for n in held)
+                remarks.append(f"held at {values}: free beside the error of the force, it does not settle")
             first, here, fit, refit, numerical = sharp
         try:
             here = retraced(here)
         except NumericsError as error:
             remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
         first = first if accepted else here
-        trials: list[Trial] = []
-        winner: tuple[Traced, FitResult, str] | None = None
-        best = 0.0
-        if len(accepted) < max_effects:
-            for score in candidates(here):
-                if winner is not None and not case.cheap and not _rivals(here, score.effect, best):
-                    continue
-                try:
-                    trial, found = _tried(here, fit, score, Means(refit, numerical, how))
-                except NumericsError as error:
-                    trial, found = Trial(score, None, score.estimate, {}, 0.0, f"a run that judges it failed: {error}"), None
-                trials.append(trial)
-                if found is not None and (winner is None or trial.gain > best):
-                    winner, best = (*found, score.effect), trial.gain
+        trials, winner = _turn(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
         if winner is None:
-            rounds.append(Round(here, tuple(trials), None))
+            rounds.append(Round(here, tuple(trials), ()))
             break
-        rounds.append(Round(here, tuple(trials), winner[2], place_of(winner[0])))
-        here, fit, name = winner
-        accepted.append(name)
-    dropped = []
-    means = Means(refit, numerical, how)
-    for name in accepted[:-1]:
-        needed, others = still_needed(here, name), [n for n in accepted if n != name and n not in dropped]
+        trial, (end, end_fit) = winner
+        rounds.append(Round(here, tuple(trials), trial.effects, place_of(end)))
+        here, fit = end, end_fit
+        accepted += trial.effects
+    unjudged = dict(here.unjudged) | {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
+    full = len(accepted) >= max_effects
+    still = tuple(s.effect for s in here.promising()) if full else ()
+    names = tuple(accepted)
+    closed = Closed(tuple(rounds), first, here, fit, names, (), refit, numerical, tuple(remarks), unjudged, still)
+    return against_base(_backward(closed, how), how)
+
+
+def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
+    """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect."""
+    trials: list[Trial] = []
+    ends: dict[str, Traced] = {}
+    winner: tuple[Trial, Accepted] | None = None
+    for score in candidates(here) if room > 0 else ():
+        enough = len(trials) >= TRIED_PER_ROUND
+        if winner is not None and not here.case.cheap and (enough or not _rivals(here, score.effect, winner[0].gain)):
+            continue
+        trial, found = tried(here, fit, score, means)
+        trials.append(trial)
+        if found is not None:
+            ends[score.effect] = found[0]
+            if winner is None or trial.gain > winner[0].gain:
+                winner = trial, found
+    if room > 1 and leaves_more_than_it_takes(here, fit, trials):
+        of_pairs, best = best_pair(here, fit, ends, means)
+        trials += of_pairs
+        if best is not None and (winner is None or best[0].gain > winner[0].gain):
+            winner = best
+    if winner is not None and len(winner[0].effects) == 1:
+        named = _with_its_like(winner[0], winner[1][0], ends)
+        trials = [named if t is winner[0] else t for t in trials]
+        winner = named, winner[1]
+    return trials, winner
+
+
+def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Trial:
+    """The accepted trial with the effects whose own refits predict held-out data as well in its family: this test does not tell them."""
+    (score,) = trial.scores
+    alike = [n for n, other in ends.items() if n not in score.family and not told_apart(end, other)]
+    return replace(trial, scores=(replace(score, family=(*score.family, *alike)),))
+
+
+def _backward(closed: Closed, how: str) -> Closed:
+    """Without the effects that those of later rounds have made needless."""
+    here, fit, means, remarks = closed.last, closed.fit, Means(closed.refit, closed.numerical, how), list(closed.remarks)
+    dropped: list[str] = []
+    latest = closed.rounds[-2].accepted if len(closed.rounds) > 1 else ()
+    for name in (n for n in closed.accepted if n not in latest):
+        needed, others = still_needed(here, name), [n for n in closed.accepted if n != name and n not in dropped]
         try:
             found = made_up_for(here, name, others, means) if needed else without(here, name, means)
         except NumericsError as error:
@@ -145,9 +158,31 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         if found is not None:
             here, fit = found
             dropped.append(name)
-    return Closed(
-        tuple(rounds), first, here, fit, tuple(n for n in accepted if n not in dropped), tuple(dropped), refit, numerical, tuple(remarks)
-    )
+    names = tuple(n for n in closed.accepted if n not in dropped)
+    return replace(closed, last=here, fit=fit, accepted=names, dropped=tuple(dropped), remarks=tuple(remarks))
+
+
+def against_base(closed: Closed, how: str) -> Closed:
+    """The result without what, all together, does not predict held-out data better than the base model: the latest effects go first."""
+    means = Means(closed.refit, closed.numerical, how)
+    while closed.accepted:
+        ends = (held_out_of(closed.first), held_out_of(closed.last))
+        folds = len(closed.last.split.held_out)
+        inside = compared(*ends, closed.last.rows, folds, closed.last.problem.noise, closed.last.columns.residual)
+        beyond = [p for n in closed.accepted if (p := proof_of_refit(closed.first, closed.last, n)) is not None]
+        proof = min(beyond, key=lambda p: p.gain) if beyond else inside
+        if proof.convinces:
+            break
+        name = closed.accepted[-1]
+        why = f"{name} is taken back: with {', '.join(closed.accepted)} together {proof.words} beside the base model"
+        try:
+            here, fit = without(closed.last, name, means)
+        except NumericsError as error:
+            unjudged = {**closed.unjudged, name: f"together {proof.words}, but the fit without it failed: {error}"}
+            return replace(closed, unjudged=unjudged)
+        left = closed.accepted[:-1]
+        closed = replace(closed, last=here, fit=fit, accepted=left, dropped=(*closed.dropped, name), remarks=(*closed.remarks, why))
+    return closed
 
 
 def place_of(here: Traced) -> Place:
@@ -179,148 +214,20 @@ def _rivals(here: Traced, name: str, gain: float) -> bool:
 
 
 def candidates(here: Traced) -> tuple[Score, ...]:
-    """Effects that a round refits, as `promising` orders them: the first, and of the others those with the largest held-out gain. Where a
-    run costs next to nothing all of them, those of their families that pass the threshold, and what else passes it: a refit can tell apart
-    what one step cannot, and can go where that step fails."""
+    """Effects that a round may refit, as `promising` orders them: the first, and of the others those with the largest held-out gain.
+
+    Where a run costs next to nothing all of them, those of their families that pass the threshold, and what else passes it: a refit can
+    tell apart what one step cannot, and can go where that step fails.
+    """
     promising = here.promising()
     if not here.case.cheap:
         others = sorted(promising[1:], key=lambda s: -here.proofs[s.effect].gain)
-        return (*promising[:1], *others[: TRIED_PER_ROUND - 1])
+        return (*promising[:1], *others[: MOST_TRIED - 1])
     alike = {member for s in promising for member in s.family}
     others = [s for s in here.ranking.scores if not s.vetoed and s.z > here.ranking.threshold and s not in promising]
     visible = [s for s in others if s.effect in alike or s.predicted_drop > OVER_NUMERICAL * s.numerical_drop]
     visible.sort(key=lambda s: s.effect not in alike)  # families first; within both the largest z first, as they are ranked
     return (*promising, *visible)[:TRIED_WHERE_CHEAP]
-
-
-def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Trial, tuple[Traced, FitResult] | None]:
-    """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds."""
-    chosen = here.settings.get(score.effect)
-    if chosen is None and len(scans(effect(score.effect), here.case)) > 1:
-        chosen, block = best_scan(here.case, here.problem, effect(score.effect))
-        alone = replace(here.problem, dormant={score.effect: (here.problem.dormant[score.effect][0], block)})
-        score = replace(ranked(alone).scores[0], family=score.family)
-    start = with_effect(here.case.parameters, score.effect, {**score.estimate, **(chosen or {})})
-    try:
-        parameters, after = means.refit(start, score.effect)
-    except NumericsError as error:
-        return Trial(score, None, score.estimate, {}, 0.0, f"the refit failed: {error}", ends=_ends(score.effect, start, fit)), None
-    scanned = tuple(p.name for p in effect(score.effect).exponents)
-    freed, said = _freed((parameters, after), scanned, score.effect, means.refit)
-    if not here.case.cheap:
-        trial, found = _judged(here, fit, score, freed or (parameters, after), means)
-        return replace(trial, exponents=said), found
-    held = _held(parameters, scanned)
-    if freed is not None:
-        said, of_freed = f"{held}: freeing them gains nothing on held-out data", said
-        if not freed[1].converged:  # what does not settle is not determined, however well it interpolates
-            said, freed = f"{held}: with them free the fit does not settle", None
-    ends = [((parameters, after), said)] + ([(freed, of_freed)] if freed is not None else [])
-    if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
-        singly = [(_freed((parameters, after), (name,), score.effect, means.refit), name) for name in scanned]
-        ends += [(one[0], f"{name} {one[1]}") for one, name in singly if one[0] is not None and one[0][1].converged]
-    judged = [(*_judged(here, fit, score, end, means), words) for end, words in ends]
-    trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
-    return replace(trial, exponents=said), found
-
-
-def _held(parameters: Parameters, names: Sequence[str]) -> str:
-    return "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in names)
-
-
-def _judged(
-    here: Traced, fit: FitResult, score: Score, refitted: tuple[Parameters, FitResult], means: Means
-) -> tuple[Trial, tuple[Traced, FitResult] | None]:
-    """What a refit is worth on held-out data; `fit` is the one without the effect."""
-    parameters, after = refitted
-    there = means.traced(here, parameters)
-    proof, estimate, sigma, refused = _worth(here, there, score, after)
-    readings = ""
-    if not refused:
-        refused, readings = _on_readings(here, score, parameters, proof, means)
-    ends = _ends(score.effect, parameters, after)
-    trial = Trial(score, proof, estimate, sigma, fit.f - after.f, refused, ends=ends, readings=readings)
-    return trial, None if refused else (there, after)
-
-
-def _worth(here: Traced, there: Traced, score: Score, after: FitResult) -> tuple[Proof, Mapping[str, float], Mapping[str, float], str]:
-    """Proof of a refit that ends `there`, estimates of the effect's Params with their standard errors, why it is refused (empty: not)."""
-    names = tuple(p.name for p in effect(score.effect).params if not p.scan)
-    ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
-    inside = compared(*ends, here.rows, folds, here.problem.noise, there.columns.residual)
-    proof = proof_of_refit(here, there, score.effect) or inside
-    sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
-    estimate = {n: there.case.parameters[n] for n in names}
-    return proof, estimate, sigma, _refusal(there, score.effect, (estimate, sigma), proof, after)
-
-
-def _on_readings(here: Traced, score: Score, end: Parameters, proof: Proof, means: Means) -> tuple[str, str]:
-    """Why an effect is refused whose refit drives declared readings beyond their errors (empty: it is not), and what its gain is without.
-
-    A second refit holds these readings, and the exponents, where they were. What is missing besides may drive them as well, and they stand
-    in for it (a lamp for warmer air): an effect that keeps OWN_GAIN of its gain does not rest on them.
-    """
-    priors = here.case.model.priors
-    gone = {prior.name: prior for prior in beyond_error(priors, end, here.case.parameters)}
-    if not gone:
-        return "", ""
-    said = "; ".join(in_words(prior, end[name]) for name, prior in gone.items())
-    own = effect(score.effect)
-    if set(gone) & set(own.names):
-        return said, ""
-    fixed = {*gone, *(p.name for p in own.params if p.scan)}
-    start = end.replace(**{n: here.case.parameters[n] for n in gone}).with_free(tuple(n for n in end.free if n not in fixed))
-    try:
-        parameters, after = means.refit(start, f"{score.effect} readings")
-    except NumericsError as error:
-        return f"{said}; the refit with it held failed ({error})", ""
-    there = means.traced(here, parameters)
-    alone, _, _, refused = _worth(here, there, score, after)
-    words = f"with {', '.join(gone)} held {alone.words}"
-    return (said, words) if refused or alone.gain < OWN_GAIN * proof.gain else ("", words)
-
-
-def _ends(name: str, parameters: Parameters, fit: FitResult) -> dict[str, tuple[float, float | None]]:
-    """Values of the exponents of an effect, with their standard errors where the fit had them free."""
-    sigma = {} if fit.sigma is None else dict(zip(fit.names, fit.sigma.tolist(), strict=True))
-    return {p.name: (parameters[p.name], sigma.get(p.name)) for p in effect(name).params if p.scan}
-
-
-def _freed(
-    start: tuple[Parameters, FitResult], scanned: tuple[str, ...], name: str, refit: Refit
-) -> tuple[tuple[Parameters, FitResult] | None, str]:
-    """A second refit with scanned Params of an effect free as well where the objective falls by it, and what became of them."""
-    parameters, fit = start
-    if not scanned:
-        return None, ""
-    try:
-        found = refit(
-            parameters.with_free((*parameters.free, *scanned)), f"{name} {' '.join(n.rpartition('.')[2] for n in scanned)}{EXPONENTS}"
-        )
-    except NumericsError as error:
-        return None, f"{_held(parameters, scanned)}: the refit with them free failed ({error})"
-    if fit.f - found[1].f <= WORTH_AN_EXPONENT:
-        return None, f"{_held(parameters, scanned)}: freeing them gains nothing"
-    if not set(scanned) <= set(found[0].free):
-        return found, f"{_held(found[0], scanned)}, which the data do not determine further"
-    return found, "fitted" if found[1].converged else "fitted, but not settled"
-
-
-def _refusal(there: Traced, name: str, found: tuple[Mapping[str, float], Mapping[str, float]], proof: Proof, fit: FitResult) -> str:
-    """Why a refitted effect with `found` = (estimates, their standard errors) is not accepted, empty where it is."""
-    estimate, sigma = found
-    if fit.sigma is None:
-        return "the refit has no standard errors: the data do not determine all of its parameters"
-    if not proof.convinces:
-        return f"{proof.words} only" if proof.gain > 0.0 else proof.words
-    amplitude = effect(name).amplitude
-    own = [p for p in effect(name).params if not p.scan]
-    if fit.at_bound[fit.names.index(amplitude.name)]:
-        return f"{amplitude.name} ends at its bound {estimate[amplitude.name]:.3g} {amplitude.unit}"
-    near = all(abs(estimate[p.name] - p.neutral) <= AWAY * sigma[p.name] for p in own)
-    if near and missed(there, name, fit) <= AWAY:
-        return f"{amplitude.name} = {estimate[amplitude.name]:.3g} is not away from {amplitude.neutral:g}"
-    return ""
 
 
 def ranking_rows(here: Traced, accepted: Sequence[str] = ()) -> list[dict[str, Any]]:

@@ -13,13 +13,15 @@ from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.core.staging import Job, artefact_path, job
 from thermofit.core.study import Study
+from thermofit.core.study_key import read_of
 from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
 from thermofit.core.study_stages import ChannelSettings, Stages, StageSettings
-from thermofit.diagnose.case import Case, Sharper, slots_of
+from thermofit.diagnose.case import Case, Sharper, slots_of, untold
 from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.errors_told import Told, told, too_far
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.diagnose.structure import Span, named_phases
@@ -29,8 +31,9 @@ from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model, coupon_run, offsets
+from thermofit.identify.coupon_model import answerable, coupon_model, coupon_run, offsets
 from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.identify.flow_conditions import flow_conditions
 from thermofit.identify.inputs import measured, start_parameters, with_identified
 from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
 from thermofit.identify.joint_several import JointSeveral, joint_several, known_in
@@ -43,6 +46,7 @@ from thermofit.measure.stations import INFRARED
 SECTIONS = (
     *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
 )
+DIAGNOSE = "diagnose"
 USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
 """Parameters that the stages identify where a study does not say."""
 JOINT_EVALUATIONS = 10
@@ -75,7 +79,10 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
     sections = (*SECTIONS, *(("experiments", "shared") if study.experiments else ()))
-    return job(study.run_dir, name, study.config_of(*sections), inputs), stages
+    config = read_of(study, *sections)
+    if name == DIAGNOSE:  # which adds no effect
+        config["diagnosis"] = {key: value for key, value in config["diagnosis"].items() if key != "max_effects"}
+    return job(study.run_dir, name, config, inputs), stages
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:
@@ -108,26 +115,32 @@ class _Joint:
     elsewhere: tuple[Elsewhere, ...] = ()
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together."""
+    remarks: tuple[str, ...] = ()
 
 
-def prepared(study: Study, task: Job, stages: tuple[str, ...]) -> Prepared:
-    """Joint fit of everything that the stages identified, from where they ended.
+def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None = None) -> Prepared:
+    """Joint fit of everything that the stages identified, from where they ended; `known`: that fit, where it has been made.
 
     A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
     scores are those after a joint step of all fitted parameters in any case.
     """
     joint = _coupon(study, stages) if study.coupon is not None else _several(study, stages) if study.fitted else _body(study, stages)
-    _refuse_one_family(study, joint)
-    _refuse_few(joint.model.residual(joint.base), joint)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
-    parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
+    if known is None:
+        _refuse_one_family(study, joint)
+        _refuse_few(joint.model.residual(joint.base), joint)
+        parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
+    else:
+        parameters, fit = known.parameters, known.fit
+        refit.failures.extend(known.failures)
+        refit.ends.update(known.ends)
     if not fit.converged:
         parameters = joint.base
     scored = None if joint.parts is None else joint.parts.scored
     instruments = frozenset(n for n in (*parameters.free, *(n for e in joint.known for n in e.names)) if bare_name(n) in station_names())
     how = (study.coupon is not None, scored, joint.elsewhere, joint.rows, joint.largest_strain, _sharper(joint, refit), refit.heated)
     case = Case(joint.model, parameters, joint.known, joint.spans, instruments, *how, joint.correlation_length)
-    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, _unknown_force(study, joint))
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*joint.remarks, *_unknown_force(study, joint)))
 
 
 def _unknown_force(study: Study, joint: _Joint) -> tuple[str, ...]:
@@ -155,7 +168,7 @@ def _sharper(joint: _Joint, refit: JointFit) -> Callable[[Parameters], Sharper |
             refit.failures.append(
                 f"errors of mesh and force: a run that tells them failed, those of the stages' optimum are kept ({error})"
             )
-        fitting = replace(refit, model=found.whole.model, parts=found.whole)
+        fitting = replace(refit, model=found.whole.model, parts=found.whole, ends={})
         return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole, fitting.heated)
 
     return sharp
@@ -275,27 +288,29 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
     model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
     run = coupon_run(study, data, settings.free)
     hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
+    there = flow_conditions(data.tests, lambda test: run.history(base, test))
+    known, untold_words = untold(slots_of("point", SENSOR if hot else ()), base.with_free(settings.free), there)
     return _Joint(
         settings,
         base.with_free(settings.free),
         model,
         lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
         max(float(run.history(base, test).accumulated.max()) for test in data.tests),
-        slots_of("point", SENSOR if hot else ()),
+        known,
         coupon_spans(data),
         MeshSize(n_x=1, n_y=1, n_z=1),
-        elsewhere=_unseen_records(study, settings, base),
+        elsewhere=_unseen_records(study, settings, base, known),
+        remarks=untold_words,
     )
 
 
-def _unseen_records(study: Study, settings: StageSettings, base: Parameters) -> tuple[Elsewhere, ...]:
+def _unseen_records(study: Study, settings: StageSettings, base: Parameters, known: tuple[Effect, ...]) -> tuple[Elsewhere, ...]:
     """Held-out records of coupons."""
     data = coupon_data(study, held_out=True)
     if not data.tests:
         return ()
-    hot = any(test.theta is not None for test in data.tests) and "dtheta" in settings.channels
     model = unseen_coupons(study, data, settings, base)
-    return (records_elsewhere([t.name for t in data.tests], model, slots_of("point", SENSOR if hot else ()), coupon_spans(data)),)
+    return (records_elsewhere([t.name for t in data.tests], model, known, coupon_spans(data)),)
 
 
 def unseen_coupons(study: Study, data: CouponData, settings: StageSettings, base: Parameters) -> StageModel:
@@ -307,7 +322,7 @@ def unseen_coupons(study: Study, data: CouponData, settings: StageSettings, base
 def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
     """All that the stages of a coupon study identify, on all that they compare; with temperatures, the air's too, held by a prior."""
     hot = any(test.theta is not None for test in data.tests)
-    own = [study.stage(key) for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
+    own = [answerable(study.stage(key), data)[0] for key in ("elastic", "plastic", *(("thermal",) if hot else ()))]
     wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
     nuisances = tuple(name for name in ("theta_air",) if {"theta", "dtheta"} & set(wanted) and name not in study.parameters)
     free = study.diagnosis.free or tuple(dict.fromkeys((*(name for s in own for name in s.free), *nuisances)))
@@ -323,5 +338,5 @@ def coupon_spans(data: CouponData) -> tuple[Span, ...]:
     for test, offset in zip(data.tests, offsets(data.tests), strict=True):
         spans = named_phases(test.phases)
         prefix = f"{test.name} " if len(data.tests) > 1 else ""
-        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset) for s in spans]
+        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset, record=test.name) for s in spans]
     return tuple(out)

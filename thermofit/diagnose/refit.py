@@ -10,6 +10,7 @@ import numpy as np
 
 from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.errors import NumericsError
+from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.progress import progress
 from thermofit.core.staging import Job
@@ -138,6 +139,10 @@ def with_effect(parameters: Parameters, name: str, estimate: Mapping[str, float]
     return parameters.replace(**start).with_free((*parameters.free, *free))
 
 
+Ends = dict[str, tuple[Parameters, tuple[str, ...]]]
+"""Where refits on a known motion end, by label, motion and start, and what failed on the way."""
+
+
 @dataclass(frozen=True)
 class JointFit:
     """Minimises the objective of a joint model; evaluations are kept beside the artefact of `job` until that is written."""
@@ -152,6 +157,8 @@ class JointFit:
     """Where displacements and temperatures can be fitted on their own: both are, before all together."""
     failures: list[str] = field(default_factory=list)
     """Starts at which a model failed while others went on, each in words: they are counted and named in the record."""
+    ends: Ends = field(default_factory=dict)
+    """Refits on known motions that are done: the same one is not made twice, and `close-loop` takes over those of `diagnose`."""
 
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
@@ -192,10 +199,17 @@ class JointFit:
             return None
 
         def minimised(start: Parameters, label: str) -> Parameters:
-            found = self._warmed(start, model, label)
-            if found is None:
+            key = json_text([label, dict(parameters.values), dict(start.values), start.free])
+            if key in self.ends:
+                found, said = self.ends[key]
+                self.failures.extend(said)
+                return found
+            before = len(self.failures)
+            there = self._warmed(start, model, label)
+            if there is None:
                 raise NumericsError(f"{label}: none of its starts can be run: {self.failures[-1]}")
-            return found
+            self.ends[key] = (there, tuple(self.failures[before:]))
+            return there
 
         return HeatFit(model, minimised)
 

@@ -9,7 +9,7 @@ temperatures feel; it is judged by its held-out error there, and its family is t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,10 +54,7 @@ def retraced(here: Traced) -> Traced:
     fit = here.case.heated(here.case.parameters)
     if fit is None:
         return here
-    before = held_out_residual(
-        here.columns.residual, here.columns.fitted, here.split, room_of(here.case.parameters, here.case.parameters.free)
-    )
-    ends = {s.effect: end for s in asked if (end := _refitted(here, s, fit, before)) is not None}
+    ends = {s.effect: end for s in asked if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
     if not ends:
         return here
     alike = _alike(here, ends, fit)
@@ -106,13 +103,30 @@ def _shown(here: Traced) -> np.ndarray:
     return np.asarray(np.isin(here.rows.channel, [*warm, -1]))
 
 
-def _refitted(here: Traced, score: Score, fit: HeatFit, before: np.ndarray) -> _End | None:
-    """An effect refitted on the known motion; None where no start can be run, which the fit notes among its failures."""
-    start = with_effect(here.case.parameters, score.effect, {**score.estimate, **here.settings.get(score.effect, {})})
+def shown_alone(here: Traced, fit: HeatFit) -> dict[str, _End]:
+    """Effects that temperatures show, each refitted on the known motion."""
+    return {s.effect: end for s in _asked(here) if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
+
+
+def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings: Mapping[str, float]) -> _End | None:
+    """Several effects refitted together on the known motion; None where no start can be run."""
+    return _refitted(here, scores, fit, settings)
+
+
+def _refitted(here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float]) -> _End | None:
+    """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
+    of the first one."""
+    score, start = scores[0], here.case.parameters
+    for one in scores:
+        chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
+        start = with_effect(start, one.effect, {**one.estimate, **chosen})
     try:
-        parameters = fit.minimised(start, f"{score.effect} on the known motion")
+        parameters = fit.minimised(start, f"{' '.join(s.effect for s in scores)} on the known motion")
     except NumericsError:
         return None
+    before = held_out_residual(
+        here.columns.residual, here.columns.fitted, here.split, room_of(here.case.parameters, here.case.parameters.free)
+    )
     thermal = felt_by_temperatures(parameters.free)
     residual, columns = fit.model.linearised(parameters, thermal)
     mine = _shown(here)
@@ -120,7 +134,7 @@ def _refitted(here: Traced, score: Score, fit: HeatFit, before: np.ndarray) -> _
     left, after = here.columns.residual.copy(), before.copy()
     left[mine], after[mine] = residual, own
     proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.noise, left)
-    if score.vetoed or score.z == 0.0:
+    if len(scores) == 1 and (score.vetoed or score.z == 0.0):
         score = _scored_there(here, score, fit.model, parameters, (residual, columns, mine))
     return _End(score, parameters, left, after, proof)
 

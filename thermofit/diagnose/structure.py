@@ -62,12 +62,13 @@ def residual_field(comparison: Comparison, error: np.ndarray, observation: Field
 
 @dataclass(frozen=True)
 class Span:
-    """A part of the test: its name, t0 < t <= t1 in s; the experiment that it is of, where there are several."""
+    """A part of the test: its name, t0 < t <= t1 in s; the experiment, or the record of a coupon, that it is of where there are several."""
 
     name: str
     t0: float
     t1: float
     experiment: str = ""
+    record: str = ""
 
 
 def named_phases(phases: Sequence[TestPhase]) -> tuple[Span, ...]:

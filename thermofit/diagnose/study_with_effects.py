@@ -14,7 +14,15 @@ from thermofit.effects.catalogue import effect
 from thermofit.identify.several import own_names
 
 _FILES = (("experiment",), ("effects",), ("experiments", "*", "experiment"), ("geometry", "file"), ("necking", "file"))
-_RECORDS = ("coupon", "records", "*", "file")
+_RECORDS = (
+    ("coupon", "records", "*", "file"),
+    ("coupon", "series", "*", "files"),
+    *(
+        ("coupon", kind, "*", channel, "file")
+        for kind in ("records", "series")
+        for channel in ("strain", "stress", "temperature", "lateral")
+    ),
+)
 """Keys that name files relative to the study."""
 
 
@@ -25,7 +33,7 @@ def study_text(study: Study, closed: Closed) -> str:
         set_key(tree, text)
     tree["name"] = f"{study.name}-with-effects"
     tree["run_dir"] = str(study.run_dir / "with-effects")
-    for key in (*_FILES, _RECORDS):
+    for key in (*_FILES, *_RECORDS):
         _absolute(tree, key, study.source.parent)
     parameters = dict(tree.get("parameters") or {})
     found = closed.last.case.parameters

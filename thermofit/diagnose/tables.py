@@ -9,16 +9,19 @@ from typing import Any
 from thermofit.core.artefact import Record
 from thermofit.core.parameters import param
 from thermofit.core.study import Study
+from thermofit.core.study_section import PRESETS, MeshSize
 
 
-def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path]) -> str:
-    """The report of a run as Markdown; `records` by stage hold `interpolate`, `verify` and the identification stages that have run."""
+def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:
+    """The report of a run as Markdown; `records` by stage hold `interpolate`, `verify` and the identification stages that have run, `stale`
+    why they are not what the study would give now."""
     verify, interpolate = records["verify"], records["interpolate"]
     parts = [
         f"# {study.name}",
+        *stale_lines(study, stale),
         str(verify.summary["verdict"]) + ".",
         "## Study and data",
-        table(("item", "value"), _study_rows(study, interpolate, verify)),
+        table(("item", "value"), _study_rows(study, records)),
         "## Noise of the data",
         table(("quantity", "standard deviation", "estimated by"), _noise_rows(interpolate)),
         "## Parameters",
@@ -39,22 +42,48 @@ def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[P
     return "\n\n".join(parts) + "\n"
 
 
+def stale_lines(study: Study, stale: Sequence[str]) -> list[str]:
+    """A warning where results are stale, empty where they are not."""
+    if not stale:
+        return []
+    return ["**Stale results:** " + "; ".join(stale) + f". `thermofit run {study.source.name}` makes anew what has changed."]
+
+
+def meshes(records: Mapping[str, Record]) -> str:
+    """The mesh by which the artefacts were made, of every stage where they differ."""
+    found = {stage: _mesh(record.config) for stage, record in records.items() if "mesh" in record.config}
+    if len(set(found.values())) == 1:
+        return next(iter(found.values()))
+    return "; ".join(f"{stage}: {mesh}" for stage, mesh in found.items())
+
+
+def _mesh(config: Mapping[str, Any]) -> str:
+    geometry = config.get("geometry", {})
+    if geometry.get("shape") == "file":
+        return f"hex8 of the file {geometry['file']}"
+    given = config["mesh"]
+    size = PRESETS[given] if isinstance(given, str) else MeshSize(**given)
+    model = "whole body" if geometry.get("part") == "full" else "quarter model"
+    return f"{size.n_x} x {size.n_y} x {size.n_z} hex8 of the {model}"
+
+
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table; a bar inside a cell is escaped."""
     lines = [columns, ["---"] * len(columns), *rows]
     return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
-def _study_rows(study: Study, interpolate: Record, verify: Record) -> list[tuple[str, str]]:
-    size, s = study.mesh_size, interpolate.summary
+def _study_rows(study: Study, records: Mapping[str, Record]) -> list[tuple[str, str]]:
+    verify, interpolate = records["verify"], records["interpolate"]
+    s = interpolate.summary
     gauge = [s["specimen"][name] for name in ("gauge_width", "thickness", "parallel_length")]
     rows = [
         ("study file", study.source.name),
         ("raw data", ("virtual experiment, " if study.virtual else "") + str(study.experiment)),
         ("specimen", f"gauge {gauge[0]:g} mm x {gauge[1]:g} mm, parallel length {gauge[2]:g} mm"),
         ("air, jaws", f"{s['temperatures']['theta_air']:.2f} K, {s['temperatures']['theta_clamp']:.2f} K"),
-        ("material", f"model {study.model}"),
-        ("mesh", f"{size.n_x} x {size.n_y} x {size.n_z} hex8 of the quarter model"),
+        ("material", f"model {verify.config['model']}"),
+        ("mesh", meshes(records)),
         ("load steps", str(len(interpolate["steps/all/time"].value))),
         ("compared points", str(s["displacement"]["nodes"])),
         ("displacements", f"{len(interpolate['u/time'].value)} times, {s['displacement']['masked']} point-times left out"),

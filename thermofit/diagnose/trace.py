@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
 from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
@@ -20,6 +21,10 @@ PROVED_AT_MOST = 8
 _BLOCKS = (25, 5)
 _BUFFER_SHARE = (0.01, 0.05)
 """Parts of time and of length that are left out beside a held-out block at least."""
+
+
+Scan = tuple[dict[str, float], np.ndarray]
+"""Values of the exponents of an effect, and its columns (n, k) there."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,11 @@ class Traced:
     """The declared held-out tests at these parameters."""
     warmed: tuple[str, ...] = ()
     """Effects that were refitted on the known motion: proof, estimate and family are those of the refit."""
+    unjudged: Mapping[str, str] = field(default_factory=dict)
+    """Effects with which the model could not run, however near to neutral and with none of the values of their exponents, and why: the
+    data may hold them or not."""
+    scanned: Mapping[str, tuple[Scan, ...]] = field(default_factory=dict)
+    """Of effects whose exponents were scanned: every set of values that could be run, the best first."""
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first; where gains differ by no more than their errors, one that a refit on the
@@ -56,6 +66,8 @@ class Traced:
 
     def why_not(self, score: Score) -> str:
         """In words why an effect is not worth a refit, empty where it is."""
+        if score.effect in self.unjudged:
+            return f"not judged: {self.unjudged[score.effect]}"
         if score.vetoed:
             return score.vetoed
         if score.z <= self.ranking.threshold:
@@ -81,25 +93,34 @@ def _clocked(case: Case, rows: Rows) -> Rows:
     return replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
 
 
-def split_of(case: Case, rows: Rows, weight: np.ndarray, how: str = "auto") -> Split:
+def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto") -> Split:
     """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
 
-    Blocks see every phase, so that a parameter which a single phase determines is not lost with it. Their buffer in space is not shorter
-    than the noise hangs together: else a seen point would tell the noise of a held-out one. Of coupons the samples are the clock.
+    Blocks see every phase, so that a parameter which a single phase determines is not lost with it; `fitted` (n, p) are the columns of the
+    fitted parameters, of which every fold still sees enough. Their buffer in space is not shorter than the noise hangs together: else a
+    seen point would tell the noise of a held-out one. Of coupons the samples are the clock. Records and experiments have blocks of their
+    own.
     """
     clock = "samples" if case.cheap else "s"
     rows = _clocked(case, rows)
-    span = float(np.ptp(rows.time))
     if how == "phases":
-        found = split_by_phase(rows, [s.name for s in case.spans], _BUFFER_SHARE[0] * span)
+        found = split_by_phase(rows, [s.name for s in case.spans], _BUFFER_SHARE[0] * float(np.ptp(rows.time)))
         if found is not None:
             return found
     used = rows.channel >= 0
     length = float(np.ptp(rows.xy[used, 1]))
     shape = (_BLOCKS[0], _BLOCKS[1] if length > 0.0 else 1)
-    inside = replace(rows, time=np.where(used, rows.time, rows.time.min()))
-    buffer = (_BUFFER_SHARE[0] * span, max(_BUFFER_SHARE[1] * length, case.correlation_length))
-    split = split_by_blocks(inside, shape, buffer, weight=np.where(used, weight, 0.0), clock=clock)
+    names = [span.record or span.experiment for span in case.spans]
+    of_span = np.array([names.index(name) for name in names])
+    here = of_span[np.where(used, rows.phase, 0)]
+    # Rows of priors are seen in every fold: they stand nowhere, and are put where no block is changed by them.
+    first = {k: float(rows.time[used & (here == k)].min()) for k in np.unique(here[used])}
+    at = int(min(first))
+    here, time = np.where(used, here, at), np.where(used, rows.time, first[at])
+    inside = replace(rows, time=time)
+    buffer = (_BUFFER_SHARE[0] * float(np.ptp(time)), max(_BUFFER_SHARE[1] * length, case.correlation_length))
+    weight = np.where(used, information(fitted), 0.0)
+    split = split_by_blocks(inside, shape, buffer, weight=weight, clock=clock, part=here, fitted=fitted)
     kept = tuple(held & used for held in split.held_out)
     note = " (only one load phase)" if how == "phases" else ""
     return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
@@ -113,24 +134,31 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     found = linearised(case)
     rows = case.rows
     if split is None:
-        split = split_of(case, rows, information(found.fitted), how)
+        split = split_of(case, rows, found.fitted, how)
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(_clocked(case, rows), np.ones(len(rows.time), dtype=bool))
     noise = case.model.noise if noisy else None
     columns = Columns(found.residual, found.fitted, found.dormant, noise, groups, numerical, n_priors=len(case.model.priors))
-    settings: dict[str, dict[str, float]] = {}
-    columns = _scanned(case, columns, settings, found.scanned)
+    scanned, unjudged = _scanned(case, columns, found)
+    settings = {name: tried[0][0] for name, tried in scanned.items()}
+    dormant = dict(columns.dormant)
+    for effect in case.dormant():
+        if effect.name in scanned:
+            dormant[effect.name] = (tuple(p.name for p in effect.amplitudes), scanned[effect.name][0][1])
+    others = tuple(block for tried in scanned.values() for _, block in tried[1:])
+    columns = replace(columns, dormant=dormant, also_tried=others)
     ranking = _probable(ranked(columns), case)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
     own = room_of(case.parameters, case.parameters.free)
     beyond = beyond_of(case, strongest, settings)
+    unjudged |= {name: why for b in beyond for name, why in b.failed.items()}
     proofs = {}
-    for effect in strongest:
-        names, block = columns.dormant[effect]
+    for name in strongest:
+        names, block = columns.dormant[name]
         rooms = (own, room_of(case.parameters, names))
         inside = proof(found.residual, (found.fitted, block), rows, split, rooms, columns.noise)
-        proofs[effect] = proof_beyond((found.residual, found.fitted), effect, block, beyond, rooms) or inside
-    return Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
+        proofs[name] = proof_beyond((found.residual, found.fitted), name, block, beyond, rooms) or inside
+    return Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond, unjudged=unjudged, scanned=scanned)
 
 
 def _probable(ranking: Ranking, case: Case) -> Ranking:
@@ -152,31 +180,43 @@ def room_of(parameters: Parameters, names: Sequence[str]) -> Room:
     return np.array([param(name).lower for name in names]) - x, np.array([param(name).upper for name in names]) - x
 
 
-Scanned = Mapping[str, Sequence[np.ndarray]]
-"""Columns (n, k) of effects at every set of values of their `scans`."""
+def _scanned(case: Case, columns: Columns, found: Linearised) -> tuple[dict[str, tuple[Scan, ...]], dict[str, str]]:
+    """Columns of effects at the values of their exponents, the best first, and the effects that could not be run with any of them.
 
-
-def _scanned(case: Case, columns: Columns, settings: dict[str, dict[str, float]], known: Scanned) -> Columns:
-    """The columns with those values of every effect's exponents at which it explains most; `settings` takes them.
-
-    Only what is `known` or costs next to nothing is scanned.
+    Only what is known from a heat run or costs next to nothing is scanned.
     """
-    dormant = dict(columns.dormant)
+    scanned, unjudged = {}, dict(found.failed)
     for effect in case.dormant():
-        if len(scans(effect, case)) > 1 and (case.cheap or effect.name in known):
-            settings[effect.name], block = best_scan(case, columns, effect, known.get(effect.name, ()))
-            dormant[effect.name] = (dormant[effect.name][0], block)
-    others = (block for name, blocks in known.items() for block in blocks if block is not dormant[name][1])
-    return replace(columns, dormant=dormant, also_tried=tuple(others))
+        if len(scans(effect, case)) > 1 and (case.cheap or effect.name in found.scanned):
+            try:
+                scanned[effect.name] = best_scans(case, columns, effect, found.scanned.get(effect.name, ()))
+                unjudged.pop(effect.name, None)
+            except NumericsError as error:
+                unjudged[effect.name] = str(error)
+    return scanned, unjudged
 
 
-def best_scan(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[dict[str, float], np.ndarray]:
-    """The values of an effect's exponents at which the predicted drop is largest, and its columns there; `known` at all of them."""
-    tried = scans(effect, case)
-    best, kept = -1.0, (tried[0], columns.dormant[effect.name][1])
-    for k, values in enumerate(tried):
-        block = known[k] if known else columns.dormant[effect.name][1] if k == 0 else columns_of(case, effect, values)
-        drop = drop_of(columns, columns.dormant[effect.name][0], block)
-        if drop > best:
-            best, kept = drop, (values, block)
-    return kept
+def best_scans(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[Scan, ...]:
+    """The values of an effect's exponents and its columns there, the largest predicted drop first; `known`: the columns at all of them.
+
+    Values with which the model cannot run are left out. NumericsError where that is all of them.
+    """
+    tried, found = [], []
+    error: NumericsError | None = None
+    for k, values in enumerate(scans(effect, case)):
+        try:
+            if known:
+                block = known[k]
+            elif k == 0 and effect.name in columns.dormant:
+                block = columns.dormant[effect.name][1]
+            else:
+                block = columns_of(case, effect, values)
+        except NumericsError as failed:
+            error = failed
+            continue
+        tried.append((values, block))
+        found.append(drop_of(columns, tuple(p.name for p in effect.amplitudes), block))
+    if not tried:
+        assert error is not None
+        raise error
+    return tuple(tried[k] for k in sorted(range(len(tried)), key=lambda k: -found[k]))

@@ -1,9 +1,9 @@
 """Unlisted effects: structure that no family of the catalogue explains, as a reconstructed term (design section 8.5).
 
-After the last fit the excess of every channel (`unlisted_structure`) is put to the catalogue first: the best linear step of each dormant
-effect takes away a part of it. Where none takes away half, the missing term is sought as a field of hats, and it is reported only if it
-also predicts held-out data. An effect that the loop has accepted and that held-out data no longer ask for once the field is there only
-resembled what is missing.
+After the last fit the excess of every channel (`unlisted_structure`) is put to the effects that are still worth a refit: the best linear
+step of each takes away a part of it. What was refused explains nothing. Where none takes away half, the missing term is sought as a field
+of hats, and it is reported only if it also predicts held-out data. An effect that the loop has accepted and that held-out data no longer
+ask for once the field is there only resembled what is missing.
 """
 
 from __future__ import annotations
@@ -59,18 +59,21 @@ class Unlisted:
     """What kept the fitted parameters from taking their step beside the field."""
 
 
-def unlisted(here: Traced, numerical: np.ndarray | None, aside: Sequence[str] = ()) -> Unlisted | None:
-    """The unlisted effect that a traced case holds; None where nothing stands out, or a family of the catalogue explains half of it.
+def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]) -> Unlisted | None:
+    """The unlisted effect that a traced case holds; None where nothing stands out, or an effect that `explains` takes half of it.
 
-    `aside`: effects that were already found to resemble it only.
+    `explains`: effects that are still worth a refit. One that was tried and refused, or is not worth it, explains nothing, however much of
+    the excess its linear step would take: it would take it with an amplitude, a reading or a held-out error that cannot be.
     """
     left = unfitted(here)
-    open_ones = [(s, best) for s in standing(here, numerical) if (best := best_listed(here, s, left, aside))[1] < HALF]
+    every = [s.effect for s in here.ranking.scores]
     found = []
-    for structure, listed in open_ones:
+    for structure in standing(here, numerical):
+        if best_listed(here, structure, left, explains)[1] >= HALF:
+            continue
         term = _term(here, structure)
         if term is not None or not _kind_of(here.case, structure):
-            found.append((structure, listed, term))
+            found.append((structure, best_listed(here, structure, left, every), term))
     if not found:
         return None
     structure, listed, term = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
@@ -101,11 +104,11 @@ def _scaled(columns: np.ndarray) -> np.ndarray:
     return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
 
 
-def best_listed(here: Traced, structure: Structure, left: np.ndarray, aside: Sequence[str] = ()) -> tuple[str, float]:
-    """The dormant effect, none of those `aside`, whose linear step takes most of the excess away, and that part."""
+def best_listed(here: Traced, structure: Structure, left: np.ndarray, names: Sequence[str]) -> tuple[str, float]:
+    """The one of the named dormant effects whose linear step takes most of the excess away, and that part."""
     basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
     best = ("", 0.0)
-    for score in (s for s in here.ranking.scores if s.effect not in aside):
+    for score in (s for s in here.ranking.scores if s.effect in names):
         part = 1.0 - structure.blocks.excess(_stepped(here, score, basis, left)) / structure.excess
         if not score.vetoed and part > best[1]:
             best = (score.effect, float(part))

@@ -12,7 +12,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.backward import Refit, held_out_of
 from thermofit.diagnose.held_out import Rows, compared
-from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.loop import Closed, against_base
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
 from thermofit.diagnose.unlisted_field import Basis, Field, field_of
@@ -29,9 +29,8 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     data no longer ask for the effect beside the field. Where several that resemble it have taken so much together that what stays asks for
     no field, a field in their stead is asked for. A refit that fails or does not converge leaves them where they are.
     """
-    found = unlisted(closed.last, numerical)
+    found = unlisted(closed.last, numerical, closed.open_ones)
     resembles: list[str] = []
-    aside: set[str] = set()
     while closed.accepted:
         names: tuple[str, ...] = ()
         if found is not None and found.field is not None:
@@ -42,22 +41,16 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         if not names:
             break
         resembles += names
-        aside |= _with_families(closed, names)
         taken = _taken_back(closed, names, refit, numerical, how)
         if isinstance(taken, str):
             closed = replace(closed, remarks=(*closed.remarks, taken))
             break
-        closed = taken
-        found = unlisted(closed.last, numerical, sorted(aside))
+        closed = against_base(taken, how)
+        found = unlisted(closed.last, numerical, ())
     if found is None:
         return closed, None
     said = (*closed.remarks, *([found.remark] if found.remark else []))
     return replace(closed, remarks=said), replace(found, resembles=tuple(resembles))
-
-
-def _with_families(closed: Closed, names: Sequence[str]) -> set[str]:
-    """Effects and those that the test could not tell from them when they were tried: what one only resembles, so do its like."""
-    return set(names).union(*(t.score.family for r in closed.rounds for t in r.trials if t.score.effect in names))
 
 
 def _resembles(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:

@@ -10,24 +10,25 @@ import numpy as np
 
 from thermofit.core.artefact import ParameterResult, Record, open_record
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, param, physical_bounds
 from thermofit.core.progress import progress
 from thermofit.core.staging import artefact_path
+from thermofit.core.stale import other_sources
 from thermofit.core.study import Study
+from thermofit.core.study_key import drifted
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
+from thermofit.diagnose.trust import above_floor, level
 from thermofit.fem.body import Body
 from thermofit.fem.march import History, Watch
 from thermofit.identify.channels import reference_times
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
-from thermofit.identify.inputs import LoadSteps, Measured, read_field
+from thermofit.identify.inputs import INTERPOLATE, LoadSteps, Measured, read_field
 from thermofit.identify.instruments import Instruments
 from thermofit.measure.comparison import plain, rigid_free, temperature_change
 from thermofit.measure.observation import FieldObservation
 
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
 """The identification stages in their order."""
-STANDS_OUT = 1.5
-"""A residual that is this many times its noise floor is more than noise."""
 INFORMATION = ("u", "theta")
 """Channels that hold what no parameter of the law can explain (rigid-body motion, the camera's offset): shown, not judged."""
 _SAME_TIME = 1e-6
@@ -54,12 +55,23 @@ def identified_stages(study: Study) -> tuple[str, ...]:
     return tuple(name for name in IDENTIFY if name == IDENTIFY[0] or artefact_path(study.run_dir, name).exists())
 
 
+def made_otherwise(study: Study, stages: Sequence[str]) -> list[str]:
+    """Which artefacts of `interpolate` and the given stages were made with other settings than the study's now, or by other sources."""
+    ones = [study.one_of(name) for name in study.fitted] or [study]
+    out = []
+    for one, stage in [*((one, INTERPOLATE) for one in ones), *((study, stage) for stage in stages)]:
+        record = open_record(artefact_path(one.run_dir, stage))
+        sources = other_sources(record)
+        out += [*drifted(one, {stage: record}), *([f"{record.path.name}: {sources}"] if sources else [])]
+    return out
+
+
 def fitted_parameters(study: Study, parameters: Parameters, stages: Sequence[str]) -> dict[str, ParameterResult]:
     """All parameters of the verified model: those that a stage identified as it left them, the others as prescribed."""
     results = {}
     for name in parameters.given():
         value = parameters[name]
-        results[name] = ParameterResult(value, None, param(name).unit, False, False, value, *study.bounds(name))
+        results[name] = ParameterResult(value, None, param(name).unit, False, False, value, *physical_bounds(name))
     for stage in stages:
         record = open_record(artefact_path(study.run_dir, stage))
         results |= {name: result for name, result in record.parameters.items() if result.free}
@@ -136,7 +148,7 @@ def phase_table(residuals: Sequence[ResidualField], spans: Sequence[Span]) -> li
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict in one line, and the judged channels that stay below STANDS_OUT noise floors and those that do not."""
+    """The verdict in one line, and the judged channels that are at their floor and those that are not."""
 
     line: str
     within: tuple[str, ...]
@@ -144,37 +156,29 @@ class Judgement:
 
 
 def judge(residuals: Sequence[ResidualField], rows: Sequence[dict[str, Any]], word: str = "verified") -> Judgement:
-    """Which channels are explained by their noise; `rows` (of `phase_table`) name the phase where one is not.
+    """Which channels are explained by their noise, as a whole and in every phase (`rows` of `phase_table`), by the rule of `trust`.
 
     `word` is the verdict: "verified" on data that were fitted, "valid" on others.
     """
     found = [(f.channel, statistics(f)) for f in residuals if f.channel not in INFORMATION]
-    sizes = [(channel, s) for channel, s in found if s is not None]
-    within = tuple(channel for channel, s in sizes if s.over_floor <= STANDS_OUT)
-    outside = tuple(channel for channel, _ in sizes if channel not in within)
+    sizes = {channel: s for channel, s in found if s is not None}
+    levels = [level(channel, s.chi2_reduced, 0.0, s.n) for channel, s in sizes.items()]
+    levels += [level(row["channel"], row["chi2_reduced"], 0.0, row["n"], row["phase"]) for row in rows]
+    above = above_floor(levels)
+    outside = tuple(channel for channel in sizes if channel in {one.channel for one in above})
     if not outside:
-        line = f"{word}: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes) + " times the noise"
+        line = f"{word}: " + ", ".join(f"{channel} {s.over_floor:.2f}" for channel, s in sizes.items()) + " times the noise"
     else:
-        line = f"not {word}: " + "; ".join(_outlier(channel, s, rows) for channel, s in sizes if channel in outside)
-    return Judgement(line, within, outside)
+        line = f"not {word}: " + "; ".join(_outlier(channel, sizes[channel], rows) for channel in outside)
+    return Judgement(line, tuple(channel for channel in sizes if channel not in outside), outside)
 
 
 def _outlier(channel: str, found: Statistics, rows: Sequence[dict[str, Any]]) -> str:
-    worst = max((row for row in rows if row["channel"] == channel), key=_over_floor)
+    worst = max((row for row in rows if row["channel"] == channel), key=lambda row: float(row["chi2_reduced"]))
     return (
         f"{channel} is {found.over_floor:.2g} times its noise (rms {found.rms:.3g} {found.unit}, noise {found.floor_rms:.3g}), "
-        f"most in {worst['phase']} ({_over_floor(worst):.2g} times)"
+        f"most in {worst['phase']} ({np.sqrt(worst['chi2_reduced']):.2g} times)"
     )
-
-
-def _over_floor(row: dict[str, Any]) -> float:
-    return float(np.sqrt(row["chi2_reduced"]))
-
-
-def phase_remarks(rows: Sequence[dict[str, Any]], within: Sequence[str]) -> list[str]:
-    """Phases that stand out although their channel as a whole is `within` its noise."""
-    out = [row for row in rows if row["channel"] in within and _over_floor(row) > STANDS_OUT]
-    return [f"{r['channel']} in {r['phase']} is {_over_floor(r):.2g} times its noise (rms {r['rms']:.3g} {r['unit']})" for r in out]
 
 
 def coupling_error(verified: Verification, thermal: Record | None) -> dict[str, Any] | None:

@@ -21,7 +21,6 @@ from thermofit.diagnose.verification import (
     channel_table,
     coupling_error,
     judge,
-    phase_remarks,
     phase_table,
     verification,
 )
@@ -89,7 +88,7 @@ def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | 
     rows = phase_table(verified.residuals, spans)
     found = judge(verified.residuals, rows, word)
     energy, coupling = energy_totals(verified.history), coupling_error(verified, thermal)
-    remarks = phase_remarks(rows, found.within)
+    remarks = []
     shown = " and ".join(name for name in INFORMATION if name in channels)
     remarks.append(f"{shown} as measured, for information: rigid-body motion, camera offset")
     if coupling is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
 from thermofit.core.parameters import Param
 
@@ -12,6 +12,6 @@ FORMULA = "c0 *= 1 + slope (theta - theta_0)"
 SOURCE = "tables of aluminium and steel near room temperature, Touloukian 1970, volume 4; linear about the reference temperature"
 
 
-def capacity(theta: np.ndarray, theta_ref: float, slope: float) -> np.ndarray:
-    """1 + slope (theta - theta_0)."""
-    return np.asarray(1.0 + slope * (theta - theta_ref))
+def capacity(theta: Any, theta_ref: float, slope: float) -> Any:
+    """1 + slope (theta - theta_0), in the shape of theta."""
+    return 1.0 + slope * (theta - theta_ref)

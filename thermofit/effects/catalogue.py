@@ -22,7 +22,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, Param, declare
 from thermofit.effects.base import BASE as BASE_EFFECTS
 
-MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "dissipation")
+MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "asymmetry", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 HEATING = (*HEAT, "dissipation")
 """Slots of effects that act in the heat equation and nowhere else: the mechanics feels them through the temperature alone."""
@@ -60,6 +60,9 @@ class Effect:
     """True where the data are linear in one over the amplitude."""
     on: tuple[str, ...] = ()
     """Kinds of facet sets, "air" or "clamp", that it acts on (slots surface_flux, boundary_temperature)."""
+    span: float = 0.0
+    """K; the temperatures at which the specimens flow must lie so far apart for the effect to be told from others (SPAN). Only coupon
+    records can; 0: it needs none."""
     of_user: bool = False
     """True where it stands in a file of the user's, not in the catalogue."""
 
@@ -134,7 +137,8 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     if slot in ON_FACETS and (not isinstance(on, tuple) or not on or not set(on) <= set(FACET_KINDS)):
         raise StudyError(f"{where}: ON is {on!r}; expected a tuple of {', '.join(FACET_KINDS)}: the facet sets that the effect acts on")
     stored = bool(getattr(module, "STORED", False))
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on)
+    span = float(getattr(module, "SPAN", 0.0))
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on, span=span)
 
 
 def load_effect(path: Path) -> Effect:

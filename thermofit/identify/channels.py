@@ -21,10 +21,10 @@ _MECHANICAL = ("u", "du")
 
 
 def field_of(compared: Comparison | str) -> str:
-    """The observed field behind a comparison or a channel; of a coupon stress and strain are fields themselves."""
+    """The observed field behind a comparison or a channel; of a coupon stress and strains are fields themselves."""
     if isinstance(compared, Comparison):
         return compared.field or field_of(compared.channel)
-    if compared in ("force", "stress", "strain"):
+    if compared in ("force", "stress", "strain", "lateral"):
         return compared
     return "u" if compared in _MECHANICAL else "theta"
 

@@ -12,6 +12,10 @@ _SHARE = 0.9
 """The elastic window ends at this share of the stress at which the strain leaves the straight line."""
 _DEVIATION = 0.02
 """Deviation of the strain from the line, as a share of the elastic strain, that counts as plastic, on top of three times its noise."""
+_AT_REST = 0.5
+"""Share of the stress at the end of the line below which a record must begin, unless the line passes zero: else it may begin in flow."""
+_BEFORE, _OFF_ZERO = 0.25, 0.1
+"""Strains by which the line may miss the record: at its first stress on the stiff side, and at zero stress; shares of the line's strain."""
 _LEAST = 5
 _LEVELS = 60
 
@@ -38,7 +42,8 @@ def first_branch(stress: np.ndarray) -> int:
 def elastic_line(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, noise: float) -> ElasticLine | None:
     """The straight line of the first loading, None where no five samples lie on one; `noise` is that of the strain.
 
-    Lines are fitted to growing parts of the first branch; the largest part that is straight at both of its ends counts.
+    Lines are fitted to growing parts of the first branch; the largest part that is straight at both of its ends counts. A line that does
+    not come from rest is none: a record that begins in flow, or jumps into it between two samples, is straight for a while as well.
     """
     n = first_branch(stress)
     strain, stress = strain[:n], stress[:n]
@@ -57,7 +62,25 @@ def elastic_line(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, noise
         return None
     slope, offset = _line(strain[part], stress[part])
     end = int(part[-1])
-    return ElasticLine(slope, offset, end, float(stress[end])) if slope > 0.0 else None
+    found = ElasticLine(slope, offset, end, float(stress[end]))
+    return found if slope > 0.0 and _from_rest(found, strain, stress, noise) else None
+
+
+def _from_rest(line: ElasticLine, strain: np.ndarray, stress: np.ndarray, noise: float) -> bool:
+    """Does the line begin where the record does, at little stress, or else pass zero?"""
+    sense, span = np.sign(line.stress), abs(line.stress) / line.slope
+    if abs(line.offset) <= _OFF_ZERO * span + 3.0 * noise:
+        return True
+    if sense * stress[0] > _AT_REST * abs(line.stress):
+        return False
+    early = sense * (strain[0] - (line.offset + stress[0] / line.slope))
+    return bool(early <= _BEFORE * span + 3.0 * noise)
+
+
+def contradicts(strain: np.ndarray, stress: np.ndarray) -> bool:
+    """True where the stress of the first loading falls as the strain rises: a sign is wrong, and nothing about it is elastic."""
+    n = first_branch(stress)
+    return bool(n > 1 and (stress[n - 1] - stress[0]) * (strain[n - 1] - strain[0]) < 0.0)
 
 
 def _part(size: np.ndarray, level: float) -> np.ndarray:

@@ -8,20 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, read_record
+from thermofit.core.artefact import Dataset, Record
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.staging import Made, artefact_path
+from thermofit.core.stale import read_current
 from thermofit.core.study import Study
 from thermofit.core.study_coupon import Coupon
-from thermofit.identify.coupon_elastic import elastic_line
+from thermofit.core.study_models import start_of
+from thermofit.identify.coupon_elastic import ElasticLine, elastic_line
 from thermofit.identify.inputs import INTERPOLATE, TestPhase
 from thermofit.measure.coupon import read_coupon
 from thermofit.measure.noise import robust_sigma, second_differences
 
-LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4}
+LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4, "lateral": 1e-8}
 """Noise of a record without noise: sigma must not vanish, because it divides the residual."""
-UNITS = {"strain": "1", "stress": "MPa", "theta": "K"}
+UNITS = {"strain": "1", "stress": "MPa", "theta": "K", "lateral": "1"}
 _JITTER = 0.5
 """Noise of the prescribed strain over the usual increment between samples above which the record should be thinned."""
 
@@ -29,7 +31,8 @@ _JITTER = 0.5
 @dataclass(frozen=True)
 class CouponTest:
     """One record: time s, nominal strain and stress MPa, temperature K (None: not measured), each (n,); temperatures of the air and of the
-    specimen at the start in K, standard deviation of one value of each, phases of the test."""
+    specimen at the start in K, standard deviation of one value of each, phases of the test; nominal strain across the load (n,) (None: not
+    measured), and whether the elastic part of the strain was added to a flow curve."""
 
     name: str
     time: np.ndarray
@@ -40,6 +43,17 @@ class CouponTest:
     theta_start: float
     noise: Mapping[str, float]
     phases: tuple[TestPhase, ...]
+    lateral: np.ndarray | None = None
+    """Nominal strain across the load (n,), NaN where it has gaps; None where it was not measured."""
+    over_plastic: bool = False
+    """Was the elastic part of the strain added to a flow curve."""
+    measured_clock: bool = True
+    """False where the time was built from a rate that somebody said: the record then knows nothing of its rate."""
+
+    @property
+    def line(self) -> ElasticLine | None:
+        """The elastic line of the record; None where it has none, or none of its own."""
+        return None if self.over_plastic else elastic_line(self.time, self.strain, self.stress, self.noise["strain"])
 
 
 @dataclass(frozen=True)
@@ -67,27 +81,54 @@ def coupon_section(study: Study) -> Coupon:
     return study.coupon
 
 
-def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
-    """A record ready for the fit, and remarks: noise estimated where the reader has none, strain counted from where the elastic line meets
-    zero stress."""
+def with_elastic_strain(record: CouponRecord, modulus: float) -> CouponRecord:
+    """A flow curve over its total strain: e = e_p + sigma / E, logarithmic and true, then nominal strain exp(e) - 1 and nominal stress
+    sigma exp(-e); `modulus` E in MPa."""
+    sigma = record.stress * (1.0 + record.strain)
+    total = np.log1p(record.strain) + sigma / modulus
+    said = f"elastic strain of up to {np.abs(sigma).max() / modulus:.2e} added to the plastic one, by E = {modulus:g} MPa of the study"
+    return replace(record, strain=np.expm1(total), stress=sigma * np.exp(-total), remarks=(*record.remarks, said))
+
+
+def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[CouponTest, tuple[str, ...]]:
+    """A record ready for the fit, and remarks: noise estimated where the reader has none, strains counted from where the elastic line meets
+    zero stress; `modulus` E in MPa, which a flow curve over plastic strain needs."""
+    if record.over_plastic:
+        if modulus is None:
+            raise StudyError(f"{record.name}: a flow curve over plastic strain needs E; give parameters.E as a number in MPa")
+        record = with_elastic_strain(record, modulus)
     remarks = [*record.remarks]
     values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature}
     noise = {}
     for name, value in values.items():
         if value is None:
             continue
-        if len(record.time) < 5 or not np.all(np.isfinite(value)):
-            raise DataError(
-                f"{record.name}: {name} has {int(np.isfinite(value).sum())} of {len(value)} values, all of at least 5 are needed"
-            )
+        known = np.isfinite(value)
+        if known.sum() < 5 or not known.all():
+            raise DataError(f"{record.name}: {name} has {int(known.sum())} of {len(value)} values, all of at least 5 are needed")
         found = record.noise.get(name)
         estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
         noise[name] = max(float(estimate), LEAST_NOISE[name])
     strain = record.strain
-    line = elastic_line(record.time, record.strain, record.stress, noise["strain"])
-    if line is not None and abs(line.offset) > 3.0 * noise["strain"]:
+    line = None if record.over_plastic else elastic_line(record.time, record.strain, record.stress, noise["strain"])
+    if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"]:
         strain = strain - line.offset
-        remarks.append(f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e}")
+        remarks.append(
+            f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e} (strain_zero: as-measured "
+            "leaves it)"
+        )
+    lateral = record.lateral
+    if lateral is not None:
+        noise["lateral"] = _lateral_noise(record)
+    if line is not None and lateral is not None:
+        known = np.flatnonzero(np.isfinite(lateral[: line.end + 1]))
+        if known.size > 2 and np.ptp(record.stress[known]) > 0.0:
+            slope, zero = np.polyfit(record.stress[known], lateral[known], 1)
+            if slope * line.slope > 0.0:
+                remarks.append("the lateral strain rises in elastic tension, where it must fall: is its sign turned?")
+            if record.shift_strain and abs(zero) > 3.0 * noise["lateral"]:
+                lateral = lateral - zero
+                remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
     step = float(np.median(np.abs(np.diff(strain))))
     if noise["strain"] > _JITTER * step:
         remarks.append(
@@ -97,9 +138,31 @@ def coupon_test(record: CouponRecord) -> tuple[CouponTest, tuple[str, ...]]:
     start = record.theta_air if record.theta_start is None else record.theta_start
     phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
     test = CouponTest(
-        record.name, record.time, strain, record.stress, record.temperature, float(record.theta_air), float(start), noise, phases
+        record.name,
+        record.time,
+        strain,
+        record.stress,
+        record.temperature,
+        float(record.theta_air),
+        float(start),
+        noise,
+        phases,
+        lateral,
+        record.over_plastic,
+        record.measured_clock,
     )
     return test, tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def _lateral_noise(record: CouponRecord) -> float:
+    """Standard deviation of one value of the strain across the load, which may have gaps (NaN). DataError where it has no five values."""
+    assert record.lateral is not None
+    known = np.isfinite(record.lateral)
+    if known.sum() < 5:
+        raise DataError(f"{record.name}: lateral has {int(known.sum())} of {len(known)} values, at least 5 are needed")
+    found = record.noise.get("lateral")
+    estimate = robust_sigma(second_differences(record.time[known], record.lateral[known, None]))[0] if found is None else found
+    return max(float(estimate), LEAST_NOISE["lateral"])
 
 
 def whole(time: np.ndarray) -> tuple[TestPhase, ...]:
@@ -107,10 +170,18 @@ def whole(time: np.ndarray) -> tuple[TestPhase, ...]:
     return (TestPhase(float(time[0]), float(time[-1]), "loading"),)
 
 
+def read_tests(study: Study) -> list[tuple[CouponTest, tuple[str, ...]]]:
+    """All records of a study from their files, ready for the fit, each with its remarks."""
+    section = coupon_section(study)
+    setting = study.parameters.get("E")
+    modulus = None if setting is None else start_of(setting)
+    return [coupon_test(record, modulus) for record in read_coupon(section, study.source.parent)]
+
+
 def interpolated(study: Study) -> Made:
     """The record of `interpolate` of a study on coupons: every record in SI-like units with its noise, phases and remarks."""
     section = coupon_section(study)
-    found = [coupon_test(record) for record in read_coupon(section, study.source.parent)]
+    found = read_tests(study)
     datasets: dict[str, Dataset] = {}
     rows: list[dict[str, Any]] = []
     remarks: list[str] = []
@@ -118,6 +189,8 @@ def interpolated(study: Study) -> Made:
         values = {"time": (test.time, "s"), "strain": (test.strain, "1"), "stress": (test.stress, "MPa")}
         if test.theta is not None:
             values["theta"] = (test.theta, "K")
+        if test.lateral is not None:
+            values["lateral"] = (test.lateral, "1")
         for name, (value, unit) in values.items():
             datasets[f"records/{number}/{name}"] = Dataset(value, unit, ("sample",))
         rows.append(_row(test))
@@ -155,14 +228,21 @@ def _row(test: CouponTest) -> dict[str, Any]:
 
 def _facts(test: CouponTest) -> dict[str, Any]:
     """What of a record is no array."""
-    return {"name": test.name, "theta_air": test.theta_air, "theta_start": test.theta_start, "noise": dict(test.noise)}
+    return {
+        "name": test.name,
+        "theta_air": test.theta_air,
+        "theta_start": test.theta_start,
+        "noise": dict(test.noise),
+        "over_plastic": test.over_plastic,
+        "measured_clock": test.measured_clock,
+    }
 
 
 def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
     """The records of a study that are fitted, or those held out, from `<run_dir>/interpolate.h5`; StudyError that names the command where
     that is missing."""
     path = artefact_path(study.run_dir, INTERPOLATE)
-    data = coupon_data_of(read_record(path, INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+    data = coupon_data_of(read_current(path, INTERPOLATE, study.source.name))
     unseen = {record.label for record in coupon_section(study).records if record.held_out}
     return replace(data, tests=tuple(test for test in data.tests if (test.name in unseen) is held_out))
 
@@ -177,14 +257,15 @@ def coupon_data_of(record: Record) -> CouponData:
         own = [p for p in record.summary["phases"] if p["record"] == name]
         phases = tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in own)
         time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
-        theta = record[f"{get}/theta"].value if record.has(f"{get}/theta") else None
+        theta, lateral = (record[f"{get}/{value}"].value if record.has(f"{get}/{value}") else None for value in ("theta", "lateral"))
         air, start = float(facts["theta_air"]), float(facts["theta_start"])
-        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases))
+        over_plastic, clock = bool(facts.get("over_plastic", False)), bool(facts.get("measured_clock", True))
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, over_plastic, clock))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 
 def shortened(test: CouponTest, t_end: float) -> CouponTest:
     """The record up to t_end s, two samples at least."""
     n = max(int(np.searchsorted(test.time, t_end + 1e-9)), 2)
-    theta = None if test.theta is None else test.theta[:n]
-    return replace(test, time=test.time[:n], strain=test.strain[:n], stress=test.stress[:n], theta=theta)
+    theta, lateral = (None if value is None else value[:n] for value in (test.theta, test.lateral))
+    return replace(test, time=test.time[:n], strain=test.strain[:n], stress=test.stress[:n], theta=theta, lateral=lateral)

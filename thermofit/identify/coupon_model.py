@@ -19,7 +19,7 @@ from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import effects
 from thermofit.fit.memory import memories
 from thermofit.identify.channels import balanced, field_of, weight_of
-from thermofit.identify.coupon_elastic import elastic_line
+from thermofit.identify.coupon_elastic import contradicts
 from thermofit.identify.coupon_inputs import UNITS, CouponData, CouponTest, shortened
 from thermofit.identify.coupon_sensor import SENSOR, shown, shown_rates
 from thermofit.identify.measured_work import Work, with_measured_work
@@ -32,8 +32,10 @@ from thermofit.measure.observation import FieldObservation
 from thermofit.measure.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
 
-HISTORY = {"stress": "stress", "strain": "strain", "theta": "theta_sensor"}
-"""Channel of a PointHistory behind an observed field."""
+HISTORY = {"stress": "stress", "strain": "strain", "lateral": "lateral_x", "theta": "theta_sensor"}
+"""Channel of a PointHistory behind an observed field; the strain across the load is that along the width, axis 1 of the law."""
+_CONTRACTION = 0.5
+"""Strain across the load over that along it, at constant volume: what noise of a prescribed strain makes across it at most."""
 
 
 _Found = tuple[PointHistory, PointRates | None]
@@ -127,9 +129,9 @@ def observations(data: CouponData, names: Sequence[str], windows: Sequence[tuple
     within = np.concatenate([(t.time >= a - 1e-9) & (t.time <= b + 1e-9) for t, (a, b) in zip(data.tests, windows, strict=True)])
     out = {}
     for name in names:
-        measured = [{"stress": t.stress, "strain": t.strain, "theta": t.theta}[name] for t in data.tests]
+        measured = [{"stress": t.stress, "strain": t.strain, "theta": t.theta, "lateral": t.lateral}[name] for t in data.tests]
         value = np.concatenate([np.full(len(t.time), np.nan) if m is None else m for t, m in zip(data.tests, measured, strict=True)])
-        sigma = np.concatenate([np.full(len(t.time), _sigma(t, name, E)) for t in data.tests])
+        sigma = np.concatenate([np.full(len(t.time), _sigma(t, name, E, data.control)) for t in data.tests])
         mask = within & np.isfinite(value)
         if not mask.any():
             raise DataError(
@@ -140,12 +142,15 @@ def observations(data: CouponData, names: Sequence[str], windows: Sequence[tuple
     return out
 
 
-def _sigma(test: CouponTest, name: str, E: float) -> float:
+def _sigma(test: CouponTest, name: str, E: float, control: str) -> float:
     """Noise of the difference between model and record: that of both strain and stress, brought to the unit of the compared one."""
     if name == "stress":
         return float(np.hypot(test.noise["stress"], E * test.noise["strain"]))
     if name == "strain":
         return float(np.hypot(test.noise["strain"], test.noise["stress"] / E))
+    if name == "lateral":
+        prescribed = test.noise["strain"] if control == "strain" else test.noise["stress"] / E
+        return float(np.hypot(test.noise.get("lateral", np.nan), _CONTRACTION * prescribed))
     return test.noise.get("theta", np.nan)
 
 
@@ -162,7 +167,7 @@ def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[lis
         raise StudyError(f"window '{window}' is not known; expected auto, all or [t0, t1] in s")
     found, said = [], []
     for test in data.tests:
-        line = elastic_line(test.time, test.strain, test.stress, test.noise["strain"])
+        line = test.line
         if line is None:
             found.append((np.inf, -np.inf))
             said.append(f"{test.name} has no elastic range and is left out")
@@ -172,6 +177,20 @@ def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[lis
     if not any(b >= a for a, b in found):
         raise DataError("stages.elastic.window: no record begins with a straight line; give the window as [t0, t1] in s")
     return found, "elastic range: " + ", ".join(said)
+
+
+def answerable(settings: StageSettings, data: CouponData) -> tuple[StageSettings, tuple[str, ...]]:
+    """Settings of a stage without the elastic constants where it takes the elastic range of records that have none, and their names: these
+    stay as the study gives them. DataError where no record has one because its stress falls with the strain."""
+    elastic = tuple(name for name in settings.free if name in ("E", "nu"))
+    if settings.window != "auto" or not elastic or any(test.line is not None for test in data.tests):
+        return settings, ()
+    if wrong := [test.name for test in data.tests if contradicts(test.strain, test.stress)]:
+        raise DataError(
+            f"{', '.join(wrong)}: no record begins with a straight line, for the stress falls while the strain rises; correct the key "
+            "'tension' of strain or stress"
+        )
+    return settings.model_copy(update={"free": tuple(name for name in settings.free if name not in elastic)}), elastic
 
 
 def comparison(channel: str, observation: FieldObservation, weight: Weight) -> Comparison:
@@ -196,7 +215,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
     kept = [n for n, (a, b) in enumerate(windows) if b >= a]
     data = replace(data, tests=tuple(shortened(data.tests[n], windows[n][1]) for n in kept))
     seen = observations(data, list(dict.fromkeys(map(field_of, settings.channels))), [windows[n] for n in kept], base["E"])
-    run = coupon_run(study, data, settings.free, plastic=set(settings.free) != {"E"})
+    run = coupon_run(study, data, settings.free, plastic=not set(settings.free) <= {"E", "nu"})
 
     of_sensor = effects(SENSOR)
     stations = {name for effect in of_sensor for name in effect.names}

@@ -9,11 +9,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, read_record
+from thermofit.core.artefact import Dataset, Record
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import artefact_path
+from thermofit.core.stale import read_current
 from thermofit.core.study import Study
 from thermofit.measure.observation import FieldObservation
 
@@ -101,8 +102,8 @@ def read_field(record: Record, name: str) -> FieldObservation:
 
 
 def measured(study: Study) -> Measured:
-    """Measured of a study from `<run_dir>/interpolate.h5`; StudyError that names the command where it is missing."""
-    return measured_of(read_record(artefact_path(study.run_dir, INTERPOLATE), INTERPOLATE, f"thermofit interpolate {study.source.name}"))
+    """Measured of a study from `<run_dir>/interpolate.h5`; StudyError that names the command where it is missing or stale."""
+    return measured_of(read_current(artefact_path(study.run_dir, INTERPOLATE), INTERPOLATE, study.source.name))
 
 
 def measured_of(record: Record) -> Measured:
@@ -173,11 +174,11 @@ def specimen_dict(specimen: Specimen) -> dict[str, Any]:
 
 
 def with_identified(study: Study, parameters: Parameters, stages: tuple[str, ...]) -> tuple[Parameters, dict[str, Path]]:
-    """Parameters with what the given earlier stages identified, and the artefacts that hold it (StudyError where one is missing)."""
+    """Parameters with what the given earlier stages identified, and the artefacts of these; StudyError where one is missing or stale."""
     inputs: dict[str, Path] = {}
     for stage in stages:
         path = artefact_path(study.run_dir, stage)
-        record = read_record(path, stage, f"thermofit {stage} {study.source.name}")
+        record = read_current(path, stage, study.source.name)
         parameters = parameters.replace(**{name: result.value for name, result in record.parameters.items() if result.free})
         inputs[stage] = path
     return parameters, inputs

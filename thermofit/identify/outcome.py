@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, ParameterResult
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.artefact import Dataset, ParameterResult, of_parameters
+from thermofit.core.parameters import Parameters, param, physical_bounds, units_of
 from thermofit.core.staging import Made
 from thermofit.core.study import Study
 from thermofit.identify.channels import field_of
@@ -23,13 +23,13 @@ MISFIT = 1.5
 
 
 def parameter_results(study: Study, start: Parameters, solved: Solved) -> dict[str, ParameterResult]:
-    """Every parameter by name; sigma and at_bound where it was free."""
+    """Every parameter by name; sigma, at_bound and the study's bounds where it was free, else the physical bounds: the stage reads none."""
     free = solved.fit.names
     sigma = None if solved.covariance is None else solved.covariance.sigma
     results = {}
     for name in solved.parameters.given():
-        low, high = study.bounds(name)
         is_free = name in free
+        low, high = study.bounds(name) if is_free else physical_bounds(name)
         index = free.index(name) if is_free else -1
         spread = None if sigma is None or not is_free or not np.isfinite(sigma[index]) else float(sigma[index])
         results[name] = ParameterResult(
@@ -94,7 +94,9 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
     counts = merged_counts(*solved.earlier, solved.fit)
     fit = solved.fit
     datasets = {
-        "evaluations/x": Dataset(np.array([e.x for e in fit.log]).reshape(-1, len(fit.names)), "1", ("evaluation", "parameter")),
+        "evaluations/x": of_parameters(
+            np.array([e.x for e in fit.log]).reshape(-1, len(fit.names)), ("evaluation", "parameter"), units_of(fit.names)
+        ),
         "evaluations/f": Dataset(np.array([np.nan if e.failed else e.f for e in fit.log]), "1", ("evaluation",)),
         "evaluations/failed": Dataset(np.array([e.failed for e in fit.log]), "1", ("evaluation",)),
         "evaluations/seconds": Dataset(np.array([e.seconds for e in fit.log]), "s", ("evaluation",)),
@@ -117,12 +119,38 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
     return Made(datasets, summary, parameter_results(study, start, solved))
 
 
+def nothing_identified(study: Study, base: Parameters, remarks: tuple[str, ...]) -> Made:
+    """The record of an identification stage that has nothing to identify: all parameters as they were, and the remarks say why."""
+    results = {
+        name: ParameterResult(
+            value=base[name],
+            sigma=None,
+            unit=param(name).unit,
+            free=False,
+            at_bound=False,
+            start=base[name],
+            lower=study.bounds(name)[0],
+            upper=study.bounds(name)[1],
+        )
+        for name in base.given()
+    }
+    summary = {
+        "verdict": f"nothing to identify: {remarks[0]}",
+        "trustworthy": True,
+        "converged": True,
+        "channels": {},
+        "evaluations": merged_counts(),
+        "remarks": list(remarks[1:]),
+    }
+    return Made({}, summary, results)
+
+
 def _matrices(solved: Solved) -> dict[str, Dataset]:
     if solved.covariance is None:
         return {}
     dims = ("parameter", "parameter")
     return {
-        "covariance": Dataset(solved.covariance.matrix, "1", dims),
+        "covariance": of_parameters(solved.covariance.matrix, dims, units_of(solved.covariance.names)),
         "correlation": Dataset(solved.covariance.correlation_parameters, "1", dims),
         "correlation_sensitivity": Dataset(solved.covariance.correlation_sensitivity, "1", dims),
     }

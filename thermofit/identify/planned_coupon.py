@@ -13,11 +13,10 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import artefact_path
 from thermofit.core.study import Study
-from thermofit.identify.coupon_inputs import CouponData, CouponTest, coupon_data, coupon_section, coupon_test, whole
+from thermofit.identify.coupon_inputs import CouponData, CouponTest, coupon_data, coupon_section, read_tests, whole
 from thermofit.identify.coupon_model import coupon_run, point_settings
 from thermofit.identify.inputs import INTERPOLATE, start_parameters
 from thermofit.identify.programmes import OWN
-from thermofit.measure.coupon import read_coupon
 from thermofit.point.driver import PointHistory, simulate
 from thermofit.point.programmes import Usual, programme
 
@@ -26,8 +25,7 @@ def records_of(study: Study) -> CouponData:
     """The records of a study, from `interpolate` where it has run, else from their files. DataError where these cannot be read."""
     if artefact_path(study.run_dir, INTERPOLATE).exists():
         return coupon_data(study)
-    section = coupon_section(study)
-    return CouponData(tuple(coupon_test(record)[0] for record in read_coupon(section, study.source.parent)), section.control)
+    return CouponData(tuple(test for test, _ in read_tests(study)), coupon_section(study).control)
 
 
 def coupon_assumed(study: Study, records: CouponData, free: tuple[str, ...]) -> Parameters:
@@ -62,4 +60,5 @@ def _usual(records: CouponData) -> Usual:
 def _answered(test: CouponTest, history: PointHistory) -> CouponTest:
     """The record with the response of a history instead of its own."""
     theta = None if test.theta is None else history.theta_sensor
-    return replace(test, strain=history.strain, stress=history.stress, theta=theta)
+    lateral = None if test.lateral is None else history.lateral_x
+    return replace(test, strain=history.strain, stress=history.stress, theta=theta, lateral=lateral)

@@ -63,12 +63,13 @@ def in_words(prior: Prior, value: float) -> str:
     return f"{prior.name} would be {_off(prior, value)}: that is no error of a reading (a larger one is given under diagnosis.priors)"
 
 
-def strayed(priors: Sequence[Prior], parameters: Parameters) -> list[str]:
-    """A sentence for every declared value from which a fit has gone farther than its error explains."""
+def off_declared(priors: Sequence[Prior], parameters: Parameters, times: float) -> list[str]:
+    """A sentence for every declared value that lies more than so many of its standard errors off."""
     return [
         f"{prior.name} ends at {_off(prior, parameters[prior.name])}: usually an effect of heat or of the measurement is missing, for "
         "which it stands in; the other parameters are then as doubtful"
-        for prior in beyond_error(priors, parameters)
+        for prior in priors
+        if abs(parameters[prior.name] - prior.value) > times * prior.sigma
     ]
 
 

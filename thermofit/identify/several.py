@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.artefact import read_record
 from thermofit.core.parameters import AT, Parameters, bare_name
 from thermofit.core.staging import artefact_path
+from thermofit.core.stale import read_current
 from thermofit.core.study import Study
 from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, ON_FACETS, effects
@@ -76,7 +76,7 @@ def interpolate_paths(study: Study, names: Sequence[str]) -> dict[str, Path]:
 def part_of(study: Study, name: str) -> Part:
     """One experiment, fitted or held out. StudyError that names the command where it has not been interpolated."""
     path = interpolate_paths(study, [name])[f"{INTERPOLATE}{AT}{name}"]
-    return Part(name, study.one_of(name), measured_of(read_record(path, INTERPOLATE, f"thermofit {INTERPOLATE} {study.source.name}")))
+    return Part(name, study.one_of(name), measured_of(read_current(path, INTERPOLATE, study.source.name)))
 
 
 def several(study: Study) -> Several:

@@ -11,15 +11,16 @@ from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_key import stage_key
 from thermofit.core.study_section import MeshSize
 from thermofit.core.study_stages import ElasticStage, StageSettings
 from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model, memory_remarks
+from thermofit.identify.coupon_model import answerable, coupon_model, memory_remarks
 from thermofit.identify.inputs import INTERPOLATE, Measured, measured, start_parameters, with_identified
 from thermofit.identify.model import StageModel, stage_model
-from thermofit.identify.outcome import made
+from thermofit.identify.outcome import made, nothing_identified
 from thermofit.identify.several import Part, Several, expanded, feasible, interpolate_paths, seen_by, several, several_model, several_start
 from thermofit.identify.solve import Solved, discard_checkpoints, solve
 from thermofit.identify.window import window_times
@@ -27,7 +28,6 @@ from thermofit.material.bounds import beta_warning
 
 Data = Measured | CouponData | Several
 """What was measured: fields of one specimen or of several, or records of coupons."""
-_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 EARLIER: dict[str, tuple[str, ...]] = {
     "elastic": (),
     "plastic": ("identify-elastic",),
@@ -56,6 +56,8 @@ class Ready:
     base: Parameters
     config: dict[str, Any]
     inputs: dict[str, Path]
+    kept: tuple[str, ...] = ()
+    """Elastic constants that the stage would identify, had any record an elastic range."""
 
 
 def ready(study: Study, key: str) -> Ready:
@@ -63,10 +65,12 @@ def ready(study: Study, key: str) -> Ready:
     settings, data = study.stage(key), data_of(study)
     if isinstance(data, Several):
         settings = settings.model_copy(update={"free": expanded(settings.free, data)})
+    kept: tuple[str, ...] = ()
+    if isinstance(data, CouponData):
+        settings, kept = answerable(settings, data)
     base, _ = with_identified(study, start_of(study, data), EARLIER[key])
     inputs = {**data_paths(study), **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
-    sections = (*_SECTIONS, *(("experiments", "shared") if isinstance(data, Several) else ()))
-    return Ready(settings, data, base.with_free(settings.free), study.config_of(*sections, f"stages.{key}"), inputs)
+    return Ready(settings, data, base.with_free(settings.free), stage_key(study, key), inputs, kept)
 
 
 def data_of(study: Study) -> Data:
@@ -101,12 +105,16 @@ def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
 
 
 def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
-    """Solve a stage; its evaluations are kept under the name of `task` until that has left its record."""
+    """Solve a stage; its evaluations are kept under the name of `task` until that has left its record. A stage of coupons in which nothing
+    is free leaves a record that says so, and the chain goes on."""
+    kept = _kept(stage)
+    if not stage.settings.free:
+        return nothing_identified(study, stage.base, kept or ("nothing is free: E is prescribed by the study (a number without a start)",))
     start, replaced = feasible(study, stage.data, stage.base)
     solved = solve(study, stage.settings, start, model_maker(study, stage.settings, stage.data), task)
     solved, honest = _widened(study, solved)
     warning = beta_warning(solved.parameters, study.model)
-    remarks = (replaced, *_own_remarks(study, stage, kind, solved), warning or "", honest)
+    remarks = (*kept, replaced, *_own_remarks(study, stage, kind, solved), warning or "", honest)
     data = stage.data
     if not isinstance(data, Measured) or not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
         return made(study, stage.base, solved, remarks)
@@ -114,6 +122,17 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     rows = answers(study, stage.settings, solved, makers, lambda other: _widened(study, other))
     record = made(study, stage.base, solved, (*remarks, remark_of(rows)))
     return replace(record, summary={**record.summary, "side_by_side": rows})
+
+
+def _kept(stage: Ready) -> tuple[str, ...]:
+    """A remark where no record tells the elastic constants that the stage should identify."""
+    if not stage.kept:
+        return ()
+    values = ", ".join(f"{name} = {stage.base[name]:g}{' MPa' if name == 'E' else ''}" for name in stage.kept)
+    return (
+        f"no record begins with an elastic range (a straight line from rest through five samples): {values} of the study is kept as "
+        "prescribed; give what is known, or the window as [t0, t1] in s",
+    )
 
 
 def _own_remarks(study: Study, stage: Ready, kind: StageKind, solved: Solved) -> tuple[str, ...]:

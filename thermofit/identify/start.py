@@ -23,6 +23,8 @@ HARDENING = ("M_y0", "M_yinf", "H_exp")
 _MARGIN = 1.005
 _RAISE = 1.005
 _LEAST_STAGES = 5
+_POINTS = 2001
+"""Of the law's table: the largest force is compared with a margin of half a per cent."""
 
 
 def mean_strain(observation: FieldObservation, component: int) -> np.ndarray:
@@ -39,7 +41,7 @@ def mean_strain(observation: FieldObservation, component: int) -> np.ndarray:
 
 def carries(study: Study, data: Measured, parameters: Parameters) -> bool:
     """True where the largest force of the specimen with these parameters lies above the measured one."""
-    law = uniaxial_law(in_model_axes(parameters, study.material_axes.angle), study.model)
+    law = uniaxial_law(in_model_axes(parameters, study.material_axes.angle), study.model, _POINTS)
     capacity = bar_of(data.specimen, law).capacity
     return bool(capacity > _MARGIN * float(np.max(data.steps["displacement"].force)))
 

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, RecordContent, fresh, open_record, write_record
+from thermofit.core.artefact import Dataset, Record, RecordContent, fresh, of_parameters, open_record, write_record
 from thermofit.core.digest import path_digest
 from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.executor import Executor, Task, run_all
 from thermofit.core.jit import set_threads
 from thermofit.core.jsonable import json_text
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, units_of
 from thermofit.core.progress import progress
 from thermofit.core.staging import Job, Made
 from thermofit.core.study import Study
@@ -254,8 +254,8 @@ def trial_datasets(trials: Sequence[Trial], names: Sequence[str], group: str) ->
     """Optimum, f and state of every trial as arrays of an artefact, one row per trial."""
     return {
         f"{group}/names": Dataset(np.array(names), "1", ("parameter",)),
-        f"{group}/units": Dataset(np.array([param(name).unit for name in names]), "1", ("parameter",)),
-        f"{group}/optimum": Dataset(optima(trials, names), "1", ("trial", "parameter")),
+        f"{group}/units": Dataset(np.array(units_of(names)), "1", ("parameter",)),
+        f"{group}/optimum": of_parameters(optima(trials, names), ("trial", "parameter"), units_of(names)),
         f"{group}/f": Dataset(np.array([t.f for t in trials]), "1", ("trial",)),
         f"{group}/converged": Dataset(np.array([t.converged for t in trials]), "1", ("trial",)),
         f"{group}/failed": Dataset(np.array([t.failed for t in trials]), "1", ("trial",)),

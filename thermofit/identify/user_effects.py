@@ -28,8 +28,20 @@ def check_effects(files: Sequence[Path]) -> None:
             seen.touch()
 
 
-_OFF = {"yield_stress": 0.0, "yield_factor": 1.0, "dissipation": 1.0, "free_energy": 1.0, "backstress": (0.0, np.nan)}
+_OFF = {"yield_stress": 0.0, "yield_factor": 1.0, "dissipation": 1.0, "free_energy": 1.0, "asymmetry": 1.0, "backstress": (0.0, np.nan)}
 """Result of an effect of the law that is off; the recall of a backstress whose modulus is zero may be anything."""
+
+
+def state_of(slot: str) -> tuple[float, ...]:
+    """What an effect of the law is called with before the law and its Params: Lambda, its rate 1/s and theta K, or less."""
+    return {"free_energy": (0.01,), "asymmetry": (-1.0,)}.get(slot, (0.01, 1e-3, 300.0))
+
+
+def in_the_law(slot: str) -> Trial:
+    """The trial of a slot of the law; the sense of flow is one or the other, and nothing is differentiated by it."""
+    state = state_of(slot)
+    slopes = {} if slot == "asymmetry" else {k: 0.01 * x for k, x in enumerate(state)}
+    return Trial(state, slopes, np.array(_OFF[slot]))
 
 
 def _try_in_the_law(found: Effect, path: Path) -> None:
@@ -38,18 +50,19 @@ def _try_in_the_law(found: Effect, path: Path) -> None:
     from thermofit.material.law_rates import moved_law
 
     law = law_of(Parameters.of({"theta_ref": 297.0}))
-    state = (0.01,) if found.slot == "free_energy" else (0.01, 1e-3, 300.0)
+    state = state_of(found.slot)
     # Not kept: what is kept of a function refers to its module by name, and a user's file is none that can be imported.
     function = kernel(forceinline=True, cache=False)(found.act)
 
     def act(arguments: Sequence[Any], numbers: Sequence[Any]) -> Any:
         """Kernels see real numbers only, or complex ones only."""
         if any(np.iscomplexobj(v) for v in (*arguments, *numbers)):
-            return function(*(complex(x) for x in arguments), moved_law(law, -1), *(complex(x) for x in numbers))
+            given = arguments if found.slot == "asymmetry" else [complex(x) for x in arguments]
+            return function(*given, moved_law(law, -1), *(complex(x) for x in numbers))
         return function(*(float(x) for x in arguments), law, *(float(x) for x in numbers))
 
     _compile(found, path, act, state)
-    try_effect(found, path, Trial(state, {k: 0.01 * x for k, x in enumerate(state)}, np.array(_OFF[found.slot])), act)
+    try_effect(found, path, in_the_law(found.slot), act)
 
 
 def _compile(found: Effect, path: Path, act: Act, state: Sequence[float]) -> None:

@@ -7,6 +7,8 @@ written beside the compiled kernels, so that it is cached with them:
     yield_factor       = product of the effects of slot yield_factor,   dissipation_factor = product of those of slot dissipation
     modulus_factor     = product of the effects of slot free_energy, factors on the elastic moduli that Lambda moves
     backstress_terms   = ((C, gamma), ...) of the effects of slot backstress, each with a backstress of its own; C = 0 where it is off
+    asymmetry_factor   = product of the effects of slot asymmetry, factors on the yield stress that know the sense of flow
+    capacity_factor    = product of those of slot capacity, factors on c0; compiled for a point, the body calls them as they stand
 
 Every Param of such an effect is a number of the law, called <effect>__<param>. At the neutral value of its amplitude an effect is skipped,
 not evaluated to zero: exactly off, at no cost.
@@ -27,7 +29,7 @@ from thermofit.effects.catalogue import Effect, effects
 
 SUMS = ("yield_stress",)
 FACTORS = ("yield_factor", "dissipation")
-POINT_ONLY = ("backstress", "free_energy")
+POINT_ONLY = ("backstress", "free_energy", "asymmetry")
 """Slots that the point driver has and the finite element body has not."""
 _HEAD = '''"""Joined formulas of effects; written by thermofit.material.composition."""
 from thermofit.core.jit import kernel
@@ -50,14 +52,25 @@ def law_effects() -> tuple[Effect, ...]:
     return effects((*SUMS, *FACTORS, *POINT_ONLY))
 
 
-EFFECT_PARAMS: tuple[str, ...] = tuple(name for e in law_effects() for name in e.names)
-"""Names of all Params of effects in the law."""
+def capacity_effects() -> tuple[Effect, ...]:
+    """Effects of slot capacity that a point has as well: those of the catalogue. A user's is called with arrays and need not compile."""
+    return tuple(e for e in effects(("capacity",)) if not e.of_user)
+
+
+EFFECT_PARAMS: tuple[str, ...] = tuple(name for e in (*law_effects(), *capacity_effects()) for name in e.names)
+"""Names of all Params of effects among the numbers of the law."""
+CAPACITIES: tuple[str, ...] = tuple(p.name for e in capacity_effects() for p in e.amplitudes)
+"""Names of those that change the heat capacity of a point."""
 BACKSTRESSES: tuple[str, ...] = tuple(e.name for e in effects(("backstress",)))
 """Names of the effects that have a backstress each, in the order of `backstress_terms`."""
 AMPLITUDES: tuple[str, ...] = tuple(p.name for e in law_effects() for p in e.amplitudes)
-"""Names of those Params that switch an effect."""
+"""Names of those Params that switch an effect of the mechanics."""
 EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAMS)
 """The same as numbers of the law."""
+
+
+_GIVEN = {"free_energy": "accumulated, law", "asymmetry": "sense, law", "capacity": "theta, law.theta_ref"}
+"""What a function is called with before its Params, by slot; all others with (accumulated, rate, theta, law)."""
 
 
 def _is_on(e: Effect) -> str:
@@ -67,16 +80,17 @@ def _is_on(e: Effect) -> str:
 
 def _call(e: Effect) -> str:
     numbers = ", ".join(f"law.{number_of(name)}" for name in e.names)
-    arguments = "accumulated" if e.slot == "free_energy" else "accumulated, rate, theta"
-    return f"_{e.name}({arguments}, law, {numbers})"
+    return f"_{e.name}({_GIVEN.get(e.slot, 'accumulated, rate, theta, law')}, {numbers})"
 
 
 def _function(name: str, members: list[Effect], product: bool) -> str:
-    arguments = "accumulated" if name == "modulus_factor" else "accumulated, rate, theta"
+    arguments = {"modulus_factor": "accumulated", "asymmetry_factor": "sense", "capacity_factor": "theta"}.get(
+        name, "accumulated, rate, theta"
+    )
     lines = [
         "@kernel(forceinline=True)",
         f"def {name}({arguments}, law):",
-        f"    value = {'1.0 + ' if product else ''}0.0 * accumulated",
+        f"    value = {'1.0 + ' if product else ''}0.0 * {arguments.partition(',')[0]}",
     ]
     for e in members:
         operation = "*" if product else "+"
@@ -101,9 +115,20 @@ def _terms(members: list[Effect]) -> str:
     return "\n".join([*lines, f"    return ({pairs})", "", ""])
 
 
+def _as_tuples(n: int) -> str:
+    """Source of `effect_numbers` and `no_effects`: all numbers of effects from an array, and zeros in their stead. Written out, because the
+    compiler builds a tuple from a loop by copying it once per entry."""
+    entries = "".join(f"numbers[{k}], " for k in range(n))
+    zeros = "0.0j, " * n
+    return (
+        f"@kernel(forceinline=True)\ndef effect_numbers(numbers):\n    return ({entries})\n\n\n"
+        f"@kernel(forceinline=True)\ndef no_effects():\n    return ({zeros})\n\n\n"
+    )
+
+
 def source() -> str:
     """The joined formulas as Python text."""
-    members = law_effects()
+    members = [*law_effects(), *capacity_effects()]
     parts = [_HEAD]
     parts += [f"_{e.name} = kernel(forceinline=True)(effect({e.name!r}).act)\n" for e in members]
     parts.append("\n\n")
@@ -112,6 +137,9 @@ def source() -> str:
     parts.append(_function("yield_factor", [e for e in members if e.slot == "yield_factor"], True))
     parts.append(_function("dissipation_factor", [e for e in members if e.slot == "dissipation"], True))
     parts.append(_function("modulus_factor", [e for e in members if e.slot == "free_energy"], True))
+    parts.append(_function("asymmetry_factor", [e for e in members if e.slot == "asymmetry"], True))
+    parts.append(_function("capacity_factor", [e for e in members if e.slot == "capacity"], True))
+    parts.append(_as_tuples(len(EFFECT_NUMBERS)))
     parts.append(_terms([e for e in members if e.slot == "backstress"]))
     return "".join(parts)
 
@@ -141,3 +169,7 @@ yield_factor = _module.yield_factor
 dissipation_factor = _module.dissipation_factor
 modulus_factor = _module.modulus_factor
 backstress_terms = _module.backstress_terms
+effect_numbers = _module.effect_numbers
+no_effects = _module.no_effects
+asymmetry_factor = _module.asymmetry_factor
+capacity_factor = _module.capacity_factor

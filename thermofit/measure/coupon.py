@@ -6,27 +6,51 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.errors import DataError, StudyError
+from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CELSIUS, CouponRecord
-from thermofit.core.study_coupon import ColumnSource, Coupon, CouponRecordSettings, TemperatureSource
+from thermofit.core.study_coupon import (
+    ColumnSource,
+    Coupon,
+    CouponRecordSettings,
+    LateralSource,
+    SecondClock,
+    StrainSource,
+    StressSource,
+    TemperatureSource,
+)
 from thermofit.core.study_paths import path_from
-from thermofit.measure.coupon_clocks import clock_offset
-from thermofit.measure.coupon_columns import channel, pick_record, strain_channel, stress_channel, time_channel
+from thermofit.measure.coupon_clocks import Main, beside_another_clock
+from thermofit.measure.coupon_columns import channel, lateral_channel, pick_record, strain_channel, stress_channel, time_channel, width_of
 from thermofit.measure.coupon_phases import coupon_phases, thinned
-from thermofit.measure.coupon_repair import Rows, cut, repaired, suspected_jumps, time_from_rate, without_jumps
-from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion
+from thermofit.measure.coupon_repair import (
+    Rows,
+    cut,
+    repaired,
+    suspected_jumps,
+    time_from_rate,
+    time_from_rows,
+    wild_samples,
+    without_jumps,
+    without_rows,
+)
+from thermofit.measure.coupon_signs import branch_suspicion, lateral_suspicion, sign_suspicion
 from thermofit.measure.formats.contents import Record
 from thermofit.measure.phases import noise_level, working_sigma
+
+_RATE_DIFFERS = 2.0
+"""Factor between the rate that a header says and that of the record from which on a remark says so."""
 
 
 def coupon_files(settings: Coupon, base_folder: Path) -> tuple[Path, ...]:
     """All files that the section names, each once, in its order; StudyError for a variable that is not set."""
     paths = []
     for index, record in enumerate(settings.records):
-        key = f"key 'coupon.records.{index}"
+        key = f"key '{record.place or f'coupon.records.{index}'}"
         paths.append(path_from(base_folder, record.file, f"{key}.file'"))
-        if isinstance(record.temperature, TemperatureSource) and record.temperature.file is not None:
-            paths.append(path_from(base_folder, record.temperature.file, f"{key}.temperature.file'"))
+        for name in ("strain", "stress", "temperature", "lateral"):
+            source = getattr(record, name)
+            if isinstance(source, SecondClock) and source.file is not None:
+                paths.append(path_from(base_folder, source.file, f"{key}.{name}.file'"))
     return tuple(dict.fromkeys(paths))
 
 
@@ -35,17 +59,19 @@ def read_coupon(settings: Coupon, base_folder: Path) -> tuple[CouponRecord, ...]
 
     StudyError for a column, a test, a unit or a length that the study must give; DataError for a file or values that are wrong.
     """
-    return tuple(read_coupon_record(record, base_folder, f"coupon.records.{k}") for k, record in enumerate(settings.records))
+    return tuple(
+        read_coupon_record(record, base_folder, record.place or f"coupon.records.{k}") for k, record in enumerate(settings.records)
+    )
 
 
 def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: str = "coupon.records.0") -> CouponRecord:
     """One record; errors as `read_coupon`. `key` is its place in the study, for messages."""
     path = path_from(base_folder, settings.file, f"key '{key}.file'")
-    record = pick_record(path, settings.test, key)
+    record = pick_record(path, settings.test, key, settings.where)
     where = f"{path}, record '{settings.label}'"
     rows = _rows(record, settings, base_folder, key)
     rows = cut(repaired(rows, where), settings, where)
-    remarks = [*rows.remarks, *suspected_jumps(rows), *_suspicions(rows)]
+    remarks = [*settings.taken, *rows.remarks, *suspected_jumps(rows), *_suspicions(rows), *_rate_suspicion(rows, record, settings)]
     theta_start, theta_air, said = _temperatures(rows, record, settings, key)
     noise, estimated = _noise(rows, settings)
     phases = coupon_phases(rows.time, rows.strain, rows.stress)
@@ -64,88 +90,126 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
         phases=phases,
         remarks=(*record.traits.remarks, *remarks, *said, estimated),
         theta_start=theta_start,
+        lateral=None if rows.lateral is None else rows.lateral[kept],
+        shift_strain=settings.strain_zero == "elastic-line",
+        measured_clock=settings.time is not None,
+        over_plastic=settings.over_plastic,
     )
 
 
 def _rows(record: Record, settings: CouponRecordSettings, base_folder: Path, key: str) -> Rows:
     """Channels as the study names them, with remarks on units, signs, lengths and clocks."""
     time, remarks = time_channel(record, settings, key)
-    strain, said = strain_channel(record, settings, key)
-    strain, jumps = without_jumps(strain, settings.jumps, f"key '{key}")
-    stress, more = stress_channel(record, settings, strain, key)
-    remarks = [*remarks, *said, *jumps, *more]
+    where = f"{record.traits.path}, record '{settings.label}'"
+    if settings.sampling_rate is not None:
+        time, said = time_from_rows(record, settings.sampling_rate)
+        remarks = [*remarks, said]
+    strain_source = settings.strain if isinstance(settings.strain, StrainSource) else StrainSource(column=settings.strain)
+    stress_source = settings.stress if isinstance(settings.stress, StressSource) else StressSource(column=settings.stress)
+    strain = stress = None
+    if not strain_source.apart:
+        strain, said_strain = strain_channel(record, settings, key)
+        strain, jumps = without_jumps(strain, settings.jumps, f"key '{key}")
+        remarks = [*remarks, *said_strain, *jumps]
+    elif settings.jumps:
+        raise StudyError(f"key '{key}.jumps' names rows of the record, but the strain has a clock of its own; leave one of them out")
+    if not stress_source.apart and (stress_source.true_stress is None or strain is not None):
+        stress, said_stress = stress_channel(record, settings, strain, key)
+        remarks = [*remarks, *said_stress]
+    if time is None:
+        apart = [name for name in ("strain", "stress", "temperature", "lateral") if _apart(getattr(settings, name))]
+        if apart:
+            raise StudyError(f"key '{key}.{apart[0]}' has a clock of its own and needs a time column, but the time is built; name 'time'")
+    main = Main(record, settings, base_folder, time, strain, stress)
+    if strain is None:
+        strain, said_strain = beside_another_clock(main, strain_source, "strain", key, lambda r: strain_channel(r, settings, key))
+        remarks = [*remarks, *said_strain]
+    if stress is None and stress_source.apart:
+        # A true stress becomes nominal by the strain at its own times, which only the record's clock has.
+        if stress_source.true_stress is not None:
+            raise StudyError(
+                f"key '{key}.stress' is a true stress beside another clock, which cannot be converted; give force or nominal stress"
+            )
+        stress, said_stress = beside_another_clock(main, stress_source, "stress", key, lambda r: stress_channel(r, settings, None, key))
+        remarks = [*remarks, *said_stress]
+    elif stress is None:
+        stress, said_stress = stress_channel(record, settings, strain, key)
+        remarks = [*remarks, *said_stress]
     if settings.tension == "negative":
         remarks.append("signs of force and extension turned: tension is negative in the file")
+    theta, said_theta = _temperature(main, key)
+    lateral, said_lateral = _lateral(main, stress_source, key)
+    built = np.full(strain.size, np.nan) if time is None else time
+    rows = Rows(built, strain, stress, theta, (*remarks, *said_theta, *said_lateral), lateral, np.arange(strain.size))
+    rows = without_rows(rows.saying(*wild_samples(rows, settings.leave_out)), settings.leave_out, f"key '{key}")
     if time is None:
-        if settings.temperature is not None:
-            raise StudyError(f"key '{key}.temperature' needs a time column, but the time is built from 'rate'; leave one of them out")
-        assert settings.rate is not None
-        built = time_from_rate(strain, stress, settings.rate, f"{record.traits.path}, record '{settings.label}'")
-        return Rows(built.time, built.strain, built.stress, None, (*remarks, *built.remarks))
-    theta, on_theta = _temperature(record, settings, base_folder, (key, time, stress))
-    rows = Rows(time, strain, stress, theta, (*remarks, *on_theta))
+        rate, said = _rate(record, settings, key)
+        rows = time_from_rate(rows, rate, where).saying(said)
     return rows
 
 
-def _temperature(
-    record: Record, settings: CouponRecordSettings, base_folder: Path, place: tuple[str, np.ndarray, np.ndarray]
-) -> tuple[np.ndarray | None, list[str]]:
-    """Temperature in K at the rows of the record, NaN where a second file does not cover them; `place`: key, time and stress."""
-    key, time, stress = place
-    given = settings.temperature
+def _apart(source: object) -> bool:
+    return isinstance(source, SecondClock) and source.apart
+
+
+def _rate(record: Record, settings: CouponRecordSettings, key: str) -> tuple[float, str]:
+    """Strain rate in 1/s that builds the time, and where it is from. StudyError where the record has a clock, or nothing says the rate."""
+    if settings.rate is not None:
+        return settings.rate, f"strain rate {settings.rate:g} 1/s of the study"
+    clocks = [c.name for c in record.traits.columns if c.meaning in ("time", "date") and c.name in record.channels]
+    if clocks:
+        raise StudyError(
+            f"key '{key}.time' is missing, and {record.traits.path} has the clock {' and '.join(clocks)}: name it, or give rate"
+        )
+    if "rate" not in record.about:
+        raise StudyError(
+            f"key '{key}.time' is missing, and {record.traits.path} says no strain rate: name the column of time, or give rate (1/s) or "
+            "sampling_rate (rows per second)"
+        )
+    return record.about["rate"], f"strain rate {record.about['rate']:g} 1/s from the header of the file"
+
+
+def _rate_suspicion(rows: Rows, record: Record, settings: CouponRecordSettings) -> list[str]:
+    """A remark where the rate that the header says is not that of the record's own clock."""
+    said = record.about.get("rate")
+    if said is None or settings.time is None:
+        return []
+    peak = int(np.argmax(np.abs(rows.strain - rows.strain[0])))
+    if peak < 1:
+        return []
+    own = float(np.abs(rows.strain[peak] - rows.strain[0]) / (rows.time[peak] - rows.time[0]))
+    if 1.0 / _RATE_DIFFERS < own / said < _RATE_DIFFERS:
+        return []
+    return [
+        f"the header says a strain rate of {said:g} 1/s, the record has {own:.3g} 1/s on the way to its largest strain: the clock counts"
+    ]
+
+
+def _temperature(main: Main, key: str) -> tuple[np.ndarray | None, list[str]]:
+    """Temperature in K at the rows of the record, NaN where a second clock does not cover them."""
+    given = main.settings.temperature
     if given is None:
         return None, []
     source = TemperatureSource(column=given) if isinstance(given, str) else given
     column = ColumnSource(column=source.column, unit=source.unit)
-    if source.file is None:
-        return channel(record, column, "temperature", f"{key}.temperature")
-    key = f"{key}.temperature"
-    path = path_from(base_folder, source.file, f"key '{key}.file'")
-    second = pick_record(path, source.test, key)
-    theta, remarks = channel(second, column, "temperature", key)
-    clock, said = channel(second, ColumnSource(column=source.time or _only(second, "time", key, "time")), "time", f"{key}.time")
-    known = np.isfinite(clock) & np.isfinite(theta)
-    if known.sum() < 2 or (np.diff(clock[known]) <= 0.0).any():
-        raise DataError(f"{path}: the time of the temperature does not increase, expected increasing times; export it again")
-    offset, found = _offset(second, source, (clock, time, stress), key)
-    at = time + offset
-    inside = (at >= clock[known][0]) & (at <= clock[known][-1])
-    joined = np.where(inside, np.interp(at, clock[known], theta[known]), np.nan)
-    return joined, [*remarks, *said, found]
+    if not source.apart:
+        return channel(main.record, column, "temperature", f"{key}.temperature")
+    return beside_another_clock(main, source, "temperature", key, lambda r: channel(r, column, "temperature", f"{key}.temperature"))
 
 
-def _only(record: Record, meaning: str, key: str, missing: str) -> str:
-    """The only column of that meaning; StudyError where there is none or several."""
-    names = [c.name for c in record.traits.columns if c.meaning == meaning and c.name in record.channels]
-    if len(names) != 1:
-        what = f"{len(names)} columns of {meaning}" + (f" ({', '.join(names)})" if names else "")
-        raise StudyError(f"key '{key}.{missing}' is missing, and {record.traits.path} has {what}: name one of {', '.join(record.channels)}")
-    return names[0]
+def _lateral(main: Main, stress: StressSource, key: str) -> tuple[np.ndarray | None, list[str]]:
+    """Lateral strain at the rows of the record, NaN where it is missing, with the number of gaps."""
+    given = main.settings.lateral
+    if given is None:
+        return None, []
+    source = LateralSource(column=given) if isinstance(given, str) else given
 
+    def read(record: Record) -> tuple[np.ndarray, list[str]]:
+        return lateral_channel(record, source, width_of(source, stress, record, f"{key}.lateral"), f"{key}.lateral")
 
-def _offset(second: Record, source: TemperatureSource, signals: tuple[np.ndarray, np.ndarray, np.ndarray], key: str) -> tuple[float, str]:
-    """Offset of the second clock in s, and the remark on it."""
-    if source.offset_s != "auto":
-        return float(source.offset_s), f"clock of the temperature set {source.offset_s:g} s ahead, as the study says"
-    clock, time, stress = signals
-    name = source.repeats or _only(second, "force", key, "repeats")
-    if name not in second.channels:
-        raise StudyError(f"key '{key}.repeats' is '{name}', but {second.traits.path} has no such channel: {', '.join(second.channels)}")
-    repeated = second.channels[name]
-    pairs = []
-    for t, f in ((time, stress), (clock, repeated)):
-        known = np.isfinite(t) & np.isfinite(f)
-        t, f = t[known], f[known]
-        first = np.concatenate([[True], np.diff(t) > 0.0])
-        pairs.append((t[first], f[first]))
-    try:
-        found = clock_offset(pairs[0], pairs[1])
-    except DataError as error:
-        raise DataError(f"{second.traits.path}: key '{key}.offset_s' is auto, but {error}") from None
-    return found.offset, (
-        f"clock of the temperature is {found.offset:.3f} s ahead (+/- {found.sigma:.2g} s), from '{name}', which repeats the force "
-        f"(correlation {found.correlation:.4f})"
-    )
+    values, remarks = beside_another_clock(main, source, "lateral", key, read) if source.apart else read(main.record)
+    gaps = int(np.isnan(values).sum())
+    return values, [*remarks, f"lateral strain '{source.name}': {gaps} of {values.size} rows without value"]
 
 
 def _suspicions(rows: Rows) -> list[str]:
@@ -153,6 +217,8 @@ def _suspicions(rows: Rows) -> list[str]:
     found = [branch_suspicion(rows.strain, rows.stress)]
     if rows.temperature is not None:
         found.append(sign_suspicion(rows.time, rows.stress, rows.temperature))
+    if rows.lateral is not None:
+        found.append(lateral_suspicion(rows.strain, rows.lateral))
     return [text for text in found if text is not None]
 
 
@@ -163,7 +229,7 @@ def _temperatures(rows: Rows, record: Record, settings: CouponRecordSettings, ke
         start = settings.initial_temperature_degC + CELSIUS
     elif "temperature" in record.about:
         start = record.about["temperature"]
-        remarks.append(f"initial temperature {start:.2f} K from the header of the file")
+        remarks.append(f"initial temperature {start:.2f} K from the header of the file or a column that holds one value")
     elif rows.temperature is not None:
         n = max(1, min(20, rows.time.size // 100))
         start = float(np.median(rows.temperature[:n]))
@@ -177,14 +243,21 @@ def _temperatures(rows: Rows, record: Record, settings: CouponRecordSettings, ke
 
 def _noise(rows: Rows, settings: CouponRecordSettings) -> tuple[dict[str, float], str]:
     """Standard deviations by channel: the study's, else from second differences; and the remark on them."""
-    given = {"strain": settings.noise.strain, "stress": settings.noise.stress, "theta": settings.noise.temperature}
-    values = {"strain": rows.strain, "stress": rows.stress, "theta": rows.temperature}
+    given = {
+        "strain": settings.noise.strain,
+        "stress": settings.noise.stress,
+        "theta": settings.noise.temperature,
+        "lateral": settings.noise.lateral,
+    }
+    values = {"strain": rows.strain, "stress": rows.stress, "theta": rows.temperature, "lateral": rows.lateral}
     noise: dict[str, float] = {}
     words = []
     for name, value in values.items():
         if value is None:
             continue
-        declared = given[name]
-        noise[name] = declared if declared is not None else working_sigma(noise_level(rows.time, value), value)
+        declared, known = given[name], np.isfinite(value)
+        if declared is None and known.sum() < 5:
+            continue
+        noise[name] = declared if declared is not None else working_sigma(noise_level(rows.time[known], value[known]), value[known])
         words.append(f"{name} {noise[name]:.3g}" + (" (declared)" if declared is not None else ""))
     return noise, "noise of single values: " + ", ".join(words) + " (else from second differences)"

@@ -4,38 +4,53 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.study_coupon import CouponRecordSettings
+from thermofit.measure.coupon_phases import turning_points
+from thermofit.measure.formats.contents import Record
 
 LEAST_ROWS = 10
 _HOLES = 0.1
 _SPREAD = 0.02
 _BACK = 0.01
 _FITTED = 6
+_WILD, _UNUSUAL = 5.0, 20.0
+"""How far a wild sample is off: times the steps beside it, and times the usual second difference."""
+_SHOWN = 5
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Channels over rows: `time` s, `strain`, `stress` MPa, `temperature` K or None, all (n,); `remarks` in words."""
+    """Channels over rows: `time` s, `strain`, `stress` MPa, `temperature` K or None, all (n,); `remarks` in words.
+
+    `lateral` (n,) or None is the strain across, NaN where it has gaps; `row` (n,) are the data rows of the file.
+    """
 
     time: np.ndarray
     strain: np.ndarray
     stress: np.ndarray
     temperature: np.ndarray | None
     remarks: tuple[str, ...] = ()
+    lateral: np.ndarray | None = None
+    row: np.ndarray | None = None
 
-    def take(self, keep: np.ndarray, remark: str = "") -> Rows:
-        """The kept rows (mask or indices), with one more remark."""
-        theta = None if self.temperature is None else self.temperature[keep]
-        said = (*self.remarks, remark) if remark else self.remarks
-        return Rows(self.time[keep], self.strain[keep], self.stress[keep], theta, said)
+    def take(self, keep: np.ndarray, *remarks: str) -> Rows:
+        """The kept rows (mask or indices), with more remarks."""
+        theta, across, row = (None if x is None else x[keep] for x in (self.temperature, self.lateral, self.row))
+        said = (*self.remarks, *(remark for remark in remarks if remark))
+        return Rows(self.time[keep], self.strain[keep], self.stress[keep], theta, said, across, row)
+
+    def saying(self, *remarks: str) -> Rows:
+        """The same rows with more remarks."""
+        return replace(self, remarks=(*self.remarks, *remarks))
 
     def columns(self) -> list[np.ndarray]:
-        """All channels."""
+        """All channels that a row must have."""
         return [x for x in (self.time, self.strain, self.stress, self.temperature) if x is not None]
 
 
@@ -60,29 +75,99 @@ def without_jumps(strain: np.ndarray, rows: Sequence[int], where: str) -> tuple[
     return shifted, remarks
 
 
-def time_from_rate(strain: np.ndarray, stress: np.ndarray, rate: float, where: str) -> Rows:
-    """Rows of a record without time, strained monotonically at a constant nominal rate (1/s): t = strain / rate.
+def without_rows(rows: Rows, left_out: Sequence[int], where: str) -> Rows:
+    """Rows without those that the study leaves out. StudyError for a row outside."""
+    assert rows.row is not None
+    if not left_out:
+        return rows
+    beyond = [row for row in left_out if row >= rows.row.size]
+    if beyond:
+        raise StudyError(f"{where}.leave_out' names row {beyond[0]}, but the record has the rows 0 to {rows.row.size - 1}; correct it")
+    return rows.take(~np.isin(rows.row, left_out), f"{len(left_out)} data rows left out, as the study says")
 
-    Rows that do not exceed all before them are dropped and counted. DataError where the strain comes back by more than 1 % of its range.
+
+def wild_samples(rows: Rows, left_out: Sequence[int] = ()) -> list[str]:
+    """A remark on every channel with single samples far off both of their neighbours, which the others follow smoothly; they are kept.
+
+    Far: more than five times the steps beside it and twenty times the usual second difference, and 2 % of the range. A reversal is none:
+    the steps beside it are as large. `left_out` rows are not told again.
     """
-    known = np.isfinite(strain) & np.isfinite(stress)
-    e, sigma = strain[known], stress[known]
-    if e.size < LEAST_ROWS:
-        raise DataError(f"{where}: {e.size} rows with strain and stress found, expected at least {LEAST_ROWS}; export the whole test")
-    sense = 1.0 if abs(float(e.max() - e[0])) >= abs(float(e.min() - e[0])) else -1.0
-    path = sense * e
-    reached = np.maximum.accumulate(path)
-    back = float(np.max(reached - path))
-    if not 0.0 < np.ptp(e) or back > _BACK * np.ptp(e):
-        raise DataError(
-            f"{where}: the strain comes back by {back:.3g}, so a rate cannot build the time; export the time, or cut the unloading"
+    assert rows.row is not None
+    found = []
+    for name, x, unit in (
+        ("strain", rows.strain, ""),
+        ("stress", rows.stress, " MPa"),
+        ("temperature", rows.temperature, " K"),
+        ("lateral strain", rows.lateral, ""),
+    ):
+        if x is None:
+            continue
+        held = np.flatnonzero(np.isfinite(x))
+        places = [int(rows.row[k]) for k in held[wild_places(x[held])] if int(rows.row[k]) not in left_out]
+        if not places:
+            continue
+        shown = ", ".join(f"row {k} ({x[k]:.6g}{unit})" for k in places[:_SHOWN]) + (", ..." if len(places) > _SHOWN else "")
+        found.append(
+            f"{len(places)} wild samples of the {name}, far off their neighbours: {shown}; kept as they are (leave_out: {places[:_SHOWN]} "
+            "leaves them out)"
         )
-    rising = np.concatenate([[True], path[1:] > reached[:-1]])
-    lost = int((~rising).sum())
-    time = np.abs(e[rising] - e[0]) / rate
-    said = f"time built from the strain at {rate:g} 1/s, a rate that the file does not confirm"
-    dropped = (f"{lost} rows whose strain does not exceed all before dropped",) if lost else ()
-    return Rows(time, e[rising], sigma[rising], None, (said, *dropped))
+    return found
+
+
+def wild_places(x: np.ndarray) -> np.ndarray:
+    """Places of single samples far off both neighbours in values (n,)."""
+    if x.size < LEAST_ROWS:
+        return np.zeros(0, dtype=int)
+    step = np.diff(x)
+    usual = float(np.median(np.abs(np.diff(x, 2))))
+    k = np.arange(2, x.size - 2)
+    before, after = step[k - 1], step[k]
+    smaller = np.minimum(np.abs(before), np.abs(after))
+    beside = np.maximum.reduce([np.abs(step[k - 2]), np.abs(step[k + 1]), np.abs(x[k + 1] - x[k - 1])])
+    size = np.sort(x)
+    range_ = float(size[-1 - x.size // 50] - size[x.size // 50]) or float(np.ptp(x))
+    far = (before * after < 0.0) & (smaller > _WILD * beside) & (smaller > _UNUSUAL * usual) & (smaller > _SPREAD * range_)
+    return k[far]
+
+
+def time_from_rows(record: Record, rate: float) -> tuple[np.ndarray, str]:
+    """Time in s (n,) of a record whose rows follow each other at `rate` 1/s, and the remark on it."""
+    count = max(values.size for values in record.channels.values())
+    return np.arange(count) / rate, f"time built from the number of the row at {rate:g} rows per second, which the file does not confirm"
+
+
+def time_from_rate(rows: Rows, rate: float, where: str) -> Rows:
+    """Rows of a record without time, strained at a constant nominal rate (1/s) back and forth: t = path of the strain / rate.
+
+    Rows that do not go beyond all before them since the last reversal are dropped and counted: holds have no time. DataError for too few.
+    """
+    known = np.isfinite(rows.strain) & np.isfinite(rows.stress)
+    if known.sum() < LEAST_ROWS:
+        raise DataError(
+            f"{where}: {int(known.sum())} rows with strain and stress found, expected at least {LEAST_ROWS}; export the whole test"
+        )
+    lost = int((~known).sum())
+    rows = rows.take(known, f"{lost} rows without strain or stress dropped" if lost else "")
+    e = rows.strain
+    if not np.ptp(e) > 0.0:
+        raise DataError(f"{where}: the strain never changes, so a rate cannot build the time; export the time")
+    sense = 1.0 if abs(float(e.max() - e[0])) >= abs(float(e.min() - e[0])) else -1.0
+    back = float(np.max(np.maximum.accumulate(sense * e) - sense * e))
+    edges = turning_points(np.arange(e.size, dtype=float), e) if back > _BACK * np.ptp(e) else np.array([0, e.size - 1])
+    time, advances, start = np.zeros(e.size), np.zeros(e.size, dtype=bool), 0.0
+    advances[0] = True
+    for a, b in pairwise(edges):
+        path = np.maximum.accumulate(np.sign(e[b] - e[a]) * (e[a : b + 1] - e[a]))
+        time[a + 1 : b + 1] = start + path[1:]
+        advances[a + 1 : b + 1] = np.diff(path) > 0.0
+        start += float(path[-1])
+    rows = replace(rows, time=time / rate)
+    turns = len(edges) - 2
+    words = f"along the path of the strain with {turns} reversals" if turns else "from the strain"
+    said = f"time built {words} at {rate:g} 1/s, a rate that the file does not confirm"
+    still = int((~advances).sum())
+    since = "since the last reversal " if turns else ""
+    return rows.take(advances, said, f"{still} rows whose strain does not exceed all before {since}dropped" if still else "")
 
 
 def repaired(rows: Rows, where: str) -> Rows:
@@ -130,8 +215,10 @@ def _one_row_per_time(rows: Rows, where: str) -> Rows:
     count = np.bincount(group)
     means = [np.bincount(group, x) / count for x in rows.columns()]
     theta = means[3] if rows.temperature is not None else None
+    across = None if rows.lateral is None else np.bincount(group, rows.lateral) / count
+    row = None if rows.row is None else rows.row[first]
     said = (*rows.remarks, f"{shared} rows that share the time of the row before merged with it (mean)")
-    return replace(rows, time=means[0], strain=means[1], stress=means[2], temperature=theta, remarks=said)
+    return replace(rows, time=means[0], strain=means[1], stress=means[2], temperature=theta, remarks=said, lateral=across, row=row)
 
 
 def cut(rows: Rows, settings: CouponRecordSettings, where: str) -> Rows:

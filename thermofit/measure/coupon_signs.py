@@ -14,6 +14,9 @@ _FAST = 0.5
 _LAGS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 _LEAST = 6
 _SIGNIFICANT = 5.0
+_TOGETHER = 0.5
+_PARTS = 200
+"""Parts of a record whose means are compared: single samples of a flow curve differ by their noise."""
 
 
 def sign_suspicion(time: np.ndarray, stress: np.ndarray, temperature: np.ndarray) -> str | None:
@@ -81,9 +84,20 @@ def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return slope, slope / max(error, 1e-12 * abs(slope), np.finfo(float).tiny)
 
 
+def lateral_suspicion(strain: np.ndarray, lateral: np.ndarray) -> str | None:
+    """A sentence where the lateral strain (n,), NaN in gaps, grows with the strain (n,), against every known metal; else None."""
+    known = np.isfinite(strain) & np.isfinite(lateral)
+    x, y = strain[known], lateral[known]
+    if x.size < _LEAST or np.ptp(x) == 0.0 or np.ptp(y) == 0.0 or float(np.corrcoef(x, y)[0, 1]) < _TOGETHER:
+        return None
+    return (
+        "the lateral strain grows with the strain, where the specimen must get narrower: contraction is positive in the file? (contraction)"
+    )
+
+
 def branch_suspicion(strain: np.ndarray, stress: np.ndarray) -> str | None:
     """A sentence where stress and strain contradict each other in sign, or where the whole test is one of compression; else None."""
-    steps, rises = np.diff(strain), np.diff(stress)
+    steps, rises = (np.diff([part.mean() for part in np.array_split(x, min(x.size, _PARTS))]) for x in (strain, stress))
     weight = float(np.sum(steps * rises))
     size = float(np.sqrt(np.sum(steps**2) * np.sum(rises**2)))
     peak = int(np.argmax(np.abs(stress)))

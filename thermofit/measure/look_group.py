@@ -12,12 +12,12 @@ import numpy as np
 from thermofit.core.errors import DataError
 from thermofit.measure.file_groups import FileGroup
 from thermofit.measure.findings import Finding
-from thermofit.measure.formats.contents import DicStage
+from thermofit.measure.formats.contents import DicStage, Record
 from thermofit.measure.formats.naming import stage_time
 from thermofit.measure.formats.registry import read_native
 from thermofit.measure.look import look_at
 from thermofit.measure.look_record import clock_facts
-from thermofit.measure.study_lines import field_lines
+from thermofit.measure.study_lines import field_lines, series_lines
 
 MOST_BYTES = 200_000_000
 """Of a group with more than this only some files are read."""
@@ -51,6 +51,8 @@ def look_at_group(group: FileGroup) -> GroupFinding:
             continue
         findings.append(look_at(content))
         lines = lines or field_lines(content, group.folder, group.pattern)
+        if not lines and isinstance(content, Record) and len(chosen) > 1:
+            lines = series_lines(content, group.folder, group.pattern)
         if isinstance(content, DicStage):
             stages.append(content)
     remarks = _counted([remark for finding in findings for part in finding.parts for remark in part.remarks], len(findings))

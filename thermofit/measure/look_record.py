@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+
 import numpy as np
 
+from thermofit.core.units import known_unit
+from thermofit.measure.coupon_columns import with_constants
+from thermofit.measure.coupon_repair import wild_places
 from thermofit.measure.coupon_signs import branch_suspicion, sign_suspicion
 from thermofit.measure.findings import ColumnFinding, Fact, Part, column_finding
 from thermofit.measure.formats.contents import Column, Record, Records
@@ -13,6 +19,10 @@ from thermofit.measure.study_lines import coupon_lines
 GAP = 5.0
 """A step in time longer than this many median steps is a gap."""
 _LEAST_SAMPLES = 10
+_MOST_BLOCKS = 200
+_MOST_WILD = 5
+_LEAP = 10.0
+"""Steps of the strain between two tests of a long table, over its usual step."""
 _MIRRORED = -0.9
 _LOADS = ("stress", "force", "true_stress")
 _STRAINS = ("strain", "extension", "true_strain")
@@ -21,30 +31,104 @@ _COLDEST, _HOTTEST = 50.0, 3000.0
 _SHOWN = {"area": "mm^2", "gauge_length": "mm", "diameter": "mm", "temperature": "K", "rate": "1/s"}
 
 
-def look_at_record(record: Record, name: str = "") -> Part:
-    """Rows, clock, channels, suspicions and study lines of one test."""
+def look_at_record(record: Record, name: str = "", others: Mapping[str, Record] | None = None) -> Part:
+    """Rows, clock, channels, suspicions and study lines of one test; `others` are the other tests of its file."""
+    record = with_constants(record)
     rows = max((len(values) for values in record.channels.values()), default=0)
     facts: dict[str, Fact] = {"rows": rows, "without value": record.traits.missing}
     clock = time_channel(record)
     remarks: list[str] = list(record.traits.remarks)
+    below, telling = tests_below_each_other(record)
+    if below:
+        columns, count = ", ".join(f"'{column}'" for column in below), len(next(iter(below.values())))
+        remarks.append(f"{count} blocks of rows in which {columns} hold one value each: several tests below each other? (where)")
     if clock is None and channel_of(record, "force", "stress", "true_stress"):
         remarks.append("no column of time was recognised: a study must name it, or give the strain rate")
-    elif clock is not None:
+    elif clock is not None and not below:
         more, found = clock_facts(record.channels[clock])
         facts, remarks = facts | more, remarks + [f"{clock}: {text}" for text in found]
     facts |= {key: f"{record.about[key]:.6g} {unit}" for key, unit in _SHOWN.items() if key in record.about}
     clocks = [c.name for c in record.traits.columns if c.meaning == "time" and c.name in record.channels]
     if len(clocks) > 1:
-        remarks.append(f"{len(clocks)} columns of time ({', '.join(clocks)}): which channel follows which clock, the file does not say")
+        remarks.append(
+            f"{len(clocks)} columns of time ({', '.join(clocks)}): which channel follows which clock, the file does not say (time: inside "
+            "strain, stress, temperature)"
+        )
     doubts, tension = suspicions(record, clock)
-    remarks += doubts
-    columns = tuple(_column(record, column, clock) for column in record.traits.columns)
-    return Part(name, "record", rows, record.traits.missing, facts, columns, tuple(remarks), coupon_lines(record, name, tension))
+    remarks += [*doubts, *_wild(record)]
+    found_columns = tuple(_column(record, column, clock) for column in record.traits.columns)
+    lines = coupon_lines(record, name, tension, others, below, telling)
+    return Part(name, "record", rows, record.traits.missing, facts, found_columns, tuple(remarks), lines)
 
 
 def look_at_records(records: Records) -> tuple[Part, ...]:
     """One part for each test of a file."""
-    return tuple(look_at_record(test, name) for name, test in records.tests.items())
+    tests = records.tests
+    return tuple(look_at_record(test, name, {k: v for k, v in tests.items() if k != name}) for name, test in tests.items())
+
+
+def _wild(record: Record) -> list[str]:
+    """A remark on each channel with single samples far off their neighbours."""
+    found = []
+    for column in record.traits.columns:
+        values = record.channels.get(column.name)
+        if values is None or not column.meaning:
+            continue
+        held = np.flatnonzero(np.isfinite(values))
+        places = held[wild_places(values[held])]
+        if places.size:
+            shown = ", ".join(f"row {k} ({values[k]:.6g})" for k in places[:_MOST_WILD]) + (", ..." if places.size > _MOST_WILD else "")
+            found.append(f"{column.name}: {places.size} wild samples, far off their neighbours: {shown} (leave_out)")
+    return found
+
+
+def tests_below_each_other(record: Record) -> tuple[dict[str, list[str]], list[str]]:
+    """Columns that hold one value in each of several blocks of rows, with these values as YAML, and those that tell the blocks apart.
+
+    A block is at least ten rows long. Blocks that no column or pair of columns tells apart are none.
+    """
+    rows = max((len(values) for values in record.channels.values()), default=0)
+    marks: dict[str, np.ndarray] = {name: np.array(texts) for name, texts in record.labels.items() if len(texts) == rows}
+    for column in record.traits.columns:
+        values = record.channels.get(column.name)
+        if values is not None and column.meaning in ("", "temperature", "rate") and len(values) == rows and np.isfinite(values).all():
+            marks[column.name] = values
+    steady: dict[str, np.ndarray] = {}
+    for name, values in marks.items():
+        edges = np.flatnonzero(values[1:] != values[:-1]) + 1
+        lengths = np.diff(np.concatenate([[0], edges, [rows]]))
+        if 0 < edges.size < _MOST_BLOCKS and lengths.min() >= _LEAST_SAMPLES:
+            steady[name] = edges
+    if not steady:
+        return {}, []
+    starts = np.concatenate([[0], np.unique(np.concatenate(list(steady.values())))])
+    blocks = [tuple(str(marks[name][k]) for name in steady) for k in starts]
+    if len(set(blocks)) < len(blocks) or not _restarts(record, starts[1:]):
+        return {}, []
+    whole = next((name for name in steady if len({str(marks[name][k]) for k in starts}) == len(starts)), None)
+    used = list(steady) if whole is None else [whole]
+    shown = {name: [_value(marks[name][k], record, name) for k in starts] for name in (*used, *(n for n in steady if n not in used))}
+    return shown, used
+
+
+def _restarts(record: Record, starts: np.ndarray) -> bool:
+    """Does the clock go back at the rows `starts`, or, without one, does the strain leap there? Counted cycles are one test."""
+    clock = time_channel(record)
+    name = clock or channel_of(record, *_STRAINS) or channel_of(record, *_LOADS)
+    if name is None:
+        return True
+    step = np.diff(record.channels[name])
+    if clock is not None:
+        return bool(np.any(step[starts - 1] < 0.0))
+    return bool(np.median(np.abs(step[starts - 1])) > _LEAP * np.nanmedian(np.abs(step)))
+
+
+def _value(value: str | float, record: Record, name: str) -> str:
+    """A mark of a block as YAML; a number in the unit of its column."""
+    if isinstance(value, str):
+        return json.dumps(str(value), ensure_ascii=False)
+    unit = known_unit(next(c.unit for c in record.traits.columns if c.name == name))
+    return f"{float(value) if unit is None else float(value) / unit.factor - unit.shift:.9g}"
 
 
 def channel_of(record: Record, *meanings: str) -> str | None:

@@ -18,10 +18,16 @@ from scipy.optimize import brentq
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
+from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
+from thermofit.point.step import PLASTIC_Y
 
-_LAMBDA_END = 2.0
-"""Largest plastic multiplier of the tabulated law; a stretch of exp(2 r), far beyond any sheet metal."""
+_STRAIN_END = 6.0
+"""Largest nominal strain of the tabulated law, far beyond any sheet metal."""
 _TABLE = 20001
+_ELASTIC_END = 0.05
+_SLOW, _RESERVOIR = 1e9, 1e12
+"""Duration of a step in s, so long that no effect feels a rate, and a heat capacity in mJ/(mm^3 K) that keeps the temperature."""
+_BISECTIONS = 40
 _SHOULDER_POINTS = 24
 _TINY_FORCE = 1e-6
 
@@ -67,16 +73,16 @@ class LoadHistory:
 
 @dataclass(frozen=True)
 class UniaxialLaw:
-    """Monotonic uniaxial response along y, tabulated over the plastic multiplier Lambda.
+    """Monotonic uniaxial response along y as the point driver gives it.
 
-    `modulus` E in MPa; `ratio` r = sqrt(F + H): plastic stretch exp(r Lambda); `multiplier` (n,) and `nominal` (n,) MPa
-    (P_22 at yield) increase up to the largest nominal stress that the material carries.
+    `nominal` (n,) MPa, P_22 at yield, increases from first yield to the largest that the material carries; `plastic` (n,) is the
+    logarithmic plastic stretch there. `mandel` (m,) MPa over the logarithmic `elastic` stretch (m,): M_22 = P_22 F_22.
     """
 
-    modulus: float
-    ratio: float
-    multiplier: np.ndarray
     nominal: np.ndarray
+    plastic: np.ndarray
+    mandel: np.ndarray
+    elastic: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -103,28 +109,34 @@ def yield_stress(parameters: Parameters, multiplier: np.ndarray, model: int) -> 
     return np.asarray(p["M_y0"] + linear - (p["M_yinf"] - p["M_y0"]) * np.expm1(-p["H_exp"] * multiplier))
 
 
-def uniaxial_law(parameters: Parameters, model: int = 2) -> UniaxialLaw:
-    """Uniaxial law for the load along y.
+def uniaxial_law(parameters: Parameters, model: int = 2, points: int = _TABLE) -> UniaxialLaw:
+    """Uniaxial law for the load along y: that of the point driver with all its effects, at rest and at the reference temperature.
 
-    Mandel stress M_22 = sigma_y(Lambda) / r with r = sqrt(F + H), plastic stretch exp(r Lambda), elastic Hencky strain
-    M_22 / E, nominal stress P_22 = M_22 exp(-r Lambda - M_22 / E). The table ends where P_22 has its maximum
-    (Considere): d(ln M_22 - M_22 / E) / dLambda = r.
+    A slow, isothermal pull to a strain at which any sheet has necked, then again, finely, up to the largest nominal stress. Where the
+    yield stress has a plateau or a drop the table leaps: a force that grows leads a slice through it at once. `points` of the table:
+    2001 tell the largest stress to 1e-5. NumericsError where the driver does not get there.
     """
-    modulus, ratio = parameters["E"], float(np.sqrt(parameters["F"] + parameters["H"]))
+    still = parameters.replace(c0=_RESERVOIR, theta_air=parameters["theta_ref"])
 
-    def log_nominal(lam: np.ndarray) -> np.ndarray:
-        mandel = yield_stress(parameters, lam, model) / ratio
-        return np.log(mandel) - ratio * lam - mandel / modulus
+    def pull(strain: np.ndarray, *, plastic: bool = True) -> PointHistory:
+        programme = Programme.by_strain(np.arange(len(strain)) * _SLOW, strain)
+        return simulate(still, programme, PointSettings(model, plastic=plastic, max_strain=_STRAIN_END))
 
-    end = _LAMBDA_END
-    for _ in range(2):  # find the maximum, then tabulate finely up to it
-        # Denser near first yield, where hardening bends most.
-        grid = end * np.linspace(0.0, 1.0, _TABLE) ** 1.5
-        value = log_nominal(grid)
-        falling = np.flatnonzero(np.diff(value) <= 0.0)
-        last = int(falling[0]) + 1 if falling.size else _TABLE
-        end = float(grid[min(last, _TABLE - 1)])
-    return UniaxialLaw(modulus, ratio, grid[:last], np.exp(value[:last]))
+    # Denser near first yield, where hardening bends most.
+    shares = np.linspace(0.0, 1.0, points) ** 1.5
+    whole = pull(_STRAIN_END * shares)
+    table = pull(whole.strain[min(int(np.argmax(whole.stress)) + 1, points - 1)] * shares)
+    flows = int(np.argmax(table.accumulated > 0.0))
+    below, above = table.strain[flows - 1], table.strain[flows]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (below + above)
+        below, above = (below, middle) if pull(np.array([0.0, middle])).accumulated[-1] > 0.0 else (middle, above)
+    first = pull(np.array([0.0, above]))
+    nominal = np.concatenate([first.stress[1:], table.stress[flows:]])
+    plastic = np.concatenate([first.states[1:, PLASTIC_Y], table.states[flows:, PLASTIC_Y]])
+    higher = np.concatenate([[True], nominal[1:] > np.maximum.accumulate(nominal)[:-1]])
+    elastic = pull(_ELASTIC_END * shares, plastic=False)
+    return UniaxialLaw(nominal[higher], plastic[higher], elastic.stress * (1.0 + elastic.strain), np.log1p(elastic.strain))
 
 
 def bar_of(specimen: Specimen, law: UniaxialLaw) -> Bar:
@@ -157,16 +169,15 @@ def bar_of(specimen: Specimen, law: UniaxialLaw) -> Bar:
 def elongation(bar: Bar, force: np.ndarray, largest: np.ndarray) -> np.ndarray:
     """Elongation in mm (n,) of the bar at `force` N (n,) after the force has been as high as `largest` N (n,).
 
-    Lambda follows from `largest` (isotropic hardening: unloading is elastic); the elastic Hencky strain e solves
-    E e = P exp(r Lambda + e), since M_22 = P_22 F_22.
+    The plastic stretch follows from `largest` (unloading is elastic); the elastic Hencky strain e is that of the Mandel stress
+    M_22 = P_22 F_22 = P_22 exp(plastic + e).
     """
     law = bar.law
-    peak = np.asarray(largest)[:, None] / bar.area
-    plastic = law.ratio * np.interp(peak, law.nominal, law.multiplier)
+    plastic = np.interp(np.asarray(largest)[:, None] / bar.area, law.nominal, law.plastic, left=0.0)
     nominal = np.asarray(force)[:, None] / bar.area
     elastic = np.zeros_like(nominal)
     for _ in range(8):  # contraction by the elastic strain itself (< 0.02): exact after a few rounds
-        elastic = nominal * np.exp(plastic + elastic) / law.modulus
+        elastic = np.interp(nominal * np.exp(plastic + elastic), law.mandel, law.elastic)
     return np.asarray(np.expm1(plastic + elastic) @ bar.length)
 
 

@@ -32,8 +32,8 @@ def read_force(description: Description) -> ForceRecord:
     """Force record over strictly increasing times; the crosshead is None where its column is absent."""
     path = description.force_file
     lines = read_lines(path, "the force record with the header time_s,force_N,crosshead_mm")
-    names = read_header(lines[0], path, 1, _FORCE_COLUMNS)
-    table = read_table(lines[1:], path, 2, names)
+    header = read_header(lines[0], path, 1, _FORCE_COLUMNS, ("crosshead_mm",))
+    table, names = header.in_fixed(read_table(lines[1:], path, 2, header.written)), header.names
     time = table[:, names.index("time_s")]
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if len(back):
@@ -44,7 +44,8 @@ def read_force(description: Description) -> ForceRecord:
     if len(time) < 2:
         raise DataError(f"{path}: found one row, expected at least two times; export the whole record")
     crosshead = table[:, names.index("crosshead_mm")].copy() if "crosshead_mm" in names else None
-    return ForceRecord(time.copy(), table[:, names.index("force_N")].copy(), crosshead)
+    said = tuple(f"{path.name}: {remark}" for remark in header.remarks)
+    return ForceRecord(time.copy(), table[:, names.index("force_N")].copy(), crosshead, said)
 
 
 def _files(source: FieldSource, stem: str, word: str) -> tuple[list[Path], list[str]]:
@@ -78,14 +79,14 @@ def _resorted(order: np.ndarray, folder: Path, word: str) -> list[str]:
     return [f"{folder.name}: {moved} {word}s sorted by time, their names give another order"] if moved else []
 
 
-def _read_stage(path: Path) -> tuple[float, np.ndarray]:
-    """Time in s and the table (n, 7) of one stage with the columns id, x, y, z, ux, uy, uz."""
+def _read_stage(path: Path) -> tuple[float, np.ndarray, tuple[str, ...]]:
+    """Time in s and the table (n, 7) of one stage with the columns id, x, y, z, ux, uy, uz, and what was converted."""
     lines = read_lines(path, "a stage: '# time_s: <t>', a header, one line for each point")
     time = read_time(lines[0], path)
     if len(lines) < 2:
         raise DataError(f"{path}: the file ends after line 1, expected the header {','.join(_DIC_COLUMNS)} and points; export it again")
-    names = read_header(lines[1], path, 2, _DIC_COLUMNS)
-    table = read_table(lines[2:], path, 3, names)[:, [names.index(name) for name in _DIC_COLUMNS]]
+    header = read_header(lines[1], path, 2, _DIC_COLUMNS)
+    table = header.in_fixed(read_table(lines[2:], path, 3, header.written))[:, [header.names.index(name) for name in _DIC_COLUMNS]]
     ids = table[:, 0]
     wrong = np.flatnonzero((ids != np.floor(ids)) | (np.abs(ids) >= _LARGEST_ID))
     if len(wrong):
@@ -94,7 +95,7 @@ def _read_stage(path: Path) -> tuple[float, np.ndarray]:
         _, first = np.unique(ids, return_index=True)
         k = int(np.setdiff1d(np.arange(len(ids)), first)[0])
         raise DataError(f"{path}, line {k + 3}: the id {ids[k]:.0f} occurs a second time in this stage; remove one of the rows")
-    return time, table
+    return time, table, header.remarks
 
 
 def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
@@ -108,7 +109,9 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     if source.files is not None:
         return _counted(*read_dic_files(source.files, source.rules, source.side), source, "stage")
     paths, remarks = _files(source, "stage", "stage")
-    stages = [_read_stage(path) for path in paths]
+    read = [_read_stage(path) for path in paths]
+    stages, said = [one[:2] for one in read], [text for one in read for text in one[2]]
+    remarks += [f"{source.folder.name}: {text} in {said.count(text)} stages" for text in dict.fromkeys(said)]
     order = _order(np.array([time for time, _ in stages]), paths)
     remarks += _resorted(order, source.folder, "stage")
     stages, paths = [stages[k] for k in order], [paths[k] for k in order]
@@ -214,7 +217,7 @@ def read_experiment(folder: Path, parts: Collection[str] = ("force", "dic", "ir"
         raise ValueError(f"unknown parts {sorted(unknown)}, expected force, dic, ir")
     description = read_description(folder)
     force = read_force(description)
-    repairs: list[str] = []
+    repairs: list[str] = [*force.remarks]
     dic, ir = None, None
     for name, source in (("dic", description.dic), ("ir", description.ir)):
         if source is None and (description.folder / name).is_dir():

@@ -14,6 +14,7 @@ import yaml
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, Landmarks, Specimen
+from thermofit.core.units import known_unit
 from thermofit.measure.formats.clock import Rules
 from thermofit.measure.raw_text import read_lines, shorten
 
@@ -126,8 +127,16 @@ def _optional(section: _Section, key: str) -> Any:
     """Value of a key that may be absent; DataError where a key of nearly this name stands in its place."""
     value = section.content.get(key)
     if value is None and key not in section.content and (found := _misspelt(section, key, 0.8)):
-        raise DataError(f"{section.at(found)} is not known; did you mean '{key}'?")
+        raise DataError(f"{section.at(found)} is not known; did you mean '{key}'?{_other_unit(found, key)}")
     return value
+
+
+def _other_unit(found: str, key: str) -> str:
+    """What to do with the value of a key that is named as another one but for its unit; empty where it is no matter of units."""
+    (quantity, _, unit), (wanted, _, fixed) = found.rpartition("_"), key.rpartition("_")
+    if quantity != wanted or known_unit(unit) is None or known_unit(fixed) is None:
+        return ""
+    return f" convert the value from {unit} to {fixed}"
 
 
 def _required(section: _Section, key: str) -> Any:
@@ -137,7 +146,9 @@ def _required(section: _Section, key: str) -> Any:
         if key in section.content:
             raise DataError(f"{section.at(key)} is empty; give its value")
         found = _misspelt(section, key, 0.6)
-        hint = f"found '{found}' instead: correct the name (and the unit)" if found else "add it, see the raw format"
+        other = _other_unit(found, key) if found else ""
+        mend = f"{other} and name it '{key}'" if other else " correct the name, and convert the value where its unit is another one"
+        hint = f"found '{found}' instead:{mend}" if found else "add it, see the raw format"
         raise DataError(f"{section.at(key)} is missing; {hint}")
     return value
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from thermofit.core.errors import DataError
+from thermofit.core.units import Unit, known_unit
 
-_TIME = re.compile(r"#\s*time_s\s*:\s*(\S+)\s*")
+_TIME = re.compile(r"#\s*time_([^\s:]+)\s*:\s*(\S+)\s*")
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 
 
@@ -41,29 +43,84 @@ def read_lines(path: Path, what: str) -> list[str]:
 
 
 def read_time(line: str, path: Path) -> float:
-    """Time in s of the first line `# time_s: <t>` of a stage or a frame; DataError where it is absent or not a number."""
+    """Time in s of the first line `# time_s: <t>` of a stage or a frame, or in another unit that the line names (`# time_ms: <t>`);
+    DataError where it is absent or not a number."""
     match = _TIME.fullmatch(line.strip())
     if match is None:
         raise DataError(f"{path}, line 1: found {shorten(line)}, expected the line '# time_s: <time in s>'; put it first")
-    value = match.group(1)
+    written, value = match.groups()
+    unit = converted(written, "s")
+    if unit is None:
+        raise DataError(f"{path}, line 1: the time is in {shorten(written)}, which is no known unit of time; convert it to s")
     if not _NUMBER.fullmatch(value) or not np.isfinite(float(value)):
         raise DataError(f"{path}, line 1: the time is {shorten(value)}, expected a finite number of seconds; correct it")
-    return float(value)
+    return float(value) * unit.factor
 
 
-def read_header(line: str, path: Path, number: int, wanted: tuple[str, ...]) -> list[str]:
-    """Names of the columns in line `number`; DataError where a wanted one is missing or one is named twice."""
-    names = [name.strip() for name in line.split(",")]
+def converted(written: str, fixed: str) -> Unit | None:
+    """The unit that a name states as `written`, where it measures the same as the `fixed` one; None where it does not."""
+    unit = known_unit(written)
+    return unit if unit is not None and unit.fixed == fixed else None
+
+
+@dataclass(frozen=True)
+class Header:
+    """Columns of a table: `names` in the fixed units, `written` as in the file, `units` of those that are to be converted, by name."""
+
+    names: list[str]
+    written: list[str]
+    units: dict[str, Unit]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is converted."""
+        return tuple(f"{w} is converted to {n}" for n, w in zip(self.names, self.written, strict=True) if n in self.units)
+
+    def in_fixed(self, table: np.ndarray) -> np.ndarray:
+        """A table (n_line, n_column) of the file in the fixed units."""
+        out = table.copy()
+        for name, unit in self.units.items():
+            k = self.names.index(name)
+            out[:, k] = (out[:, k] + unit.shift) * unit.factor
+        return out
+
+
+def read_header(line: str, path: Path, number: int, wanted: tuple[str, ...], may: tuple[str, ...] = ()) -> Header:
+    """Columns in line `number`: `wanted` ones, those that `may` be there, and others, which mean nothing here.
+
+    A name <quantity>_<unit> of another unit (force_kN) is taken for the same quantity, to be converted, where that in the fixed unit is not
+    there. DataError where a wanted one is missing, one is named twice, or a unit is not known.
+    """
+    written = [name.strip() for name in line.split(",")]
+    names, units = list(written), {}
+    for k, name in enumerate(written):
+        quantity, _, unit = name.rpartition("_")
+        known = next((n for n in (*wanted, *may) if "_" in n and n.rpartition("_")[0] == quantity), None)
+        if known is None or known in written:
+            continue
+        fixed = known.rpartition("_")[2]
+        found = converted(unit, fixed)
+        if found is None and known in may:
+            continue
+        if found is None:
+            raise DataError(
+                f"{path}, line {number}: column '{name}' is in '{unit}', which is no known unit of it; convert its values to {fixed} and "
+                f"name it '{known}'"
+            )
+        names[k], units[known] = known, found
     for name in wanted:
         if name not in names:
-            found = shorten(line, 80)
+            found_text = shorten(line, 80)
             raise DataError(
-                f"{path}, line {number}: column '{name}' is missing from the header {found}, expected {','.join(wanted)}; correct it"
+                f"{path}, line {number}: column '{name}' is missing from the header {found_text}, expected {','.join(wanted)}; name every "
+                "column so, with the unit that its values are in"
             )
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise DataError(f"{path}, line {number}: column {shorten(twice)} is named twice in the header; give every column its own name")
-    return names
+        both = " and ".join(dict.fromkeys(w for w, n in zip(written, names, strict=True) if n == twice))
+        what = f"column {shorten(twice)} is named twice" if twice == both else f"the columns {both} hold the same"
+        raise DataError(f"{path}, line {number}: {what} in the header; give every column its own name")
+    return Header(names, written, units)
 
 
 def read_table(lines: list[str], path: Path, first: int, columns: list[str] | None = None) -> np.ndarray:

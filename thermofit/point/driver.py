@@ -8,10 +8,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
+from thermofit.effects.catalogue import Effect, effects
 from thermofit.material.bounds import check_beta
+from thermofit.material.composition import CAPACITIES
 from thermofit.material.law import law_of
-from thermofit.material.law_rates import N_NUMBERS, NUMBERS, number_rates
+from thermofit.material.law_rates import N_NUMBERS, NUMBERS, STEP, number_rates
 from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
 
@@ -141,7 +143,36 @@ def run_numbers(
         along[place] = [float(other == name) for other in names]
     if programme.theta_start is not None:
         numbers[START] = programme.theta_start
-    return numbers, along, Flags(law.model, law.closed_form, law.plastic, law.effective)
+    effective = law.effective or int(any(parameters[name] != param(name).neutral for name in CAPACITIES))
+    return numbers, along, Flags(law.model, law.closed_form, law.plastic, effective)
+
+
+def air_effects() -> tuple[Effect, ...]:
+    """Effects that change the temperature of the air: slot boundary_temperature on the facet set "air"."""
+    return tuple(e for e in effects(("boundary_temperature",)) if "air" in e.on)
+
+
+def warmer_air(parameters: Parameters, names: Sequence[str], time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By how much the air is warmer (n_t,) K at times s (n_t,) of a record, by all effects of the air, and its derivatives (n_t, n_p) by
+    the named parameters, by complex step. On a coupon there is one place: y = 0."""
+    warmer, along = np.zeros(len(time)), np.zeros((len(time), len(names)))
+    for e in air_effects():
+        values = [parameters[name] for name in e.names]
+        if any(parameters[p.name] != p.neutral for p in e.amplitudes):
+            warmer += np.real(_of_air(e, time, values))
+        for k, name in enumerate(names):
+            if name in e.names:
+                moved = [complex(v, STEP * (n == name)) for n, v in zip(e.names, values, strict=True)]
+                along[:, k] = np.imag(_of_air(e, time, moved)) / STEP
+    return warmer, along
+
+
+def _of_air(e: Effect, time: np.ndarray, values: Sequence[complex]) -> np.ndarray:
+    """What an effect of the air does at all times (n_t,), K; a user's is called as the body calls it, at one time after another."""
+    elapsed = time - time[0]
+    if not e.of_user:
+        return np.asarray(e.act(0.0 * time, time, elapsed, *values))
+    return np.array([e.act(np.zeros(1), float(t), float(d), *values)[0] for t, d in zip(time, elapsed, strict=True)])
 
 
 def _run(parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings) -> tuple[PointHistory, np.ndarray]:
@@ -154,7 +185,8 @@ def _run(parameters: Parameters, names: tuple[str, ...], programme: Programme, s
     time, value = np.ascontiguousarray(programme.time, dtype=float), np.ascontiguousarray(programme.value, dtype=float)
     limits = Limits(float(settings.max_strain), int(settings.max_cuts))
     by_stress = np.ascontiguousarray(programme.by_stress, dtype=np.bool_)
-    failed = run(time, value, by_stress, numbers, along, flags, limits, states, rates, counts)
+    warmer, warmer_along = warmer_air(parameters, names, time)
+    failed = run(time, value, by_stress, numbers, along, warmer, warmer_along, flags, limits, states, rates, counts)
     if failed >= 0:
         what = f"stress {value[failed]:g} MPa" if by_stress[failed] else f"strain {value[failed]:g}"
         raise NumericsError(

@@ -12,7 +12,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from thermofit.core.jit import kernel
-from thermofit.material.composition import EFFECT_NUMBERS
+from thermofit.material.composition import EFFECT_NUMBERS, effect_numbers, no_effects
 from thermofit.material.law import Law
 from thermofit.material.law_rates import N_NUMBERS, STEP, Complex
 from thermofit.point.step import (
@@ -77,7 +77,8 @@ class Flags(NamedTuple):
 class Work(NamedTuple):
     """Scratch of a run: Jacobian (4, 4), residual (4,), states (`s` and `out` of a step, `before` the one before it, `kept` that of the
     interval), complex ones, and derivatives of states (N_STATE, n_p). `numbers` (n_p + 1, N_ALL): those of the run moved along each
-    parameter by i h, last as they are; `asked` (n_p + 1,): whether one of an effect moves."""
+    parameter by i h, last as they are; `asked` (n_p + 1,): whether one of an effect moves; `air` (3, n_p + 1): the air of
+    the run, and by how much it is warmer at begin and end of an interval, moved likewise."""
 
     jacobian: np.ndarray
     right: np.ndarray
@@ -93,6 +94,7 @@ class Work(NamedTuple):
     before: np.ndarray
     numbers: np.ndarray
     asked: np.ndarray
+    air: np.ndarray
 
 
 @kernel(forceinline=True)
@@ -109,16 +111,23 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
     s, r = np.zeros((4, N_STATE)), np.zeros((3, N_STATE, n_p))
     return Work(
         np.zeros((N_UNKNOWNS, N_UNKNOWNS)), np.zeros(N_UNKNOWNS), s[0], z[0], z[1], s[1], s[2], r[0], r[1], r[2],
-        np.zeros((N_UNKNOWNS, n_p)), s[3], moved, asked,
+        np.zeros((N_UNKNOWNS, n_p)), s[3], moved, asked, np.zeros((3, n_p + 1), dtype=np.complex128),
     )  # fmt: skip
 
 
 @kernel(forceinline=True)
 def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """Law in a step of dt s and Surroundings of complex numbers (N_ALL,)."""
-    base, of_effects = _as_tuple(numbers, N_BASE), _as_tuple(numbers[N_BASE:], N_OF_EFFECTS)
+    base, of_effects = _as_tuple(numbers, N_BASE), effect_numbers(numbers[N_BASE:])
     rest = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt)
     return _new_law(*base, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+
+
+@kernel(forceinline=True)
+def plain_law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
+    """The same without any effect, whatever their numbers are."""
+    rest = (flags.model, flags.closed_form, flags.plastic, 0, 1.0 / dt)
+    return _new_law(*_as_tuple(numbers, N_BASE), *rest, *no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
@@ -245,26 +254,28 @@ def _complex_state(s: np.ndarray, rates: np.ndarray, p: int, z: np.ndarray) -> N
 
 @kernel(forceinline=True)
 def _residual_of(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
-    """Residual of the numbers (N_ALL,) of a run."""
-    law, around = law_and_surroundings(numbers, flags, step.dt)
+    """Residual of the numbers (N_ALL,) of a run without effects."""
+    law, around = plain_law_and_surroundings(numbers, flags, step.dt)
     return residual(x, z, step, law, exchange_of(step.dt, around))
 
 
 @kernel(forceinline=True)
 def _set_new_state(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags, out: np.ndarray) -> None:
-    """New state of the numbers (N_ALL,) of a run."""
-    law, around = law_and_surroundings(numbers, flags, step.dt)
+    """New state of the numbers (N_ALL,) of a run without effects."""
+    law, around = plain_law_and_surroundings(numbers, flags, step.dt)
     new_state(x, z, step, law, exchange_of(step.dt, around), out)
 
 
 @kernel
 def _residual_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
-    return _residual_of(x, z, step, numbers, flags)
+    law, around = law_and_surroundings(numbers, flags, step.dt)
+    return residual(x, z, step, law, exchange_of(step.dt, around))
 
 
 @kernel
 def _set_new_state_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags, out: np.ndarray) -> None:
-    _set_new_state(x, z, step, numbers, flags, out)
+    law, around = law_and_surroundings(numbers, flags, step.dt)
+    new_state(x, z, step, law, exchange_of(step.dt, around), out)
 
 
 @kernel
@@ -337,6 +348,9 @@ def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits
         flows, done = flowed and cut == 0, True
         for n in range(parts):
             to = begin + (target - begin) * ((n + 1) / parts) if n + 1 < parts else target
+            share = (n + 0.5) / parts
+            for p in range(w.air.shape[1]):
+                w.numbers[p, AIR] = w.air[0, p] + (1.0 - share) * w.air[1, p] + share * w.air[2, p]
             step = Input(length / parts, to, control, flows)
             status, flows, used = advance(step, _guess(w.s, w.before), flags, w)
             iterations += used
@@ -361,6 +375,8 @@ def run(
     by_stress: np.ndarray,
     numbers: np.ndarray,
     along: np.ndarray,
+    warmer: np.ndarray,
+    warmer_along: np.ndarray,
     flags: Flags,
     limits: Limits,
     states: np.ndarray,
@@ -369,9 +385,12 @@ def run(
 ) -> int:
     """All steps of a history into states (n_t, N_STATE) and, where `along` has columns, rates (n_t, N_STATE, n_p).
 
+    `warmer` (n_t,) K: by how much the air is warmer at the times than `numbers` say, and `warmer_along` (n_t, n_p) its derivatives.
     counts (3,): steps, halvings, Newton iterations. Returns the index of the time that was not reached, -1 where all were.
     """
     w = work_for(numbers, along)
+    n_p = along.shape[1]
+    w.air[0] = w.numbers[:, AIR]
     w.s[THETA] = w.s[SENSOR] = numbers[START]
     w.s[REST] = 1.0
     for p in range(along.shape[1]):
@@ -387,6 +406,10 @@ def run(
         if n > 0 or target[0] != 0.0:
             length = time[n] - time[n - 1] if n > 0 else time[1] - time[0]
             interval = (length, target[n], int(by_stress[n]), flows)
+            for p in range(n_p + 1):
+                for k in range(2):
+                    at = max(n - 1 + k, 0)
+                    w.air[1 + k, p] = complex(warmer[at], STEP * warmer_along[at, p] if p < n_p else 0.0)
             status, flows, steps, cuts, used = cross(interval, flags, limits, w)
             counts[0] += steps
             counts[1] += cuts

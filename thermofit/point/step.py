@@ -10,8 +10,9 @@ elastic stretch across and along the load, the plastic increment dLambda, and th
     |mu C_el - X|_G = sigma_y,  or  dLambda = 0                    yield surface (4.18), or elastic; X the backstress
     theta = theta_air + (theta_n - theta_air) e + Q phi / c0       lumped heat balance, exact for heat that is released evenly
 
-with e = exp(-dt/tau), phi = (1 - e) tau / dt and Q the dissipated and thermoelastic heat of the step (4.20) to (4.22). A sensor of
-first order follows the temperature, which is straight within the step, with the time constant `lag`.
+with e = exp(-dt/tau), phi = (1 - e) tau / dt and Q the dissipated and thermoelastic heat of the step (4.20) to (4.22). The air is that
+of the middle of the step; a heat capacity that changes with temperature is taken there as well, and tau with it. A sensor of first order
+follows the temperature, which is straight within the step, with the time constant `lag`.
 
 Nothing here is differentiated by hand: an argument moved by i h gives its derivative (`point.solve`).
 """
@@ -24,7 +25,14 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.material.backstress import decay_share, recall_over
-from thermofit.material.composition import BACKSTRESSES, backstress_terms, modulus_factor
+from thermofit.material.composition import (
+    BACKSTRESSES,
+    asymmetry_factor,
+    backstress_terms,
+    capacity_factor,
+    dissipation_factor,
+    modulus_factor,
+)
 from thermofit.material.law import (
     Law,
     elastic_energy,
@@ -90,8 +98,9 @@ class Input(NamedTuple):
 
 
 class Exchange(NamedTuple):
-    """Heat exchange of a step of given length: e and phi of the specimen and of the sensor, theta_air K."""
+    """Heat exchange of a step of given length: dt / tau, e and phi of the specimen and of the sensor, theta_air K."""
 
+    lost: float
     kept: float
     share: float
     sensor_kept: float
@@ -161,9 +170,9 @@ def exchange_of(dt: float, around: Surroundings) -> Exchange:
     """Exchange of a step of length dt; a sensor whose lag is far below dt follows at once, up to its mean delay."""
     z = dt / around.tau
     if around.lag.real * _GONE <= dt:
-        return Exchange(np.exp(-z), decay_share(z), 0.0 * around.lag, around.lag / dt, around.theta_air)
+        return Exchange(z, np.exp(-z), decay_share(z), 0.0 * around.lag, around.lag / dt, around.theta_air)
     y = dt / around.lag
-    return Exchange(np.exp(-z), decay_share(z), np.exp(-y), decay_share(y), around.theta_air)
+    return Exchange(z, np.exp(-z), decay_share(z), np.exp(-y), decay_share(y), around.theta_air)
 
 
 @kernel(forceinline=True)
@@ -193,6 +202,12 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
         if law.effective == 1:
             along = (t_y - t_x) / norm if norm.real > 0.0 else zero
             dissipated += recalled_heat(s, gamma, theta, along, law)
+            factor = asymmetry_factor(1.0 if along.real >= 0.0 else -1.0, law)
+            if factor != 1.0:
+                excess -= (factor - 1.0) * sigma_y / law.mu
+                sigma_y = sigma_y * factor
+                plain = yield_stress_at_rate(alpha, accumulated, rate, middle, law)
+                dissipated += (factor - 1.0) * plain * gamma * dissipation_factor(accumulated, rate, middle, law)
     log_j, log_j_n = 2.0 * a + b, 2.0 * s[ACROSS] + s[ALONG]
     j, j_n = np.exp(log_j), np.exp(log_j_n)
     k = pressure_factor(log_j, j, theta, law)[0]
@@ -221,6 +236,17 @@ def end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Input
     return _end_with_effects(x, s, step, law)
 
 
+@kernel
+def _by_capacity(theta: float, excess: float, heat: float, law: Law, exchange: Exchange) -> float:
+    """What a heat capacity that has changed at theta makes of the end temperature, K: tau changes with it. `excess` over the air and `heat`
+    over c0, in K."""
+    factor = capacity_factor(theta, law)
+    if factor == 1.0:
+        return 0.0 * heat
+    lost = exchange.lost / factor
+    return excess * (np.exp(-lost) - exchange.kept) + heat * (decay_share(lost) / factor - exchange.share)
+
+
 @kernel(forceinline=True)
 def residual(
     x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law, exchange: Exchange
@@ -233,6 +259,8 @@ def residual(
     control = end.stretch - s[REST] - step.target if step.control == BY_STRAIN else (end.stress - step.target) / law.mu
     heat = (end.dissipated + end.thermoelastic) / law.c0
     theta = exchange.theta_air + (s[THETA] - exchange.theta_air) * exchange.kept + heat * exchange.share
+    if law.effective == 1:
+        theta += _by_capacity(0.5 * (s[THETA] + x[3]), s[THETA] - exchange.theta_air, heat, law, exchange)
     return end.lateral, control, third, (x[3] - theta) / exchange.theta_air
 
 

@@ -9,8 +9,9 @@ from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
 from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.findings_record import diagnosis_parameters, loop_datasets, loop_summary
+from thermofit.diagnose.known_fit import known_fit
 from thermofit.diagnose.loop import close_loop
-from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.study_with_effects import write_study
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
@@ -23,13 +24,15 @@ STUDY = "with-effects.yaml"
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Record of all rounds; `<run_dir>/with-effects.yaml` is the study with the accepted effects.
 
+    Begins with the joint fit of `diagnose` where its record is fresh (with `force` that is made anew), and ends the same without it.
     Needs `interpolate` and the identification stages. UntrustworthyError where a fit has not converged.
     """
     task, stages = diagnosis_job(study, NAME)
 
     def make() -> Made:
         set_threads(study.numerics.threads)
-        found = prepared(study, task, stages)
+        known = None if force else known_fit(diagnosis_job(study, DIAGNOSE)[0])
+        found = prepared(study, task, stages, known)
         closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, study.diagnosis.held_out)
         if closed.numerical is not None:
             found = replace(found, numerical=closed.numerical)

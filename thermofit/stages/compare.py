@@ -11,6 +11,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_key import read_of
 from thermofit.core.study_literature import Candidate
 from thermofit.diagnose.comparing import Contender, fitted, judged, parameter_table, table, verdict
 from thermofit.diagnose.prepared import SECTIONS
@@ -39,7 +40,7 @@ def run(study: Study, *, force: bool = False, others: Sequence[Study] = ()) -> O
     inputs = {**data_paths(study), **interpolate_paths(study, study.held_out)}
     for one in (study, *others):
         inputs |= {f"{stage} of {one.name}": artefact_path(one.run_dir, stage) for stage in identified_stages(one)}
-    config = {**study.config_of(*SECTIONS, "experiments", "shared", "compare"), "others": {o.name: o.config_of(*SECTIONS) for o in others}}
+    config = {**read_of(study, *SECTIONS, "experiments", "shared", "compare"), "others": {o.name: read_of(o, *SECTIONS) for o in others}}
     task = job(study.run_dir, NAME, config, inputs)
 
     def make() -> Made:

@@ -7,14 +7,15 @@ from thermofit.core.staging import Made, Outcome, produce
 from thermofit.core.study import Study
 from thermofit.diagnose.decide import decided
 from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
-from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.diagnose.known_fit import KnownFit, known_fit_datasets
+from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
 from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
 from thermofit.identify.solve import discard_checkpoints
 
-NAME = "diagnose"
+NAME = DIAGNOSE
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -27,11 +28,13 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     def make() -> Made:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
+        failures = tuple(found.refit.failures)
         here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out))
-        missing = unlisted(here, found.numerical)
+        missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         summary = with_unlisted(told, described(study, here, missing))
-        datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing)}
+        fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
+        datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **fitted}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
 
     outcome = produce(task, make, force=force)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
+from thermofit.core.artefact import Dataset, of_parameters
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.executor import SERIAL, Executor
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, units_of
 from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_search import GridSearch
@@ -81,7 +81,7 @@ def _make(study: Study, on: tuple[Ready, Parameters], starts: tuple[Mapping[str,
     datasets = {
         **record.datasets,
         **trial_datasets(trials, names, "starts"),
-        "starts/start": Dataset(begun, "1", ("trial", "parameter")),
+        "starts/start": of_parameters(begun, ("trial", "parameter"), units_of(names)),
         "starts/group": Dataset(np.array(verdict.groups), "1", ("trial",)),
     }
     seed = None if study.gridsearch is None or study.gridsearch.draw is None else study.gridsearch.draw.seed

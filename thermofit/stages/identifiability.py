@@ -11,14 +11,15 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Dataset, ParameterResult
+from thermofit.core.artefact import Dataset, ParameterResult, of_parameters
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.executor import SERIAL, Executor, Task, run_all
 from thermofit.core.jit import set_threads
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, param, units_of
 from thermofit.core.progress import progress
 from thermofit.core.staging import Job, Made, Outcome, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_key import read_of
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_identifiability import correlations_figure, profile_figure, programmes_figure, spectrum_figure
 from thermofit.diagnose.tables_identifiability import (
@@ -115,7 +116,7 @@ def _job(study: Study, options: Options, key: str) -> Job:
         inputs = {**optimum_of(study, key)[1]}
     elif study.coupon is not None:
         inputs = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
-    config = {**study.config_of(*_SECTIONS, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
+    config = {**read_of(study, *_SECTIONS, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
     return job(study.run_dir, name, config, inputs)
 
 
@@ -131,7 +132,7 @@ def _analysis(study: Study, key: str, options: Options, how: tuple[Job, Executor
     curves: Mapping[str, np.ndarray] = {}
     if options.repeats:
         found["bootstrap"], draws, said = _bootstrapped(subject, linear, options, kept, where)
-        datasets["bootstrap/x"] = Dataset(draws, "1", ("repeat", "parameter"))
+        datasets["bootstrap/x"] = of_parameters(draws, ("repeat", "parameter"), units_of(linear.names))
         ratio = wider(dict(found["bootstrap"]), dict(found["laplace"]), linear.names)
         remarks += [said, *_wider_remark(ratio)]
     if options.profile:
@@ -139,7 +140,7 @@ def _analysis(study: Study, key: str, options: Options, how: tuple[Job, Executor
         datasets |= {f"profile/{n}": Dataset(v, "1", ("point", "value_and_rise")) for n, v in curves.items()}
     if options.mcmc:
         found["mcmc"], chain = chain_intervals(subject, linear, analysis, options.seed, options.full_model)
-        datasets["mcmc/x"] = Dataset(chain.x, "1", ("draw", "parameter"))
+        datasets["mcmc/x"] = of_parameters(chain.x, ("draw", "parameter"), units_of(_inside(linear)))
         remarks.append(f"chain: {chain.steps} steps, correlation time {chain.correlation_time:.3g}, acceptance {chain.acceptance:.2f}")
     pictures = {"correlation": correlations_figure, "spectrum": spectrum_figure}
     with matplotlib.rc_context(STYLE):
@@ -208,12 +209,17 @@ def _matrices(linear: Linear, analysis: Analysis) -> dict[str, Dataset]:
     dims, spread = ("parameter", "parameter"), analysis.covariance
     return {
         "names": Dataset(np.array(linear.names), "1", ("parameter",)),
-        "covariance": Dataset(analysis.s2 * spread.matrix_unit, "1", dims),
+        "covariance": of_parameters(analysis.s2 * spread.matrix_unit, dims, units_of(linear.names)),
         "correlation": Dataset(spread.correlation_parameters, "1", dims),
         "correlation_sensitivity": Dataset(spread.correlation_sensitivity, "1", dims),
         "eigenvalues": Dataset(analysis.spectrum.values, "1", ("direction",)),
         "eigenvectors": Dataset(analysis.spectrum.vectors, "1", ("parameter", "direction")),
     }
+
+
+def _inside(linear: Linear) -> tuple[str, ...]:
+    """Names of the parameters that are not at a bound."""
+    return tuple(name for name, at in zip(linear.names, linear.at_bound, strict=True) if not at)
 
 
 def _parameters(study: Study, linear: Linear, analysis: Analysis) -> dict[str, ParameterResult]:

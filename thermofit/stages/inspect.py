@@ -18,7 +18,7 @@ from thermofit.measure.look_group import look_at_group
 from thermofit.measure.look_raw import look_at_raw
 from thermofit.measure.own_files import ARTEFACT, Known, own_file
 from thermofit.measure.raw_description import DESCRIPTION
-from thermofit.measure.study_lines import field_lines
+from thermofit.measure.study_lines import field_lines, joined_lines
 
 NAME = "inspect"
 
@@ -139,7 +139,7 @@ def _folder(path: Path) -> dict[str, Any]:
         points=sum(group["points"] for group in found),
         missing=sum(group["missing"] for group in found),
         remarks=remarks,
-        suggestion="\n".join(lines),
+        suggestion=joined_lines(list(lines)),
         verdict=f"{sum(g['count'] for g in found)} files in {len(groups)} groups, {native} of native formats; inspect one of them for more",
     )
 

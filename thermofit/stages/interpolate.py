@@ -14,8 +14,10 @@ from thermofit.core.artefact import Dataset, Record, read_record
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.core.stale import read_current
 from thermofit.core.study import Study
 from thermofit.core.study_each import each
+from thermofit.core.study_key import key_of
 from thermofit.core.study_section import mesh_size
 from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.coupon_inputs import interpolated
@@ -43,7 +45,6 @@ NAME = "interpolate"
 CALIBRATE = "calibrate-ir"
 _LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
 """Noise of data without noise: sigma must not vanish, because it divides the residual."""
-_SECTIONS = ("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise", "numerics")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
@@ -56,7 +57,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         return each(study, NAME, run, lambda one: True, force=force)
     if study.coupon is not None:
         files = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
-        return produce(job(study.run_dir, NAME, study.config_of("coupon"), files), lambda: interpolated(study), force=force)
+        return produce(job(study.run_dir, NAME, key_of(study, NAME), files), lambda: interpolated(study), force=force)
     if not study.experiment.is_dir():
         mend = f"run `thermofit simulate {study.source.name}` first" if study.virtual else "correct the key 'experiment' of the study"
         raise DataError(f"{study.experiment}: the raw folder does not exist; {mend}")
@@ -64,12 +65,12 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     if study.mesh_file is not None:
         inputs["mesh"] = study.mesh_file
     if study.static is not None:
-        task = job(study.run_dir, NAME, study.config_of(*_SECTIONS), inputs)
+        task = job(study.run_dir, NAME, key_of(study, NAME), inputs)
         return produce(task, lambda: static_record(study), force=force)
     if (study.experiment / "ir").is_dir():
         inputs[CALIBRATE] = artefact_path(study.run_dir, CALIBRATE)
         read_record(inputs[CALIBRATE], CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
-    task = job(study.run_dir, NAME, study.config_of(*_SECTIONS), inputs)
+    task = job(study.run_dir, NAME, key_of(study, NAME), inputs)
     return produce(task, lambda: _make(study, inputs.get(CALIBRATE)), force=force)
 
 
@@ -90,7 +91,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     displacement = masked(_displacement(study, experiment.dic, nodal, points, summary), mask, "evaluation.mask")
     fields, temperature = [displacement], None
     if calibrated is not None:
-        record = read_record(calibrated, CALIBRATE, f"thermofit {CALIBRATE} {study.source.name}")
+        record = read_current(calibrated, CALIBRATE, study.source.name)
         temperature = masked(_temperature(study, record, nodal, (points, specimen), summary), mask, "evaluation.mask")
         fields.append(temperature)
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)

@@ -11,7 +11,9 @@ from thermofit.core.artefact import Record, open_record, read_record
 from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
 from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.core.stale import stale
 from thermofit.core.study import Study
+from thermofit.core.study_key import drifted
 from thermofit.diagnose.coupon_tables import coupon_report_text
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_coupon import coupon_figures
@@ -33,19 +35,20 @@ TEXT = "report.md"
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Write `<run_dir>/figures/*.png` and `<run_dir>/report.md`; the record lists them.
 
-    Fresh only while these files are there. StudyError where `interpolate`, `identify-elastic` or `verify` has not run (names the
-    command) or where the folder cannot be written.
+    Fresh only while these files are there. Artefacts that are stale, or made with other settings than the study has now, are reported as
+    what they are: the report says so, and its record is not trustworthy. StudyError where `interpolate`, `identify-elastic` or `verify` has
+    not run (names the command) or where the folder cannot be written.
     """
     if study.fitted:
         return _several(study, force)
     stages = (INTERPOLATE, *identified_stages(study), VERIFY)
     paths = {stage: artefact_path(study.run_dir, stage) for stage in stages}
     records = {stage: read_record(path, stage, f"thermofit {stage} {study.source.name}") for stage, path in paths.items()}
-    sections = ("name", "model", "mesh", "stages", "simulate", "coupon")
-    task = job(study.run_dir, NAME, study.config_of(*sections), paths)
-    outcome = produce(task, lambda: _make(study, records), force=force)
+    doubts = _doubts(study, records)
+    task = job(study.run_dir, NAME, {**study.config_of("name", "stages", "simulate", "coupon"), "stale": doubts}, paths)
+    outcome = produce(task, lambda: _make(study, records, doubts), force=force)
     if outcome.fresh and not all(Path(path).exists() for path in (*outcome.record.summary[FIGURES], outcome.record.summary["report"])):
-        outcome = produce(task, lambda: _make(study, records), force=True)
+        outcome = produce(task, lambda: _make(study, records, doubts), force=True)
     return outcome
 
 
@@ -53,18 +56,19 @@ def _several(study: Study, force: bool) -> Outcome:
     """A report for each of several experiments, in the folder of each; the outcome lists them."""
     shared = {stage: artefact_path(study.run_dir, stage) for stage in (*identified_stages(study), VERIFY)}
     records = {stage: read_record(path, stage, f"thermofit {stage} {study.source.name}") for stage, path in shared.items()}
-    task = job(study.run_dir, NAME, study.config_of("name", "model", "mesh", "stages", "simulate", "experiments"), shared)
+    each = {name: study.one_of(name) for name in study.fitted}
+    own = {name: {stage: open_record(artefact_path(one.run_dir, stage)) for stage in (INTERPOLATE, VERIFY)} for name, one in each.items()}
+    doubts = _doubts(study, records)
+    for name, one in each.items():
+        doubts += [f"{name}: {text}" for text in _doubts(one, {INTERPOLATE: own[name][INTERPOLATE]})]
+    task = job(study.run_dir, NAME, {**study.config_of("name", "stages", "simulate", "experiments"), "stale": doubts}, shared)
 
     def make() -> Made:
-        made = []
-        for name in study.fitted:
-            one = study.one_of(name)
-            own = {stage: open_record(artefact_path(one.run_dir, stage)) for stage in (INTERPOLATE, VERIFY)}
-            made.append(_make(one, {**records, **own}).summary)
+        made = [_make(one, {**records, **own[name]}, doubts).summary for name, one in each.items()]
         figures = [path for summary in made for path in summary[FIGURES]]
         texts = [summary["report"] for summary in made]
         line = f"{len(figures)} figures and {len(texts)} reports written to the folders of the experiments in {study.run_dir}"
-        return Made({}, {"verdict": line, FIGURES: figures, "reports": texts, "verified": records[VERIFY].summary["verdict"]})
+        return Made({}, {**_judged(line, doubts), FIGURES: figures, "reports": texts, "verified": records[VERIFY].summary["verdict"]})
 
     outcome = produce(task, make, force=force)
     if outcome.fresh and not all(Path(path).exists() for path in (*outcome.record.summary[FIGURES], *outcome.record.summary["reports"])):
@@ -72,7 +76,20 @@ def _several(study: Study, force: bool) -> Outcome:
     return outcome
 
 
-def _make(study: Study, records: dict[str, Record]) -> Made:
+def _doubts(study: Study, records: dict[str, Record]) -> list[str]:
+    """Why the artefacts are not what the study, its data and each other would give now."""
+    return [*(f"{r.path.name}: {text}" for r in records.values() for text in stale(r)), *drifted(study, records)]
+
+
+def _judged(line: str, doubts: list[str]) -> dict[str, object]:
+    """Verdict of a report, and whether it can be trusted: it cannot where artefacts are stale."""
+    if not doubts:
+        return {"verdict": line, "remarks": []}
+    more = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
+    return {"verdict": f"reported from stale results: {doubts[0]}{more}; {line}", "trustworthy": False, "remarks": doubts}
+
+
+def _make(study: Study, records: dict[str, Record], doubts: list[str]) -> Made:
     text = study.run_dir / TEXT
     try:
         with matplotlib.rc_context(STYLE):
@@ -80,11 +97,11 @@ def _make(study: Study, records: dict[str, Record]) -> Made:
             figures = save_figures(study.run_dir / FIGURES, pictures)
         with replacing(text, durable=False) as temporary:
             words = report_text if study.coupon is None else coupon_report_text
-            temporary.write_text(words(study, records, figures), encoding="utf-8")
+            temporary.write_text(words(study, records, figures, doubts), encoding="utf-8")
     except OSError as error:
         raise StudyError(f"report: '{study.run_dir}' cannot be written ({error}): expected a writable folder with free space") from error
     summary = {
-        "verdict": f"{len(figures)} figures and {TEXT} written to {study.run_dir}",
+        **_judged(f"{len(figures)} figures and {TEXT} written to {study.run_dir}", doubts),
         FIGURES: [str(path) for path in figures],
         "report": str(text),
         "verified": records[VERIFY].summary["verdict"],

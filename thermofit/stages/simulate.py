@@ -9,11 +9,12 @@ from thermofit.core.digest import path_digest
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CELSIUS, Specimen
 from thermofit.core.jit import set_threads
-from thermofit.core.parameters import NAMES, Parameters, param
+from thermofit.core.parameters import NAMES, Parameters, param, physical_bounds
 from thermofit.core.progress import progress
 from thermofit.core.staging import Made, Outcome, job, produce
 from thermofit.core.study import Study
 from thermofit.core.study_each import each
+from thermofit.core.study_key import read_of
 from thermofit.core.study_section import MeshSize, mesh_size
 from thermofit.core.study_virtual import Simulate
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, effects
@@ -43,7 +44,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     settings = _settings(study)
     _refuse_unseen(study)
     study = study.model_copy(update={"model": settings.model or study.model})
-    task = job(study.run_dir, NAME, study.config_of("name", "model", "material_axes", "simulate", "numerics"), {})
+    task = job(study.run_dir, NAME, read_of(study, "name", "model", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
     if outcome.fresh and outcome.record.summary.get("raw_digest") != path_digest(raw):
@@ -121,7 +122,7 @@ def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], loa
 
 def _made(study: Study, truth: Parameters, history: History, raw: RawSummary, digest: str) -> Made:
     parameters = {
-        name: ParameterResult(truth[name], None, param(name).unit, False, False, truth[name], *study.bounds(name)) for name in NAMES
+        name: ParameterResult(truth[name], None, param(name).unit, False, False, truth[name], *physical_bounds(name)) for name in NAMES
     }
     work, outflow = history.total("work"), sum(sum(b.outflow.values()) for b in history.balance)
     summary = {

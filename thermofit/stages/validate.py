@@ -13,6 +13,7 @@ from thermofit.core.jit import set_threads
 from thermofit.core.parameters import AT, Parameters
 from thermofit.core.staging import Job, Made, Outcome, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_key import SOLVED, read_of
 from thermofit.diagnose.coupon_verification import verified_coupons
 from thermofit.diagnose.unseen import predicting
 from thermofit.diagnose.verification import fitted_parameters, identified_stages
@@ -25,7 +26,6 @@ from thermofit.identify.solve import discard_checkpoints, solve
 from thermofit.identify.stage import data_of, data_paths, start_of
 
 NAME = "validate"
-_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon", "literature")
 Prepare = Callable[[Study], None]
 """Makes the record of `interpolate` of the study of one experiment."""
 
@@ -43,7 +43,7 @@ def run(study: Study, *, force: bool = False, prepare: Prepare | None = None) ->
     stages = identified_stages(study)
     parameters, identified = with_identified(study, start_of(study, data_of(study)), stages)
     inputs = {**data_paths(study), **interpolate_paths(study, study.held_out), **identified}
-    task = job(study.run_dir, NAME, study.config_of(*_SECTIONS, "experiments", "shared"), inputs)
+    task = job(study.run_dir, NAME, read_of(study, *SOLVED, "literature", "experiments", "shared"), inputs)
     if study.coupon is not None:
         unseen = coupon_data(study, held_out=True)
         return produce(task, lambda: verified_coupons(study, unseen, parameters, stages, "valid"), force=force)

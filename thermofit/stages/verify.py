@@ -11,8 +11,9 @@ from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.core.study import Study
+from thermofit.core.study_key import key_of
 from thermofit.diagnose.coupon_verification import verified_coupons
-from thermofit.diagnose.verification import fitted_parameters, identified_stages
+from thermofit.diagnose.verification import fitted_parameters, identified_stages, made_otherwise
 from thermofit.diagnose.verification_record import checked, results_in, stages_remarks, thermal_record, together, with_remarks
 from thermofit.identify.coupon_inputs import CouponData
 from thermofit.identify.inputs import Measured, with_identified
@@ -20,25 +21,31 @@ from thermofit.identify.several import Part, Several, interpolate_paths, seen_by
 from thermofit.identify.stage import data_of, data_paths, start_of
 
 NAME = "verify"
-_SECTIONS = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon", "literature")
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
     """Record with predicted fields, residuals per channel and phase, maps, curves, coupling error and energy balance.
 
     Stages that have not run are absent: their parameters keep the start of the study. StudyError where `interpolate` or
-    `identify-elastic` is missing (names the command); NumericsError where the coupled run fails. Of coupons: every record by the point
-    driver. Of several experiments: a record for each in its folder, and one that joins them.
+    `identify-elastic` is missing, or any artefact stale (names the command); NumericsError where the coupled run fails. Of coupons: every
+    record by the point driver. Of several experiments: a record for each in its folder, and one that joins them.
     """
     data, stages = data_of(study), identified_stages(study)
     parameters, identified = with_identified(study, start_of(study, data), stages)
     inputs: dict[str, Path] = {**data_paths(study), **identified}
-    task = job(study.run_dir, NAME, study.config_of(*_SECTIONS, *(("experiments", "shared") if study.fitted else ())), inputs)
-    if isinstance(data, CouponData):
-        return produce(task, lambda: verified_coupons(study, data, parameters, stages), force=force)
-    if isinstance(data, Several):
-        return produce(task, lambda: _several(study, data, parameters, stages, task), force=force)
-    return produce(task, lambda: _one(study, data, parameters, stages), force=force)
+    others = made_otherwise(study, stages)
+    task = job(study.run_dir, NAME, {**key_of(study, NAME), "made_otherwise": others}, inputs)
+
+    def make() -> Made:
+        if isinstance(data, CouponData):
+            made = verified_coupons(study, data, parameters, stages)
+        elif isinstance(data, Several):
+            made = _several(study, data, parameters, stages, task)
+        else:
+            made = _one(study, data, parameters, stages)
+        return replace(made, summary=with_remarks(dict(made.summary), {"remarks": others}))
+
+    return produce(task, make, force=force)
 
 
 def _one(study: Study, data: Measured, parameters: Parameters, stages: tuple[str, ...]) -> Made:

@@ -33,6 +33,19 @@ SCHENCK = (
     + "".join(f"{t}\t{f}\t{e}\t{20 + k / 10}\t-1000000\t\n" for k, (t, f, e, _) in enumerate(rows()))
 ).encode("latin-1")
 COMMENTED = ("#time, displacement\n" + _lines([row[:2] for row in rows()], ",")).encode()
+BARE = ("% by hand\n" + _lines([row[1:3] for row in rows(14)], " ")).encode()
+STATED = (
+    "# Temperature: 293 K\n# strain rate = 1e-3 1/s, true stress\nstrain,stress [MPa]\n" + _lines([row[1:3] for row in rows()], ",")
+).encode()
+RESULTS = ("Specimen;Rm;A\n;MPa;%\nS1;512;23\n\nTime;Force;Strain\ns;kN;%\n" + _lines([row[:3] for row in rows()], ";")).encode()
+DATED = (
+    "stamp;force [N];specimen\n" + "".join(f"2018-12-11 23:59:{50 + k / 2:05.2f};{f};A {k // 6}\n" for k, (_, f, _, _) in enumerate(rows()))
+).encode()
+PLACED = (
+    "".join(f"{name:>12}" for name in ("Time", "Force (Def.)", "Strain (D)"))
+    + "\n"
+    + "".join("".join(f"{x:12.4f}" for x in row[:3]) + "\n" for row in rows())
+).encode()
 SANDIA = (
     "{'temperature':534.67, 'engineering_strain_rate':0.0001, 'direction':'R11' }\n"
     "time, load, engineering_strain, engineering_stress\n" + _lines(rows(), ",")

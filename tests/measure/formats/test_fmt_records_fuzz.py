@@ -10,17 +10,22 @@ from fuzz import MUTATIONS, mutate, mutations, survives
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from record_layouts import (
+    BARE,
     CATMAN,
     CATMAN_TWO_RATES,
     COMMENTED,
+    DATED,
     INSTRON,
     MACHINE,
     MATLAB_CELLS,
     MATLAB_FLAT,
     MATLAB_PACKED,
+    PLACED,
     PLAIN,
+    RESULTS,
     SANDIA,
     SCHENCK,
+    STATED,
     TESTXPERT,
     TESTXPERT_BOOK,
     TESTXPERT_BOOKS,
@@ -30,6 +35,7 @@ from record_layouts import (
 
 from thermofit.core.errors import DataError
 from thermofit.measure.formats import (
+    bare_table,
     catman_workbook,
     coupon_text,
     machine_workbook,
@@ -41,7 +47,8 @@ from thermofit.measure.formats import (
 from thermofit.measure.formats.registry import head_of, read_native
 
 SEEDS: dict[str, tuple[ModuleType, str, tuple[bytes, ...]]] = {
-    "coupon_text": (coupon_text, "record.csv", (PLAIN, INSTRON, SCHENCK, COMMENTED)),
+    "coupon_text": (coupon_text, "record.csv", (PLAIN, INSTRON, SCHENCK, COMMENTED, STATED, RESULTS, DATED, PLACED)),
+    "bare_table": (bare_table, "bare.csv", (BARE,)),
     "sandia_text": (sandia_text, "state.csv", (SANDIA,)),
     "testxpert_text": (testxpert_text, "record.txt", (TESTXPERT, TESTXPERT_TABS)),
     "machine_workbook": (machine_workbook, "machine.xlsx", (MACHINE,)),

@@ -26,10 +26,10 @@ def test_padded_machine_workbook(tmp_path: Path) -> None:
     record = read(tmp_path, MACHINE)
     assert isinstance(record, Record) and record.traits.format == machine_workbook.NAME
     assert record.about == pytest.approx({"gauge_length": 8.0, "diameter": 5.98, "area": 28.086})
-    assert list(record.channels) == ["S/No", "C_1_Temps[s]", "C_1_Force[kN]", "C_1_Angle[mm]", "e_true"]
+    assert list(record.channels) == ["S/No", "System Date", "C_1_Temps[s]", "C_1_Force[kN]", "C_1_Angle[mm]", "e_true"]
     np.testing.assert_allclose(record.channels["C_1_Force[kN]"], 1e3 * TABLE[:, 1])
     assert f"{60 - len(MACHINE_ROWS)} empty rows at the end dropped" in record.traits.remarks
-    assert "column 'System Date' holds no numbers and is no channel" in record.traits.remarks
+    assert "column 'System Date' holds date and time, read as seconds since 1970" in record.traits.remarks
 
 
 def test_several_sheets_are_several_tests(tmp_path: Path) -> None:

@@ -113,6 +113,8 @@ class Record:
     channels: Mapping[str, np.ndarray]
     units: Mapping[str, str]
     about: Mapping[str, float] = field(default_factory=dict)
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Columns of text (n,), by which rows can be told apart."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Tension tests in MATLAB 5 files: a cell array `data` of structs (t, F, dL, tag, w0, t0, A0, L0, T, F0), or flat variables t, F, u, utr.
 
 Units are those of the evaluation scripts that write these files: s, N, mm, mm^2, degC. F0 is the force that was not tared: it is added.
+Any other array of two to ten columns is a table without names.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from thermofit.core.units import to_fixed
 from thermofit.measure.formats.contents import Column, Head, Record, Records, Traits
 from thermofit.measure.formats.mat5 import MAGIC, Value, variables
 from thermofit.measure.formats.record_columns import Block, make_record
+from thermofit.measure.formats.record_table import LEAST_ROWS, MOST_COLUMNS
 
 NAME = "MATLAB 5 tests (MAT)"
 _CHANNELS = {"t": ("time", "s"), "F": ("force", "N"), "dL": ("extension", "mm"), "u": ("extension", "mm"), "utr": ("displacement", "mm")}
@@ -35,7 +37,7 @@ def recognises(head: Head) -> bool:
         found = dict(variables(head.path))
     except (ValueError, OSError):
         return True
-    return isinstance(found.get("data"), list) or ("F" in found and bool({"t", "u", "utr"} & set(found)))
+    return isinstance(found.get("data"), list) or ("F" in found and bool({"t", "u", "utr"} & set(found))) or bool(_tables(found))
 
 
 def read(path: Path) -> Record | Records:
@@ -45,6 +47,9 @@ def read(path: Path) -> Record | Records:
     except (ValueError, OSError) as error:
         raise DataError(f"{path}: the MAT file is damaged ({error}), expected a MATLAB 5 file with tests; save it again") from None
     data = found.get("data")
+    if not isinstance(data, list) and "F" not in found and (tables := _tables(found)):
+        arrays = {name: _numbered(values, path) for name, values in tables.items()}
+        return next(iter(arrays.values())) if len(arrays) == 1 else Records(Traits(NAME, path, remarks=(f"{len(arrays)} arrays",)), arrays)
     if data is None:
         if not isinstance(found.get("F"), np.ndarray):
             raise DataError(f"{path}: no cell array 'data' and no force 'F' found, expected one of them; save the tests under these names")
@@ -61,6 +66,25 @@ def read(path: Path) -> Record | Records:
             tag = f"{tag} ({number})"
         tests[tag] = _record(fields, path, f"test '{tag}'")
     return Records(Traits(NAME, path, remarks=tuple(remarks)), tests)
+
+
+def _tables(found: Mapping[str, Value]) -> dict[str, np.ndarray]:
+    """Arrays of at least ten rows and two to ten columns of numbers, by name."""
+    return {
+        name: value
+        for name, value in found.items()
+        if isinstance(value, np.ndarray)
+        and value.dtype.kind in "fiu"
+        and value.ndim == 2
+        and len(value) >= LEAST_ROWS
+        and 2 <= value.shape[1] <= MOST_COLUMNS
+    }
+
+
+def _numbered(values: np.ndarray, path: Path) -> Record:
+    """The record of an array whose columns have no names."""
+    said = f"the array has no names: its columns are called column 1 to column {values.shape[1]}"
+    return make_record(Traits(NAME, path, remarks=(said,)), Block((Column(""),) * values.shape[1], np.asarray(values, dtype=float)), {})
 
 
 def _fields(cell: object, path: Path, number: int) -> Mapping[str, Value]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,39 +13,19 @@ import numpy as np
 from thermofit.core.errors import DataError
 from thermofit.core.units import known_unit, to_fixed
 from thermofit.measure.formats.contents import Column, Record, Traits
+from thermofit.measure.formats.record_dates import CLOCK, DAY, seconds_of
+from thermofit.measure.formats.record_words import ABOUT, BY_QUANTITY, NOT_ABOUT, kind_of, meanings_of
 from thermofit.measure.formats.text import name_and_unit
 
+_LEAST_ROWS = 10
+"""In a table of so many rows a column with a single number speaks of the test and not of its course."""
 MISSING_MARK = -1000000.0
 """What machine software writes for a channel that is not connected."""
 
-_WORDS: tuple[tuple[str, str], ...] = (
-    ("plastic_strain", r"plastic.?strain"),
-    ("true_stress", r"true.?stress|stress.?true|sigma.?true|wahre spannung"),
-    ("true_strain", r"true.?strain|strain.?true|^e.?true|log.*strain|umformgrad"),
-    ("stress", r"stress|sigma|spannung|contrainte"),
-    ("temperature", r"temp(?!s)|pyrometer|thermocouple|pt100"),
-    ("time", r"^t$|time|temps|zeit"),
-    ("force", r"^f$|force|kraft|load(?!ing)|charge"),
-    ("strain", r"strain|epsilon|^eps|dehnung"),
-    ("extension", r"^ext|exten|elong|^dl$|^u$|deform|verlangerung|clip"),
-    ("displacement", r"displ|deplac|travel|weg|traverse|crosshead|position|separation|stroke|^utr$|course"),
-)
-_BY_QUANTITY: Mapping[str, tuple[str, ...]] = {
-    "time": ("time",),
-    "force": ("force",),
-    "temperature": ("temperature",),
-    "stress": ("true_stress", "stress"),
-    "strain": ("plastic_strain", "true_strain", "strain"),
-    "length": ("extension", "displacement"),
-}
-_ABOUT: tuple[tuple[str, str, str], ...] = (
-    ("gauge_length", "mm", r"L0|[Gg]au?ge.?length.*|Messl\u00e4nge.*|.*extensometer.*base.*"),
-    ("diameter", "mm", r"[Dd]0?|[Dd]iameter.*|Durchmesser.*"),
-    ("thickness", "mm", r"a0|[Ss]pecimen thickness|[Tt]hickness.*|Probendicke.*|Dicke.*"),
-    ("width", "mm", r"b0|[Ss]pecimen width|[Ww]idth.*|Probenbreite.*|Breite.*"),
-    ("area", "mm^2", r"A0?|S0|[Cc]ross.?section.*|[Aa]rea.*|.*[Qq]uerschnitt.*"),
-    ("temperature", "K", r"[Tt]emperature|[Tt]est temperature|Temperatur|Pr\u00fcftemperatur"),
-)
+_NO_UNITS = ("strain", "none", "abs")
+"""Spellings of the unit 1 that are names where they stand behind a name without brackets."""
+_UNIT_PLACES = re.compile(r"\s*[,/]\s*|\s+in\s+|[_\s]+|(?=%$)")
+"""What may stand between a name and its unit where there are no brackets: `Force, kN`, `Stress / MPa`, `Strain in %`, `force_kN`."""
 
 
 @dataclass(frozen=True)
@@ -55,27 +35,26 @@ class Block:
     columns: tuple[Column, ...]
     values: np.ndarray
     remarks: tuple[str, ...] = ()
-
-
-def plain(name: str) -> str:
-    """A name in lower case, without accents and with single blanks."""
-    folded = unicodedata.normalize("NFKD", name)
-    return re.sub(r"\s+", " ", "".join(c for c in folded if not unicodedata.combining(c))).strip().lower()
+    texts: Mapping[int, Sequence[str]] = field(default_factory=dict)
+    """Cells of the columns that hold texts, by the number of the column."""
 
 
 def meaning_of(name: str, unit: str) -> str:
     """What a column measures, by its unit and then its name; empty where both say nothing."""
-    word = re.sub(r"^c_?\d+_", "", plain(name))
-    found = [meaning for meaning, pattern in _WORDS if re.search(pattern, word)]
+    found = meanings_of(name)
     quantity = known_unit(unit)
     if quantity is None:
         return found[0] if found and not unit else ""
-    allowed = _BY_QUANTITY.get(quantity.quantity, ())
-    fitting = [meaning for meaning in found if meaning in allowed]
+    allowed = BY_QUANTITY.get(quantity.quantity, ())
+    if quantity.quantity == "length" and "lateral_strain" in found:
+        return "lateral_extension"
+    fitting = [meaning for meaning in found if meaning.removeprefix("true_") in allowed]
     if fitting:
         return fitting[0]
     if quantity.quantity == "length":
         return "extension" if "strain" in found else ""
+    if quantity.quantity == "stress" and kind_of(name) == "true":
+        return "true_stress"
     return allowed[-1] if quantity.quantity in ("time", "force", "temperature", "stress") else ""
 
 
@@ -90,31 +69,88 @@ def column_of(cell: str, unit: str = "") -> Column:
     bare, written = name_and_unit(cell)
     if not unit and written and (known_unit(written) is not None or cell.endswith("]")):
         unit = written
-    if not unit and (tail := _unit_behind_underscore(cell)):
-        bare, written, unit = cell.rpartition("_")[0], tail, tail
+    if not unit and (inside := [text for text in re.findall(r"[\[(]([^\[\]()]+)[\])]", cell) if known_unit(text) is not None]):
+        bare, written, unit = cell, inside[0], inside[0]
+    if not unit and (tail := _unit_at_end(cell)):
+        bare, written = tail
+        unit = written
     unit = re.sub(r"^[\[(<](.*)[\])>]$", r"\1", unit).strip()
     return Column(cell, meaning_of(bare if written else cell, unit), unit, "file" if unit else "unknown")
 
 
-def _unit_behind_underscore(name: str) -> str:
-    """Unit of names such as `force_kN`, where what is before it measures that very quantity; empty where there is none."""
-    bare, _, tail = name.rpartition("_")
-    known = known_unit(tail)
-    if not bare or known is None or known.quantity == "strain":
-        return ""
-    allowed = _BY_QUANTITY.get(known.quantity, ())
-    return tail if any(meaning in allowed and re.search(pattern, plain(bare)) for meaning, pattern in _WORDS) else ""
+def _unit_at_end(cell: str) -> tuple[str, str] | None:
+    """Name and unit of a cell such as `force_kN` or `Strain in %`, where the name measures that very quantity; None where there is none.
+
+    A bare 1 at the end is a number of a channel, no unit.
+    """
+    for border in _UNIT_PLACES.finditer(cell):
+        bare, tail = cell[: border.start()], cell[border.end() :]
+        known = known_unit(tail)
+        if known is None or not bare or not re.search(r"[^\W\d]|%", tail) or tail.lower() in _NO_UNITS:
+            continue
+        allowed = (*BY_QUANTITY.get(known.quantity, ()), *(("lateral_strain",) if known.quantity == "length" else ()))
+        if any(meaning.removeprefix("true_") in allowed for meaning in meanings_of(bare)):
+            return bare, tail
+    return None
 
 
 def about_of(name: str, value: float, unit: str) -> dict[str, float]:
     """What a line of the header (name, value, unit) says of the specimen, in fixed units; empty where it says nothing of use."""
-    name = name.strip().rstrip(":").strip()
-    for key, fixed, pattern in _ABOUT:
-        if re.fullmatch(pattern, name) and known_unit(unit) is not None:
-            converted, found = to_fixed(value, unit)
-            positive = np.isfinite(converted) and float(converted) > 0.0
-            return {key: float(converted)} if found == fixed and positive else {}
-    return {}
+    key = about_key(name)
+    if key is None or known_unit(unit) is None or (key == "rate" and unit.strip().lower() == "hz"):
+        return {}
+    fixed = next(fixed for known, fixed, _ in ABOUT if known == key)
+    converted, found = to_fixed(value, unit)
+    positive = np.isfinite(converted) and float(converted) > 0.0
+    return {key: float(converted)} if found == fixed and positive else {}
+
+
+def about_key(name: str) -> str | None:
+    """What the name of a header line is about (`area`, `rate`, ...), None for nothing that is used."""
+    name = re.sub(r"\s+", " ", name.strip().rstrip(":=").strip())
+    if re.fullmatch(NOT_ABOUT, name):
+        return None
+    return next((key for key, _, pattern in ABOUT if re.fullmatch(pattern, name)), None)
+
+
+def with_dates(
+    columns: Sequence[Column], values: np.ndarray, cells: Callable[[int], Sequence[object]]
+) -> tuple[list[Column], np.ndarray, tuple[str, ...]]:
+    """Columns and `values` (n, m) in which dates and times of day are seconds, and remarks; `cells(k)` are the cells of column k.
+
+    A column of times of day is an absolute clock (`date`) where another column holds the day, else a clock (`time`).
+    """
+    found = {k: read for k in range(len(columns)) if not np.isfinite(values[:, k]).any() and (read := seconds_of(cells(k))) is not None}
+    if not found:
+        return list(columns), values, ()
+    values, made, remarks = values.copy(), list(columns), []
+    days = [k for k, (_, what) in found.items() if what == DAY]
+    clocks = [k for k, (_, what) in found.items() if what == CLOCK]
+    for k, (seconds, what) in found.items():
+        joined = what == CLOCK and len(days) == len(clocks) == 1
+        values[:, k] = seconds + found[days[0]][0] if joined else seconds
+        absolute = joined or what != CLOCK
+        made[k] = replace(columns[k], meaning="date" if absolute else "time", unit="s", source="format")
+        text = f"{what}{f' of the day in {columns[days[0]].name!r}' if joined else ''}"
+        remarks.append(f"column '{columns[k].name}' holds {text}, read as seconds {'since 1970' if absolute else 'since midnight'}")
+    return made, values, tuple(remarks)
+
+
+def texts_of(values: np.ndarray, cells: Callable[[int], Sequence[object]]) -> dict[int, Sequence[str]]:
+    """Cells of the columns without any number, as texts, by the number of the column; `values` (n, m), `cells(k)` those of column k."""
+    empty = np.flatnonzero(~np.isfinite(values).any(axis=0))
+    return {int(k): [cell.strip() if isinstance(cell, str) else "" for cell in cells(int(k))] for k in empty}
+
+
+def kind_remarks(columns: Sequence[Column], lines: Sequence[str]) -> tuple[str, ...]:
+    """A remark where a line above the names speaks of true or nominal stress or strain, which the names themselves leave open."""
+    if any(kind_of(column.name) for column in columns):
+        return ()
+    for line in lines:
+        if kind_of(line) and any(meaning.removeprefix("true_") in ("stress", "strain") for meaning in meanings_of(line)):
+            shown = " ".join(line.strip("#% ").split())[:80]
+            return (f"a line above the names speaks of {kind_of(line)} quantities ('{shown}'), the names do not: the study must say it",)
+    return ()
 
 
 def _unique(columns: Sequence[Column]) -> tuple[list[Column], list[str]]:
@@ -158,19 +194,39 @@ def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Rec
     values = values[kept]
     if len(values) < 2:
         raise DataError(f"{traits.path}: found {len(values)} rows of numbers, expected a record of at least two; export it again")
+    labels = {columns[k].name: tuple(text for text, keep in zip(texts, kept, strict=True) if keep) for k, texts in block.texts.items()}
+    labels = {name: texts for name, texts in labels.items() if any(texts)}
     channels: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     missing = 0
-    for column, raw in zip(columns, values.T, strict=True):
+    held = np.isfinite(values).sum(axis=0)
+    single = (held == 1) & (len(values) >= _LEAST_ROWS)
+    stated: dict[str, float] = {}
+    for column, raw, alone in zip(columns, values.T, single, strict=True):
         if not np.isfinite(raw).any():
-            remarks.append(f"column '{column.name}' holds no numbers and is no channel")
+            several = f", but {len(set(labels[column.name]))} texts" if column.name in labels else ""
+            remarks.append(f"column '{column.name}' holds no numbers{several} and is no channel")
+            continue
+        if alone:
+            value = float(raw[np.isfinite(raw)][0])
+            found = about_of(name_and_unit(column.name)[0], value, column.unit)
+            stated |= {key: value for key, value in found.items() if key not in stated}
+            silent = (
+                ", without a known unit it is not taken,"
+                if about_key(name_and_unit(column.name)[0]) and not known_unit(column.unit)
+                else ""
+            )
+            use = f"and says the {next(iter(found)).replace('_', ' ')} of the test" if found else f"{silent} and is no channel".strip()
+            remarks.append(f"column '{column.name}' holds one number, {value:g}{f' {column.unit}' if column.unit else ''}, {use}")
             continue
         channels[column.name], units[column.name] = to_fixed(raw, column.unit) if known_unit(column.unit) else (raw, column.unit)
         missing += int(np.isnan(raw).sum())
     if not channels:
         raise DataError(f"{traits.path}: no column holds numbers, expected the channels of a test; export it again")
-    about = _checked(traits.path, about)
-    return Record(replace(traits, columns=tuple(columns), missing=missing, remarks=(*traits.remarks, *remarks)), channels, units, about)
+    about = _checked(traits.path, {**stated, **about})
+    return Record(
+        replace(traits, columns=tuple(columns), missing=missing, remarks=(*traits.remarks, *remarks)), channels, units, about, labels
+    )
 
 
 def _checked(path: Path, about: Mapping[str, float]) -> dict[str, float]:

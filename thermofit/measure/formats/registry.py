@@ -10,6 +10,7 @@ from thermofit.measure.formats import (
     aramis_csv,
     aramis_legacy,
     aramis_section,
+    bare_table,
     catman_workbook,
     coupon_text,
     dic_frames,
@@ -45,6 +46,7 @@ FORMATS: tuple[ModuleType, ...] = (
     *(sandia_text, testxpert_text),
     *(dic_frames, dic_table, coupon_text),
     *(optris, flir_frame),
+    bare_table,
 )
 """Reader modules, the more particular first: the first that recognises a file reads it."""
 HEAD_BYTES = 65536

@@ -1,0 +1,296 @@
+"""One effect, or two together, added and refitted in earnest: where the refit starts, what it is worth, why it is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Param, Parameters, param
+from thermofit.diagnose.backward import Means, Refit, held_out_of, still_needed
+from thermofit.diagnose.case import scans
+from thermofit.diagnose.elsewhere import proof_of_refit
+from thermofit.diagnose.held_out import SURE, Proof, compared
+from thermofit.diagnose.refit import EXPONENTS, with_effect
+from thermofit.diagnose.retraced import missed
+from thermofit.diagnose.score import Score, ranked
+from thermofit.diagnose.trace import Scan, Traced, best_scans
+from thermofit.effects.catalogue import Effect, effect
+from thermofit.fit.result import FitResult
+from thermofit.identify.priors import beyond_error, in_words
+
+WORTH_AN_EXPONENT = 10.0
+"""Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
+OWN_GAIN = 0.5
+"""Part of its gain that an effect must keep with declared readings held, where its refit drives them beyond their errors."""
+AWAY = 2.0
+"""Standard errors by which an accepted amplitude differs from neutral."""
+AT_BOUND = 0.01
+"""Part of the way from neutral to a bound within which an amplitude is at that bound."""
+NEARER = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.015625)
+"""Parts of its estimate from which a refit starts in turn, as long as the model cannot run there."""
+OTHER_SCANS = 3
+"""Further values of the exponents that are tried where no start can be run at the best ones."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Effects added and refitted: their scores before, the proof by the refit, sigma of their Params, why they were refused (empty: kept),
+    what became of their exponents, and the values that they ended at, with sigma where they were fitted; what their gain is without the
+    declared readings that the refit drives off."""
+
+    scores: tuple[Score, ...]
+    proof: Proof | None
+    estimate: Mapping[str, float]
+    sigma: Mapping[str, float]
+    achieved_drop: float
+    refused: str
+    exponents: str = ""
+    ends: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
+    readings: str = ""
+    unjudged: bool = False
+    """True where no run could judge it: the data may hold it or not."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects, one or two."""
+        return tuple(s.effect for s in self.scores)
+
+    @property
+    def score(self) -> Score:
+        """Score of the first one."""
+        return self.scores[0]
+
+    @property
+    def gain(self) -> float:
+        """Relative fall of the held-out mean square by the refit; minus infinity where there was none."""
+        return -np.inf if self.proof is None else self.proof.gain
+
+
+End = tuple[Parameters, FitResult]
+Accepted = tuple[Traced, FitResult]
+
+
+def tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Trial, Accepted | None]:
+    """Refit with one effect; accepted where the held-out error falls and the amplitude stands off neutral and off its bounds. `fit` is the
+    one without it. A trial whose runs fail says so, and touches no other."""
+    try:
+        return _tried(here, fit, score, means)
+    except NumericsError as error:
+        return _failed((score,), f"a run that judges it failed: {error}"), None
+
+
+def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Trial, Accepted | None]:
+    own = effect(score.effect)
+    scanned = here.scanned.get(score.effect, ())
+    settings = here.settings.get(score.effect)
+    if settings is None and len(scans(own, here.case)) > 1:
+        scanned = best_scans(here.case, here.problem, own)
+        score, settings = _at(here, score, scanned[0]), scanned[0][0]
+    starts = [(score, settings or {})]
+    # The first values of the exponents are those of the score; at others the same run may be possible.
+    starts += [(_at(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
+    failures = []
+    for score, chosen in starts:
+        begun = _nearer(here, (score,), chosen, means.refit)
+        if isinstance(begun, str):
+            failures.append(begun)
+            continue
+        return _ended(here, fit, (score,), begun, means)
+    return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+
+
+def tried_together(
+    here: Traced, fit: FitResult, scores: Sequence[Score], chosen: Mapping[str, float], means: Means
+) -> tuple[Trial, Accepted | None]:
+    """Refit with two effects at the given values of their exponents; accepted as one effect is, where each is needed beside the other."""
+    try:
+        begun = _nearer(here, scores, chosen, means.refit)
+        if isinstance(begun, str):
+            return _failed(tuple(scores), f"the refit failed: {begun}"), None
+        return _ended(here, fit, tuple(scores), begun, means)
+    except NumericsError as error:
+        return _failed(tuple(scores), f"a run that judges it failed: {error}"), None
+
+
+def _failed(scores: tuple[Score, ...], why: str) -> Trial:
+    estimate = {n: v for s in scores for n, v in s.estimate.items()}
+    return Trial(scores, None, estimate, {}, 0.0, why, unjudged=True)
+
+
+def _at(here: Traced, score: Score, scan: Scan) -> Score:
+    """The score of an effect at other values of its exponents."""
+    names = tuple(p.name for p in effect(score.effect).amplitudes)
+    alone = replace(here.problem, dormant={score.effect: (names, scan[1])})
+    found = ranked(alone).scores
+    return replace(found[0], family=score.family) if found else score
+
+
+def _nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], refit: Refit) -> End | str:
+    """Optimum from the first start that can be run: the one-step estimate of the amplitudes, or a part of it. In words why, where none."""
+    why = ""
+    for part in NEARER:
+        start = here.case.parameters
+        for score in scores:
+            names = effect(score.effect).names
+            estimate = {n: param(n).neutral + part * (v - param(n).neutral) for n, v in score.estimate.items()}
+            start = with_effect(start, score.effect, {**estimate, **{n: v for n, v in chosen.items() if n in names}})
+        label = " ".join(s.effect for s in scores)
+        try:
+            return refit(start, label if part == 1.0 else f"{label} from {part:g}")
+        except NumericsError as error:
+            why = why or str(error)
+    return f"{why} (nor can it be run from {NEARER[-1]:g} of the estimate)"
+
+
+def _ended(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
+    """The better of the refit with exponents held and with them free, judged."""
+    parameters = end[0]
+    names = [s.effect for s in scores]
+    label = " ".join(names)
+    groups = [tuple(p.name for p in effect(n).exponents) for n in names]
+    scanned = tuple(n for group in groups for n in group)
+    freed, said = _freed(end, scanned, label, means.refit)
+    if not here.case.cheap:
+        trial, found = _judged(here, fit, scores, freed or end, means)
+        return replace(trial, exponents=said), found
+    held = _held(parameters, scanned) if scanned else ""
+    if freed is not None:
+        said, of_freed = f"{held}: freeing them gains nothing on held-out data", said
+        if not freed[1].converged:  # what does not settle is not determined, however well it interpolates
+            said, freed = f"{held}: with them free the fit does not settle", None
+    ends = [(end, said)] + ([(freed, of_freed)] if freed is not None else [])
+    if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
+        parts = groups if len(names) > 1 else [(name,) for name in scanned]
+        singly = [(_freed(end, part, label, means.refit), part) for part in parts if part]
+        ends += [(one[0], f"{', '.join(part)} {one[1]}") for one, part in singly if one[0] is not None and one[0][1].converged]
+    judged = [(*_judged(here, fit, scores, e, means), words) for e, words in ends]
+    trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
+    return replace(trial, exponents=said), found
+
+
+def _held(parameters: Parameters, names: Sequence[str]) -> str:
+    return "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in names)
+
+
+def _freed(start: End, scanned: tuple[str, ...], label: str, refit: Refit) -> tuple[End | None, str]:
+    """A second refit with scanned Params of the effects free as well where the objective falls by it, and what became of them."""
+    parameters, fit = start
+    if not scanned:
+        return None, ""
+    try:
+        found = refit(
+            parameters.with_free((*parameters.free, *scanned)), f"{label} {' '.join(n.rpartition('.')[2] for n in scanned)}{EXPONENTS}"
+        )
+    except NumericsError as error:
+        return None, f"{_held(parameters, scanned)}: the refit with them free failed ({error})"
+    if fit.f - found[1].f <= WORTH_AN_EXPONENT:
+        return None, f"{_held(parameters, scanned)}: freeing them gains nothing"
+    if not set(scanned) <= set(found[0].free):
+        return found, f"{_held(found[0], scanned)}, which the data do not determine further"
+    return found, "fitted" if found[1].converged else "fitted, but not settled"
+
+
+def _judged(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
+    """What a refit is worth on held-out data; `fit` is the one without the effects."""
+    parameters, after = end
+    there = means.traced(here, parameters)
+    worth = _worth(here, there, scores, after)
+    refused, readings = worth.refused, ""
+    if not refused:
+        refused, readings = _on_readings(here, scores, parameters, worth.proof, means)
+    ends = ends_of([s.effect for s in scores], parameters, after)
+    trial = Trial(scores, worth.proof, worth.estimate, worth.sigma, fit.f - after.f, refused, ends=ends, readings=readings)
+    return trial, None if refused else (there, after)
+
+
+@dataclass(frozen=True)
+class _Worth:
+    """Proof of a refit, estimates of the Params with their standard errors, why it is refused (empty: it is not)."""
+
+    proof: Proof
+    estimate: Mapping[str, float]
+    sigma: Mapping[str, float]
+    refused: str
+
+
+def _worth(here: Traced, there: Traced, scores: Sequence[Score], after: FitResult) -> _Worth:
+    """What a refit that ends `there` is worth."""
+    own = [effect(s.effect) for s in scores]
+    names = tuple(p.name for e in own for p in e.amplitudes)
+    ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
+    inside = compared(*ends, here.rows, folds, here.problem.noise, there.columns.residual)
+    beyond = [proof for e in own if (proof := proof_of_refit(here, there, e.name)) is not None]
+    proof = min(beyond, key=lambda p: p.gain) if beyond else inside
+    sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
+    estimate = {n: there.case.parameters[n] for n in names}
+    refused = refusal(there, own, (estimate, sigma), proof, after)
+    if not refused and len(own) > 1:
+        needless = [e.name for e in own if not still_needed(there, e.name)]
+        refused = f"{' and '.join(needless)} not needed beside the other" if needless else ""
+    return _Worth(proof, estimate, sigma, refused)
+
+
+def refusal(
+    there: Traced, added: Sequence[Effect], found: tuple[Mapping[str, float], Mapping[str, float]], proof: Proof, fit: FitResult
+) -> str:
+    """Why refitted effects with `found` = (estimates, their standard errors) are not accepted, empty where they are."""
+    estimate, sigma = found
+    if fit.sigma is None:
+        return "the refit has no standard errors: the data do not determine all of its parameters"
+    if not proof.convinces:
+        return f"{proof.words} only" if proof.gain > 0.0 else proof.words
+    for one in added:
+        p = one.amplitude
+        if fit.at_bound[fit.names.index(p.name)] or at_bound(p, estimate[p.name]):
+            return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {p.lower:g} to {p.upper:g}"
+        near = all(abs(estimate[q.name] - q.neutral) <= AWAY * sigma[q.name] for q in one.amplitudes)
+        if near and missed(there, one.name, fit) <= AWAY:
+            return f"{p.name} = {estimate[p.name]:.3g} is not away from {p.neutral:g}"
+    return ""
+
+
+def at_bound(p: Param, value: float) -> bool:
+    """True within AT_BOUND of the way from neutral to a bound; a bound that is neutral itself is no such end."""
+    ends = [(bound, abs(bound - p.neutral)) for bound in (p.lower, p.upper)]
+    return any(np.isfinite(way) and way > 0.0 and abs(value - bound) <= AT_BOUND * way for bound, way in ends)
+
+
+def _on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: Proof, means: Means) -> tuple[str, str]:
+    """Why effects are refused whose refit drives declared readings beyond their errors (empty: they are not), and their gain without.
+
+    A second refit holds these readings, and the exponents, where they were. What is missing besides may drive them as well, and they stand
+    in for it (a lamp for warmer air): an effect that keeps OWN_GAIN of its gain does not rest on them.
+    """
+    gone = {prior.name: prior for prior in beyond_error(here.case.model.priors, end, here.case.parameters)}
+    if not gone:
+        return "", ""
+    said = "; ".join(in_words(prior, end[name]) for name, prior in gone.items())
+    own = [effect(s.effect) for s in scores]
+    if set(gone) & {n for e in own for n in e.names}:
+        return said, ""
+    fixed = {*gone, *(p.name for e in own for p in e.params if p.scan)}
+    start = end.replace(**{n: here.case.parameters[n] for n in gone}).with_free(tuple(n for n in end.free if n not in fixed))
+    try:
+        parameters, after = means.refit(start, f"{' '.join(e.name for e in own)} readings")
+    except NumericsError as error:
+        return f"{said}; the refit with it held failed ({error})", ""
+    alone = _worth(here, means.traced(here, parameters), scores, after)
+    words = f"with {', '.join(gone)} held {alone.proof.words}"
+    return (said, words) if alone.refused or alone.proof.gain < OWN_GAIN * proof.gain else ("", words)
+
+
+def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dict[str, tuple[float, float | None]]:
+    """Values of the exponents of effects, with their standard errors where the fit had them free."""
+    sigma = {} if fit.sigma is None else dict(zip(fit.names, fit.sigma.tolist(), strict=True))
+    return {p.name: (parameters[p.name], sigma.get(p.name)) for name in names for p in effect(name).params if p.scan}
+
+
+def told_apart(one: Traced, other: Traced) -> bool:
+    """Whether one of two refits predicts held-out data better than the other by more than its uncertainty."""
+    ends = {id(t): held_out_of(t) for t in (one, other)}
+    worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
+    found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.noise, better.columns.residual)
+    return found.gain > SURE * found.sigma

@@ -1,5 +1,0 @@
-"""placeholder"""
-
-
-def test_nothing() -> None:
-    pass

@@ -57,13 +57,17 @@ def pulled_record(
     sigma: float,
     strain: float = 0.1,
     samples: int = 80,
-    gaps: tuple[float, ...] = (),
     **law: float,
 ) -> CouponTest:
     """Monotonic tension at one rate in 1/s from a temperature in K: half of the samples up to a tenth of the strain."""
     early = np.linspace(0.0, 0.1 * strain, samples // 2)
     e = np.concatenate([early, np.linspace(0.1 * strain, strain, samples - samples // 2 + 1)[1:]])
-    time = e / rate
+    return followed_record(name, e, rate, theta, seed, sigma, **law)
+
+
+def followed_record(name: str, e: np.ndarray, rate: float, theta: float, seed: int, sigma: float, **law: float) -> CouponTest:
+    """The record of a path of strain (n,) from zero on, at one rate in 1/s."""
+    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(e)))]) / rate
     parameters = Parameters.of({**TRUTH, "theta_air": theta, "theta_ref": theta, **law})
     index = np.arange(4 * (len(e) - 1) + 1) / 4
     fine = np.interp(index, np.arange(len(e)), time), np.interp(index, np.arange(len(e)), e)

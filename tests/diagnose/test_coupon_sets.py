@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from coupon_sets import equal_records, looped, pulled_record, study_of
+from coupon_sets import equal_records, followed_record, looped, pulled_record, study_of
 
 from thermofit.core.errors import NumericsError
 from thermofit.diagnose import trace
 from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.case import Case, columns_of
 from thermofit.diagnose.held_out import Rows, split_by_blocks
+from thermofit.diagnose.prepared import coupon_joint_settings, with_elastic
 from thermofit.effects.catalogue import Effect
+from thermofit.identify.coupon_inputs import CouponData
 
 SOFTENING = {"thermal_softening", "softening_power"}
 ONE = {"diagnosis": {"max_effects": 1}}
@@ -82,6 +84,18 @@ def test_two_terms_that_help_only_together_are_found_as_a_pair(tmp_path: Path) -
     pair = next(t for t in found.rounds[0].trials if t.effects == found.rounds[0].accepted)
     assert all(pair.gain > t.gain for t in singles)
     assert float(np.sqrt(np.mean(found.last.columns.residual**2))) < 1.2
+
+
+@pytest.mark.parametrize("unloads", [True, False])
+def test_a_modulus_that_no_elastic_range_tells_is_fitted_where_unloadings_tell_it(tmp_path: Path, unloads: bool) -> None:
+    """Samples 1 % of strain apart: the first one flows already. A start of E is no prescription; monotonic flow alone leaves it there."""
+    up = np.concatenate([[0.0], np.linspace(0.01, 0.08, 8)])
+    path = np.concatenate([up, np.linspace(0.08, 0.0785, 6)[1:], np.linspace(0.079, 0.12, 6)]) if unloads else np.linspace(0.0, 0.12, 13)
+    study, test = study_of(tmp_path), followed_record("p", path, 1e-3, 293.15, 1, 1.0)
+    data = CouponData((test,), "strain")
+    base = study.start_parameters(data)  # type: ignore[arg-type]
+    assert "E" not in coupon_joint_settings(study, data).free
+    assert ("E" in with_elastic(study, data, base).free) is unloads
 
 
 def test_what_cannot_be_run_at_all_is_said_and_is_no_trusted_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,8 +106,9 @@ def _stepped(scores: tuple[Score, Score], at: tuple[Scan, Scan], s: tuple[np.nda
 def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: Means) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
     """All trials of pairs, and the accepted one that predicts held-out data best.
 
-    `singles` are the ends of effects that were refitted alone and not refused: a pair has to predict better than each of its own. And so many
-    pairs at so many values of their exponents were looked at that chance alone would find one: its fall of the square sum has to be more.
+    `singles` are the ends of effects that were refitted alone and not refused: a pair has to predict better than each of its own. And so
+    many pairs at so many values of their exponents were looked at that chance alone would find one: its fall of the square sum has to be
+    more.
     """
     trials: list[Trial] = []
     best: tuple[Trial, Accepted] | None = None

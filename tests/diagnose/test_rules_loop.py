@@ -169,8 +169,8 @@ def looped(monkeypatch: pytest.MonkeyPatch, trials: list[Trial], winner: Any, mo
     monkeypatch.setattr(module, "traced", lambda *_: here)
     monkeypatch.setattr(module, "retraced", lambda t: t)
     monkeypatch.setattr(module, "_turn", lambda *_: next(turns))
-    monkeypatch.setattr(module, "_backward", lambda closed, _: closed)
-    monkeypatch.setattr(module, "against_base", lambda closed, _: closed)
+    monkeypatch.setattr(module, "_backward", lambda closed, _: replace(closed, remarks=("backward",)))
+    monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))
     case: Any = None
     refit: Any = None
     return close_loop(case, FIT, refit, most, None)
@@ -181,6 +181,10 @@ def test_what_no_run_of_the_last_round_could_judge_is_said(monkeypatch: pytest.M
     trials = [trial("a", 0.1, "failed", unjudged=True), trial("b c", 0.1, "failed", unjudged=True), trial("d", 0.1, "refused")]
     assert looped(monkeypatch, trials, None, 3).unjudged == {"lamp": "no run", "a": "failed"}
     assert looped(monkeypatch, trials, trial("e", 0.5), 3).unjudged == {"lamp": "no run", "late": "no run"}, "a later round may judge it"
+
+
+def test_the_loop_ends_with_the_backward_check_and_then_the_base_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert looped(monkeypatch, [], None, 3).remarks == ("backward", "base")
 
 
 def test_what_was_worth_a_refit_when_the_loop_was_full_is_open(monkeypatch: pytest.MonkeyPatch) -> None:

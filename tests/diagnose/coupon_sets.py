@@ -11,12 +11,13 @@ import yaml
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import job
 from thermofit.core.study import Study, load_study
-from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.case import Case, slots_of, untold
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans
 from thermofit.diagnose.refit import JointFit
 from thermofit.identify.coupon_inputs import CouponData, CouponTest, whole
-from thermofit.identify.coupon_model import coupon_model
+from thermofit.identify.coupon_model import coupon_model, coupon_run
+from thermofit.identify.flow_conditions import flow_conditions
 from thermofit.identify.joint import station_names
 from thermofit.point.driver import PointSettings, Programme, simulate
 
@@ -56,13 +57,17 @@ def pulled_record(
     sigma: float,
     strain: float = 0.1,
     samples: int = 80,
-    gaps: tuple[float, ...] = (),
     **law: float,
 ) -> CouponTest:
     """Monotonic tension at one rate in 1/s from a temperature in K: half of the samples up to a tenth of the strain."""
     early = np.linspace(0.0, 0.1 * strain, samples // 2)
     e = np.concatenate([early, np.linspace(0.1 * strain, strain, samples - samples // 2 + 1)[1:]])
-    time = e / rate
+    return followed_record(name, e, rate, theta, seed, sigma, **law)
+
+
+def followed_record(name: str, e: np.ndarray, rate: float, theta: float, seed: int, sigma: float, **law: float) -> CouponTest:
+    """The record of a path of strain (n,) from zero on, at one rate in 1/s."""
+    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(e)))]) / rate
     parameters = Parameters.of({**TRUTH, "theta_air": theta, "theta_ref": theta, **law})
     index = np.arange(4 * (len(e) - 1) + 1) / 4
     fine = np.interp(index, np.arange(len(e)), time), np.interp(index, np.arange(len(e)), e)
@@ -79,13 +84,15 @@ def looped(study: Study, tests: tuple[CouponTest, ...], folder: Path) -> Closed:
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "set", {}, {}))
     parameters, fit = refit(base, "joint")
-    case = Case(model, parameters, slots_of("point", ()), coupon_spans(data), station_names(), cheap=True)
+    run = coupon_run(study, data, settings.free)
+    known, _ = untold(slots_of("point", ()), parameters, flow_conditions(tests, lambda test: run.history(parameters, test)))
+    case = Case(model, parameters, known, coupon_spans(data), station_names(), cheap=True)
     return close_loop(case, fit, refit, study.diagnosis.max_effects, None)
 
 
 def equal_records(count: int, sigma: float, **law: float) -> tuple[CouponTest, ...]:
     """The same test of equal specimens, each with noise of its own."""
-    one = pulled_record("0", 1e-3, 293.15, 0, sigma, **law)
-    clean = pulled_record("0", 1e-3, 293.15, 0, 0.0, **law).stress
+    one = pulled_record("0", 1e-3, 293.15, 0, sigma, samples=40, **law)
+    clean = pulled_record("0", 1e-3, 293.15, 0, 0.0, samples=40, **law).stress
     noise = [sigma * np.random.default_rng(k).normal(size=len(clean)) for k in range(count)]
     return tuple(replace(one, name=str(k), stress=clean + own) for k, own in enumerate(noise))

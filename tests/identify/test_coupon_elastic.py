@@ -60,3 +60,12 @@ def test_first_branch_ends_at_the_reversal() -> None:
     stress = np.concatenate([np.linspace(0.0, 200.0, 51), np.linspace(200.0, -300.0, 101)[1:]])
     assert first_branch(stress) == 51
     assert first_branch(np.linspace(0.0, 10.0, 7)) == 7
+
+
+def test_a_record_that_begins_at_rest_has_its_line() -> None:
+    """The noise of a rest turns back and forth by more than a tenth of what it reaches: no reversal ends the branch there."""
+    _, strain, stress = record(offset=0.0)
+    noise = 0.8 * np.random.default_rng(2).normal(size=440)
+    at_rest = np.concatenate([np.zeros(40), stress]) + noise
+    found = elastic_line(np.arange(440.0), np.concatenate([np.zeros(40), strain]), at_rest, 1e-6)
+    assert found is not None and found.slope == pytest.approx(E, rel=0.01)

@@ -17,7 +17,7 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow lint format schema bench exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow lint format schema bench mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
@@ -26,6 +26,7 @@ help:
 	@echo "make format            format the sources   make schema      rewrite docs/study.schema.json"
 	@echo "make thesis            sections 5.3 to 5.5 of the thesis, tables and figures to docs/reproduction [MESH=coarse: minutes]"
 	@echo "make bench             timings              make exp1 | exp2 | exp3   one section of them"
+	@echo "make mutations         do the tests notice wrong formulas and rules? (docs/tests.md; tens of minutes)"
 	@echo "make real              records measured by others, from THERMOFIT_DATA: parameters with intervals, effects that are missing"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
 
@@ -63,6 +64,10 @@ schema: install
 bench: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python scripts/bench.py --write docs/performance.md
+
+# Wrong edits of a kept list, one at a time in a copy of the tree; exit 1 where the tests notice fewer than 95 %. It resumes.
+mutations: install
+	$(BIN)/python scripts/mutations.py --jobs $(if $(filter 0,$(JOBS)),1,$(JOBS))
 
 # Sections 5.3, 5.4, 5.5 of the thesis; the pages go to docs/reproduction. A run that was stopped goes on where it was.
 exp1 exp2 exp3: install

@@ -183,6 +183,7 @@ def test_agreement_is_computed_and_chooses_the_reason(scripts: Any) -> None:
         line = agreement.same_sign("E by", here, -0.14, why).line
         assert line.startswith(f"- **{word}**: E by: here {100 * here:+.2g} %; thesis -14 %.") and line.endswith(reason)
     assert agreement.same_size("E", -0.2, -0.14).line.startswith("- **Agrees**")
+    assert agreement.same_sign("E", 8.27, 0.34).word == "Same sign"
     assert agreement.same_size("E", -0.2, -0.14).agrees and not agreement.same_size("E", -0.3, -0.14).agrees
     assert not agreement.same_size("E", 0.14, -0.14).agrees
     assert agreement.same_word("uniqueness", "valley", "valley").agrees and not agreement.same_word("uniqueness", "unique", "valley").agrees

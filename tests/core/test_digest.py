@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import pytest
 
-from thermofit.core.digest import PACKAGE, kernel_digest, path_digest, source_digest
+from thermofit.core.artefact import RecordContent, fresh, write_record
+from thermofit.core.digest import EFFECTS_VARIABLE, PACKAGE, _of_users, kernel_digest, path_digest, source_digest
 from thermofit.core.errors import DataError
 
 
@@ -94,6 +96,52 @@ def test_folder_digest_knows_names_contents_and_depth(tmp_path: Path) -> None:
 def test_missing_input_is_a_data_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"input '.*nowhere' cannot be read"):
         path_digest(tmp_path / "nowhere")
+
+
+def loaded_anew(monkeypatch: pytest.MonkeyPatch, *files: Path) -> None:
+    """As in a new process with these effect files."""
+    monkeypatch.setenv(EFFECTS_VARIABLE, os.pathsep.join(map(str, files)))
+    _of_users.cache_clear()
+
+
+def test_effect_files_of_a_user_are_part_of_both_digests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None, one, the same edited, two, and two in the other order: five sources, each with kernels of its own."""
+    package, (one, two) = house(tmp_path / "house"), (tmp_path / "one.py", tmp_path / "two.py")
+    one.write_text("A = 1")
+    two.write_text("B = 1")
+    seen = []
+    for files, text in (((), "A = 1"), ((one,), "A = 1"), ((one,), "A = 2"), ((one, two), "A = 2"), ((two, one), "A = 2")):
+        one.write_text(text)
+        loaded_anew(monkeypatch, *files)
+        seen.append((source_digest(), source_digest(("core",)), kernel_digest(package)))
+    assert all(len(set(digests)) == 5 for digests in zip(*seen, strict=True))
+    one.write_text("A = 1")
+    loaded_anew(monkeypatch, one)
+    assert (source_digest(), source_digest(("core",)), kernel_digest(package)) == seen[1]
+
+
+def test_an_edit_of_an_effect_file_while_a_process_runs_is_not_what_it_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "one.py"
+    file.write_text("A = 1")
+    loaded_anew(monkeypatch, file)
+    before = source_digest()
+    file.write_text("A = 2")
+    assert source_digest() == before, "an artefact that it writes now was made by the old file"
+    loaded_anew(monkeypatch, file)
+    assert source_digest() != before
+
+
+def test_an_artefact_is_stale_once_an_effect_file_of_the_user_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, path = tmp_path / "one.py", tmp_path / "verify.h5"
+    file.write_text("A = 1")
+    loaded_anew(monkeypatch, file)
+    write_record(path, RecordContent(stage="verify", config={}, inputs={}, datasets={}, parameters={}, summary={"stage": "verify"}))
+    assert fresh(path, "verify", {}, {})
+    file.write_text("A = 2")
+    loaded_anew(monkeypatch, file)
+    assert not fresh(path, "verify", {}, {})
+    loaded_anew(monkeypatch)
+    assert not fresh(path, "verify", {}, {}), "without the file it is another model as well"
 
 
 def test_results_among_the_data_are_no_data(tmp_path: Path) -> None:

@@ -277,6 +277,11 @@ ROWS: dict[str, Row] = {
         (((a(400.0), 5.0, a(300.0), 0.5), a(0.4961577616625)), ((a(300.0, 350.0), 5.0, a(400.0, 350.0), 1.0), a(-0.992315523325, 0.0))),
         on=("air",),
     ),
+    # 100 K above 293.15 K at seven times the reference rate, ln 8 = 3 ln 2; 50 K below it at three times, ln 4, with the other sign.
+    "rate_by_temperature": Row(
+        "yield_factor",
+        (((0.2, 7e-4, 393.15, NONE, 0.02, 1e-4), 1.0 + 0.06 * LN2), ((0.0, 3e-3, 243.15, NONE, 0.1, 1e-3), 1.0 - 0.05 * LN4)),
+    ),
     # ln 2 at the reference rate, ln 10 = 2.302585 at nine times it.
     "rate_logarithmic": Row(
         "yield_factor",
@@ -304,7 +309,18 @@ ROWS: dict[str, Row] = {
         ),
         stored=True,
     ),
+    # s = 1 at 393.15 K, -1 at 193.15 K, 2 at 493.15 K; the rounding makes s^3 of s (s^2 + 1e-4), and nothing of s^1.
+    "softening_power": Row(
+        "yield_factor",
+        (
+            ((0.1, 1e-3, 393.15, NONE, 0.05, 1.0), 0.95),
+            ((0.1, 1e-3, 393.15, NONE, 0.05, 3.0), 0.949995),
+            ((0.0, 1e-6, 193.15, NONE, 0.05, 3.0), 1.050005),
+            ((0.0, 1e-6, 493.15, NONE, 0.05, 3.0), 0.59999),
+        ),
+    ),
     "stored_energy": Row("dissipation", (((0.1, 1.0, 300.0, NONE, 2.0), 1.2), ((0.05, 1e-6, 250.0, NONE, -3.0), 0.85))),
+    "tension_compression": Row("asymmetry", (((1.0, NONE, 0.25), 1.0), ((-1.0, NONE, 0.25), 1.25))),
     "thermal_softening": Row(
         "yield_factor", (((0.1, 1.0, 343.15, NONE, 0.002, 293.15), 0.9), ((0.0, 1e-6, 273.15, NONE, 0.002, 293.15), 1.04))
     ),

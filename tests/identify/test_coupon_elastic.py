@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermofit.identify.coupon_elastic import elastic_line, first_branch
+from thermofit.identify.coupon_elastic import contradicts, elastic_line, first_branch
 
 E, YIELD = 200e3, 300.0
 
@@ -33,6 +33,21 @@ def test_toe_is_left_out() -> None:
     found = elastic_line(*record(toe=1e-4), noise=1e-6)
     assert found is not None
     assert found.slope == pytest.approx(E, rel=0.03)
+
+
+@pytest.mark.parametrize("drift", [-1.0, 1.0])
+def test_rest_before_the_load_is_no_branch(drift: float) -> None:
+    """The stress drifts and comes back, the strain the other way: the line is that of the loading, and no sign is suspected."""
+    time, strain, stress = record()
+    rest = np.array([0.0, 0.5, 1.0, 0.4, -0.6, 0.2])
+    stress = np.concatenate([drift * rest, stress])
+    strain = np.concatenate([strain[0] - 2e-6 * drift * rest, strain])
+    time = np.concatenate([np.arange(-6, 0) * time[1], time])
+    assert first_branch(stress) == len(stress)
+    assert not contradicts(strain, stress)
+    found = elastic_line(time, strain, stress, 1e-6)
+    assert found is not None
+    assert found.slope == pytest.approx(E, rel=5e-3)
 
 
 def test_no_line_without_samples() -> None:

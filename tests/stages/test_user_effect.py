@@ -79,6 +79,29 @@ def test_every_slot_stands_on_the_page_with_its_arguments() -> None:
     assert told == {slot: of_law.get(slot) or len(trial_of(slot).arguments) for slot in FILE_SLOTS}
 
 
+_DIGESTS = """
+import json, sys
+from thermofit.core.study import load_study
+load_study(sys.argv[1])
+from thermofit.core.digest import source_digest
+from thermofit.core.jit import CACHE_FOLDER
+print(json.dumps([source_digest(), str(CACHE_FOLDER)]))
+"""
+
+
+def test_an_edited_file_is_another_source_with_kernels_of_its_own(tmp_path: Path) -> None:
+    """Through the study, in three processes: artefacts made before the edit are stale, and no kernel of theirs is taken."""
+    study, file, seen = written(tmp_path), tmp_path / "my_softening.py", []
+    text = file.read_text(encoding="utf-8")
+    for content in (text, text.replace("1.0 - rate * accumulated", "1.0 - 2.0 * rate * accumulated"), text):
+        file.write_text(content, encoding="utf-8")
+        ran = python("-c", _DIGESTS, str(study))
+        assert ran.returncode == 0, ran.stderr
+        seen.append(json.loads(ran.stdout))
+    first, edited, again = seen
+    assert first == again and first[0] != edited[0] and first[1] != edited[1]
+
+
 @pytest.mark.slow
 def test_the_users_effect_is_a_candidate_of_the_diagnosis(tmp_path: Path) -> None:
     study = written(tmp_path)

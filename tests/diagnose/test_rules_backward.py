@@ -1,0 +1,94 @@
+"""The rules of the backward check, one at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose import backward as module
+from thermofit.diagnose.backward import _without_columns, made_up_for, still_needed
+from thermofit.diagnose.held_out import Proof
+
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+END = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.1, "lamp.start": 45.0}).with_free(
+    ("kappa", "ir_drift.rate", "lamp.absorbed", "lamp.start")
+)
+
+
+def here_of(parameters: Parameters = END, cheap: bool = False) -> Any:
+    fitted = np.arange(1.0, 25.0).reshape(6, 4)[:, : len(parameters.free)]
+    model = SimpleNamespace(linearised=lambda *_: (None, np.ones((6, 1))))
+    return SimpleNamespace(
+        case=SimpleNamespace(parameters=parameters, cheap=cheap, model=model),
+        columns=SimpleNamespace(residual=np.ones(6), fitted=fitted),
+        rows=None,
+        split=SimpleNamespace(held_out=(None,) * 5),
+        problem=SimpleNamespace(noise=None),
+    )
+
+
+def test_an_effect_goes_back_to_neutral_by_its_amplitude_with_all_its_columns() -> None:
+    """Exponents have no neutral value: their columns go, and nothing moves along them."""
+    residual, fitted = _without_columns(here_of(), "lamp")
+    assert residual == pytest.approx(1.0 - 0.1 * here_of().columns.fitted[:, 2]) and fitted.shape == (6, 2)
+    residual, fitted = _without_columns(here_of(), "ir_drift")
+    assert residual == pytest.approx(1.0 - 0.02 * here_of().columns.fitted[:, 1]) and fitted.shape == (6, 3)
+
+
+@pytest.mark.parametrize(
+    ("inside", "beyond", "needed"), [(True, None, True), (False, None, False), (True, False, False), (False, True, True)]
+)
+def test_an_effect_is_needed_where_held_out_data_say_so(
+    monkeypatch: pytest.MonkeyPatch, inside: bool, beyond: bool | None, needed: bool
+) -> None:
+    """The held-out tests, where one judges; else the folds."""
+    proofs = {True: GOOD, False: replace(GOOD, sigma=0.3)}
+    monkeypatch.setattr(module, "compared", lambda *_: proofs[inside])
+    monkeypatch.setattr(module, "proof_of_need", lambda *_: None if beyond is None else proofs[beyond])
+    monkeypatch.setattr(module, "held_out_residual", lambda *_: None)
+    assert still_needed(here_of(), "ir_drift") is needed
+
+
+HELD = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.1, "lamp.start": 45.0}).with_free(
+    ("kappa", "ir_drift.rate", "lamp.absorbed")
+)
+
+
+def asked(monkeypatch: pytest.MonkeyPatch, left: float, convinces: bool = False, cheap: bool = False) -> tuple[list[Parameters], bool]:
+    """The refits that are asked where the exponents leave this part of what the effect does, and whether it is dropped after them; it is
+    still needed where the proof of it `convinces`."""
+    parts = iter([left, 1.0])
+    begun: list[Parameters] = []
+
+    def refit(start: Parameters, label: str) -> Any:
+        begun.append(start)
+        return start, "fit"
+
+    monkeypatch.setattr(module, "_beyond", lambda *_: next(parts))
+    monkeypatch.setattr(module, "held_out_of", lambda *_: None)
+    monkeypatch.setattr(module, "proof_of_refit", lambda *_: None)
+    monkeypatch.setattr(module, "compared", lambda *_: GOOD if convinces else replace(GOOD, sigma=0.3))
+    means: Any = SimpleNamespace(refit=refit, traced=lambda *_: "there")
+    return begun, made_up_for(here_of(HELD, cheap), "ir_drift", ["lamp"], means) is not None
+
+
+@pytest.mark.parametrize(("left", "refits"), [(0.79, 1), (0.81, 0)])
+def test_a_refit_asks_where_held_exponents_explain_a_fifth(monkeypatch: pytest.MonkeyPatch, left: float, refits: int) -> None:
+    begun, dropped = asked(monkeypatch, left)
+    assert len(begun) == refits and dropped is bool(refits)
+    if begun:
+        assert begun[0]["ir_drift.rate"] == 0.0 and begun[0].free == ("kappa", "lamp.absorbed", "lamp.start")
+
+
+def test_what_that_refit_shows_to_be_needed_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, dropped = asked(monkeypatch, 0.1, convinces=True)
+    assert len(begun) == 1 and not dropped
+
+
+def test_of_coupons_exponents_have_been_tried_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert asked(monkeypatch, 0.1, cheap=True) == ([], False)

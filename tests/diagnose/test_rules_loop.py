@@ -1,0 +1,217 @@
+"""The rules of a turn of the loop and of its end, one at a time: which trials are made, who wins, what the base model takes back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.core.errors import NumericsError
+from thermofit.diagnose import loop as module
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.loop import (
+    MOST_TRIED,
+    TRIED_PER_ROUND,
+    TRIED_WHERE_CHEAP,
+    Closed,
+    _backward,
+    _turn,
+    against_base,
+    candidates,
+    close_loop,
+)
+from thermofit.diagnose.score import Score
+from thermofit.diagnose.trial import Trial
+
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+FIT: Any = None
+MEANS: Any = None
+
+
+def score(name: str, z: float = 9.0, family: tuple[str, ...] = (), **told: Any) -> Score:
+    return replace(Score(name, z, 10.0, 0.0, {}, {}, 1.0, 0.0, "", (name, *family)), **told)
+
+
+def trial(name: str, gain: float, refused: str = "", unjudged: bool = False) -> Trial:
+    return Trial(tuple(score(n) for n in name.split()), replace(GOOD, gain=gain), {}, {}, 0.0, refused, unjudged=unjudged)
+
+
+def turned(
+    monkeypatch: pytest.MonkeyPatch,
+    gains: dict[str, float | None],
+    *,
+    cheap: bool = True,
+    pair: float | None = None,
+    room: int = 3,
+    rivals: bool = True,
+    same: tuple[str, ...] = (),
+    left: bool = True,
+) -> tuple[list[str], Trial | None]:
+    """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart."""
+
+    def refitted(here: Any, fit: Any, one: Score, means: Any) -> Any:
+        gain = gains[one.effect]
+        return (trial(one.effect, 0.99, "no"), None) if gain is None else (trial(one.effect, gain), (one.effect, "fit"))
+
+    def pairs(*_: Any) -> Any:
+        both = trial("p q", 0.0 if pair is None else pair)
+        return [both], None if pair is None else (both, ("p q", "fit"))
+
+    monkeypatch.setattr(module, "candidates", lambda _: [score(n) for n in gains])
+    monkeypatch.setattr(module, "tried", refitted)
+    monkeypatch.setattr(module, "leaves_more_than_it_takes", lambda *_: left)
+    monkeypatch.setattr(module, "best_pair", pairs)
+    monkeypatch.setattr(module, "_rivals", lambda *_: rivals)
+    monkeypatch.setattr(module, "told_apart", lambda one, other: not {one, other} <= set(same))
+    here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap))
+    trials, winner = _turn(here, FIT, MEANS, room)
+    return [" ".join(t.effects) for t in trials], None if winner is None else winner[0]
+
+
+def won(*given: Any, **also: Any) -> str:
+    winner = turned(*given, **also)[1]
+    return "" if winner is None else " ".join(winner.effects)
+
+
+def test_the_largest_gain_wins_and_not_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert won(monkeypatch, {"a": 0.2, "b": 0.4, "c": None, "d": 0.3}) == "b"
+
+
+def test_a_pair_wins_where_it_gains_more_than_the_best_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert won(monkeypatch, {"a": 0.4}, pair=0.41) == "p q" and won(monkeypatch, {"a": 0.4}, pair=0.39) == "a"
+    assert won(monkeypatch, {"a": None}, pair=0.1) == "p q"
+
+
+def test_a_pair_needs_room_for_two_and_something_that_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert won(monkeypatch, {"a": 0.4}, pair=0.9, room=1) == "a" and won(monkeypatch, {"a": 0.4}, pair=0.9, left=False) == "a"
+    assert turned(monkeypatch, {"a": 0.4}, pair=0.9, room=0) == ([], None)
+
+
+def test_of_a_body_two_are_refitted_or_more_until_one_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains: dict[str, float | None] = {"a": 0.2, "b": 0.3, "c": 0.9, "d": 0.9}
+    many, _ = turned(monkeypatch, gains, cheap=False, left=False)
+    assert many == ["a", "b"] and len(many) == TRIED_PER_ROUND
+    assert turned(monkeypatch, gains, cheap=False, left=False, rivals=False)[0] == ["a"], "no other could gain more"
+    assert turned(monkeypatch, gains | {"a": None, "b": None}, cheap=False, left=False)[0] == ["a", "b", "c"]
+    assert turned(monkeypatch, gains, cheap=True, left=False, rivals=False)[0] == list(gains), "of coupons all"
+
+
+def test_the_winner_is_named_with_what_predicts_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    winner = turned(monkeypatch, {"a": 0.2, "b": 0.4, "c": 0.3}, left=False, same=("a", "b"))[1]
+    assert winner is not None and winner.score.family == ("b", "a")
+    winner = turned(monkeypatch, {"a": 0.2, "b": 0.4, "c": None}, left=False, same=("c", "b"))[1]
+    assert winner is not None and winner.score.family == ("b",), "what was refused is no alternative"
+
+
+def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:
+    """What stays of three accepted effects that together gain so much, by their number; standard error 0.01."""
+
+    def here(count: int) -> Any:
+        split, columns = SimpleNamespace(held_out=()), SimpleNamespace(residual=None)
+        return SimpleNamespace(count=count, split=split, rows=None, problem=SimpleNamespace(noise=None), columns=columns)
+
+    def drop(last: Any, name: str, means: Any) -> Any:
+        if fails:
+            raise NumericsError("no run")
+        return here(last.count - 1), f"fit of {last.count - 1}"
+
+    monkeypatch.setattr(module, "held_out_of", lambda t: t.count)
+    monkeypatch.setattr(module, "compared", lambda before, after, *_: replace(GOOD, gain=gains[after]))
+    monkeypatch.setattr(module, "proof_of_refit", lambda first, last, name: (tests or {}).get(name))
+    monkeypatch.setattr(module, "without", drop)
+    refit: Any = None
+    return against_base(Closed((), here(0), here(3), FIT, ("a", "b", "c"), (), refit, None), "auto")
+
+
+def test_the_latest_effects_go_until_what_stays_beats_the_base_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = base(monkeypatch, {3: 0.019, 2: 0.002, 1: 0.021})
+    assert found.accepted == ("a",) and found.dropped == ("c", "b") and found.last.count == 1 and found.fit == "fit of 1"  # type: ignore[attr-defined,comparison-overlap]
+    assert found.remarks[0].startswith("c is taken back: with a, b, c together held-out error falls by 1.90 %")
+    assert base(monkeypatch, dict.fromkeys((1, 2, 3), -0.1)).accepted == ()
+    assert base(monkeypatch, {3: 0.021}).accepted == ("a", "b", "c")
+
+
+def test_a_held_out_test_that_all_together_do_not_predict_better_takes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worst of them decides."""
+    bad = replace(GOOD, gain=-0.2, on="second")
+    found = base(monkeypatch, dict.fromkeys((1, 2, 3), 0.5), {"b": bad, "a": GOOD})
+    assert found.accepted == ("a",) and "on second rises by 20.00 %" in found.remarks[0]
+
+
+def test_what_cannot_be_taken_back_is_unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = base(monkeypatch, {3: 0.0}, fails=True)
+    assert found.accepted == ("a", "b", "c") and "the fit without it failed: no run" in found.unjudged["c"]
+
+
+def test_what_the_last_round_accepted_is_not_asked_whether_it_is_still_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has just been proved, and nothing came after it."""
+    rounds: Any = tuple(SimpleNamespace(accepted=names) for names in (("a",), ("b", "c"), ()))
+    refit: Any = None
+    last: Any = "last"
+    monkeypatch.setattr(module, "still_needed", lambda *_: False)
+    monkeypatch.setattr(module, "without", lambda here, name, _: (f"{here} without {name}", None))
+    found = _backward(Closed(rounds, last, last, FIT, ("a", "b", "c"), (), refit, None), "auto")
+    assert found.dropped == ("a",) and found.accepted == ("b", "c") and found.last == "last without a"  # type: ignore[comparison-overlap]
+
+
+def looped(monkeypatch: pytest.MonkeyPatch, trials: list[Trial], winner: Any, most: int) -> Closed:
+    """A loop of one round with these trials, at a trace that promises a rival and could not run a lamp."""
+    here: Any = SimpleNamespace(
+        case=SimpleNamespace(sharper=None, parameters=None),
+        unjudged={"lamp": "no run"},
+        promising=lambda: (score("rival"),),
+        columns=SimpleNamespace(residual=np.ones(2)),
+    )
+    turns = iter([(trials, winner and (winner, (here, FIT))), ([trial("late", 0.1, "no run", unjudged=True)], None)])
+    monkeypatch.setattr(module, "traced", lambda *_: here)
+    monkeypatch.setattr(module, "retraced", lambda t: t)
+    monkeypatch.setattr(module, "_turn", lambda *_: next(turns))
+    monkeypatch.setattr(module, "_backward", lambda closed, _: replace(closed, remarks=("backward",)))
+    monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))
+    case: Any = None
+    refit: Any = None
+    return close_loop(case, FIT, refit, most, None)
+
+
+def test_what_no_run_of_the_last_round_could_judge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither pairs, whose parts may be judged alone, nor what was judged and refused."""
+    trials = [trial("a", 0.1, "failed", unjudged=True), trial("b c", 0.1, "failed", unjudged=True), trial("d", 0.1, "refused")]
+    assert looped(monkeypatch, trials, None, 3).unjudged == {"lamp": "no run", "a": "failed"}
+    assert looped(monkeypatch, trials, trial("e", 0.5), 3).unjudged == {"lamp": "no run", "late": "no run"}, "a later round may judge it"
+
+
+def test_the_loop_ends_with_the_backward_check_and_then_the_base_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert looped(monkeypatch, [], None, 3).remarks == ("backward", "base")
+
+
+def test_what_was_worth_a_refit_when_the_loop_was_full_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert looped(monkeypatch, [], trial("e", 0.5), 1).open_ones == ("rival",)
+    assert looped(monkeypatch, [], trial("e", 0.5), 2).open_ones == ()
+
+
+def among(cheap: bool, promising: tuple[Score, ...], others: tuple[Score, ...] = ()) -> list[str]:
+    """Candidates of a ranking with threshold 3; the later a promising one comes, the more it gains."""
+    proofs = {s.effect: replace(GOOD, gain=0.1 * k) for k, s in enumerate(promising)}
+    ranking = SimpleNamespace(scores=(*promising, *others), threshold=3.0)
+    here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap), promising=lambda: promising, proofs=proofs, ranking=ranking)
+    return [s.effect for s in candidates(here)]
+
+
+def test_candidates_of_a_body_are_the_first_and_those_with_the_largest_gains() -> None:
+    found = among(False, tuple(score(n) for n in "abcdef"), (score("g"),))
+    assert found == ["a", "f", "e", "d"] and len(found) == MOST_TRIED
+
+
+def test_candidates_of_coupons_are_all_that_passes_families_first() -> None:
+    others = (
+        score("over", 8.0),
+        score("numerical", 7.0, predicted_drop=3.9, numerical_drop=1.0),
+        score("alike", 6.0, predicted_drop=3.9, numerical_drop=1.0),
+        score("below", 2.9),
+        score("impossible", 9.0, vetoed="outside its bounds"),
+    )
+    assert among(True, (score("a", 9.0, ("alike",)), score("b")), others) == ["a", "b", "alike", "over"]
+    assert len(among(True, tuple(score(str(k)) for k in range(12)))) == TRIED_WHERE_CHEAP

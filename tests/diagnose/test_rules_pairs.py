@@ -1,0 +1,208 @@
+"""The rules of pairs, one at a time: when they are asked, which are made, which of them are refitted and accepted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.core.errors import NumericsError
+from thermofit.diagnose import pairs as module
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.pairs import (
+    ON_KNOWN_MOTION,
+    PARTNERS,
+    REFITTED,
+    Pair,
+    _stepped,
+    _worth_a_refit,
+    best_pair,
+    leaves_more_than_it_takes,
+    pairs_of,
+    partners,
+)
+from thermofit.diagnose.score import Score
+from thermofit.diagnose.trial import Trial
+
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+N = 200
+FIT: Any = None
+MEANS: Any = None
+
+
+def score(name: str, z: float = 9.0, family: tuple[str, ...] = ()) -> Score:
+    return Score(name, z, 0.0, 0.0, {}, {}, 1.0, 0.0, "", (name, *family))
+
+
+def trial(gain: float = 0.5, drop: float = 0.0, refused: str = "", names: tuple[str, ...] = ("ir_drift", "ir_gain")) -> Trial:
+    return Trial(tuple(score(n) for n in names), replace(GOOD, gain=gain), {}, {}, drop, refused)
+
+
+@pytest.mark.parametrize(
+    ("beyond", "taken", "asked"),
+    [(79.0, 0.0, False), (81.0, 0.0, True), (1000.0, 499.0, True), (1000.0, 501.0, False)],
+    ids=["chance", "more than chance", "less than half is taken", "more than half is taken"],
+)
+def test_pairs_are_asked_where_the_best_single_effect_leaves_more_than_it_takes(beyond: float, taken: float, asked: bool) -> None:
+    """200 values: the square sum of noise scatters by 20."""
+    here: Any = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)))
+    fit: Any = SimpleNamespace(f=N + beyond)
+    assert leaves_more_than_it_takes(here, fit, [trial(drop=taken), trial(drop=0.5 * taken)]) is asked
+
+
+def test_what_a_refused_effect_would_take_is_still_there() -> None:
+    here: Any = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)))
+    fit: Any = SimpleNamespace(f=N + 1000.0)
+    assert leaves_more_than_it_takes(here, fit, [trial(drop=900.0, refused="at its bound")])
+
+
+def ranked(*scores: Score) -> Any:
+    return SimpleNamespace(ranking=SimpleNamespace(scores=scores, threshold=3.0))
+
+
+def test_partners_are_above_the_threshold_or_of_such_a_family() -> None:
+    found = partners(ranked(score("a", 9.0, ("c",)), score("b", 2.9), score("c", 1.0), score("d", 3.1)))
+    assert [s.effect for s in found] == ["a", "d", "c"]
+    many = partners(ranked(*(score(str(k), 10.0 + k) for k in range(12))))
+    assert [s.effect for s in many] == [str(k) for k in range(11, 11 - PARTNERS, -1)], "the strongest"
+
+
+A, B, C = np.eye(3)[:, :, None]
+"""Columns (3, 1) of length one."""
+
+
+def stepped(a: np.ndarray, b: np.ndarray, left: np.ndarray, names: tuple[str, str] = ("ir_drift", "radiation")) -> Pair | None:
+    return _stepped((score(names[0]), score(names[1])), (({"x": 1.0}, a), ({"y": 2.0}, b)), (a, b), left)
+
+
+def test_a_joint_step_explains_what_both_do() -> None:
+    """-0.02 (4, 0, 0) - 0.3 (2, 2, 0) + (0, 0, 5) is left: estimates 0.02 and 0.3, and all but 25 of the square sum."""
+    a, b = 4.0 * A, 2.0 * (A + B)
+    left = -(0.02 * a + 0.3 * b)[:, 0] + 5.0 * C[:, 0]
+    found = stepped(a, b, left)
+    assert found is not None and found.settings == {"x": 1.0, "y": 2.0}
+    assert found.scores[0].estimate == pytest.approx({"ir_drift.rate": 0.02})
+    assert found.scores[1].estimate == pytest.approx({"radiation.emissivity": 0.3})
+    assert found.drop == pytest.approx(float(left @ left) - 25.0)
+
+
+@pytest.mark.parametrize(("size", "there"), [(0.99, True), (1.01, False), (-0.01, False)])
+def test_a_pair_with_an_estimate_outside_its_bounds_is_none(size: float, there: bool) -> None:
+    """An emissivity is between 0 and 1."""
+    assert (stepped(A, B, -(0.02 * A + size * B)[:, 0]) is not None) is there
+
+
+def test_effects_that_act_alike_or_are_not_felt_are_no_pair() -> None:
+    left = -0.02 * A[:, 0]
+    assert stepped(A, A + 1e-5 * B, left) is None and stepped(A, 0.0 * B, left) is None
+    assert stepped(A, A + 0.1 * B, left) is not None
+
+
+def test_pairs_stand_at_their_best_exponents_the_largest_fall_first() -> None:
+    """Of the second effect the second value of the exponent explains what is left; the third effect explains next to nothing."""
+    left = -np.array([0.02, 0.03, 0.001])
+    names = {"ir_drift": A, "ir_gain": C, "lamp": C}
+    here = ranked(score("lamp", 7.0), score("ir_gain", 8.0), score("ir_drift", 9.0))
+    here.scanned = {"ir_gain": (({"k": 1.0}, 0.5 * (A + C)), ({"k": 2.0}, B))}
+    here.problem = SimpleNamespace(left=left, dormant={n: (("",), c) for n, c in names.items()}, beyond=lambda block: block)
+    found = pairs_of(here)
+    assert {s.effect for s in found[0].scores} == {"ir_drift", "ir_gain"} and len(found) == 3
+    assert found[0].settings == {"k": 2.0}
+    assert [p.drop for p in found] == sorted((p.drop for p in found), reverse=True)
+
+
+def here_of(cheap: bool = True, heated: Any = None) -> Any:
+    return SimpleNamespace(
+        case=SimpleNamespace(cheap=cheap, heated=heated, parameters=None),
+        rows=None,
+        split=SimpleNamespace(held_out=(None,) * 5),
+        problem=SimpleNamespace(noise=None),
+        columns=SimpleNamespace(residual=None),
+    )
+
+
+PAIRS = [Pair((score(f"a{k}"), score(f"b{k}")), {}, 10.0 - k) for k in range(9)]
+
+
+def of_pairs(monkeypatch: pytest.MonkeyPatch, gains: list[float | None], singles: dict[str, Any], beats: tuple[str, ...]) -> Any:
+    """Best of pairs that are refitted to these gains (None: refused); `beats`: names of single effects that a pair predicts better than."""
+    left = iter(gains)
+
+    def refitted(here: Any, fit: Any, scores: Any, settings: Any, means: Any) -> Any:
+        gain, names = next(left), tuple(s.effect for s in scores)
+        return (trial(0.9, refused="no", names=names), None) if gain is None else (trial(gain, names=names), (here_of(), "fit"))
+
+    def compare(one: Any, *_: Any) -> Proof:
+        return replace(GOOD, sigma=0.01 if one in beats else 0.4)
+
+    monkeypatch.setattr(module, "pairs_of", lambda _: PAIRS[: len(gains)])
+    monkeypatch.setattr(module, "tried_together", refitted)
+    monkeypatch.setattr(module, "held_out_of", lambda one: one)
+    monkeypatch.setattr(module, "compared", compare)
+    return best_pair(here_of(), FIT, {name: name for name in singles}, MEANS)  # type: ignore[misc]
+
+
+def test_of_pairs_the_one_with_the_largest_gain_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    singles: Any = ()
+    trials, best = of_pairs(monkeypatch, [0.2, None, 0.4, 0.3], singles, ())
+    assert best[0].gain == 0.4 and len(trials) == 4
+
+
+def test_a_pair_has_to_predict_better_than_each_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    singles: Any = ("a1", "b1", "a0")
+    trials, best = of_pairs(monkeypatch, [0.2, 0.4], singles, ("a0", "a1"))
+    assert best[0].gain == 0.2 and trials[1].refused == "predicts held-out data no better than b1 alone"
+    _, best = of_pairs(monkeypatch, [0.2, 0.4], singles, singles)
+    assert best[0].gain == 0.4
+
+
+def test_of_coupons_as_many_pairs_are_refitted_as_are_worth_it() -> None:
+    assert _worth_a_refit(here_of(), PAIRS) == PAIRS[:REFITTED]
+
+
+def on_known_motion(
+    monkeypatch: pytest.MonkeyPatch, convinces: bool, alone: dict[str, float] | None = None
+) -> tuple[list[Pair], list[str]]:
+    """Pairs of a body that are refitted: the third gains most; what was asked of temperatures, and what was compared."""
+    asked = []
+
+    def end(gain: float, name: str) -> Any:
+        return SimpleNamespace(proof=replace(GOOD, gain=gain), held_out=name, left=None)
+
+    def together(here: Any, heat: Any, scores: Any, settings: Any) -> Any:
+        asked.append(scores[0].effect)
+        return end({"a0": 0.2, "a1": 0.3, "a2": 0.4}.get(scores[0].effect, 0.9), scores[0].effect)
+
+    def compare(one: Any, other: Any, *_: Any) -> Proof:
+        asked.append(f"{one} {other}")
+        return replace(GOOD, sigma=0.01 if convinces else 0.4)
+
+    every = {n: 0.1 for k in range(9) for n in (f"a{k}", f"b{k}")} | {"b4": 0.2} if alone is None else alone
+    monkeypatch.setattr(module, "shown_alone", lambda *_: {n: end(g, n) for n, g in every.items()})
+    monkeypatch.setattr(module, "shown_together", together)
+    monkeypatch.setattr(module, "compared", compare)
+    return _worth_a_refit(here_of(False, lambda _: "heat"), PAIRS), asked
+
+
+def test_of_a_body_the_pair_that_temperatures_show_best_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it predicts better than the best single effect there; only the first are asked."""
+    found, asked = on_known_motion(monkeypatch, True)
+    assert found == [PAIRS[2]] and asked == ["a0", "a1", "a2", "b4 a2"] and len(asked) == ON_KNOWN_MOTION + 1
+    assert on_known_motion(monkeypatch, False)[0] == []
+
+
+def test_of_a_body_only_pairs_that_temperatures_show_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert on_known_motion(monkeypatch, True, {"a1": 0.1, "b1": 0.1, "a2": 0.1})[0] == [PAIRS[1]]
+    assert on_known_motion(monkeypatch, True, {}) == ([], [])
+
+
+def test_of_a_body_without_a_known_motion_no_pair_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*_: Any) -> Any:
+        raise NumericsError("no run")
+
+    assert _worth_a_refit(here_of(False), PAIRS) == [] and _worth_a_refit(here_of(False, lambda _: None), PAIRS) == []
+    monkeypatch.setattr(module, "shown_alone", failing)
+    assert _worth_a_refit(here_of(False, lambda _: "heat"), PAIRS) == []

@@ -1,0 +1,323 @@
+"""The rules by which a refit is made and refused, one at a time: everything else lets it pass, so that each stands for itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose import trial as module
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.trial import (
+    NEARER,
+    Trial,
+    _ended,
+    _freed,
+    _nearer,
+    _on_readings,
+    _worth,
+    at_bound,
+    refusal,
+    told_apart,
+    tried,
+    tried_together,
+)
+from thermofit.effects.catalogue import effect
+
+RATE = "ir_drift.rate"
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+BASE = Parameters.of({"kappa": 120.0, "c0": 2.3})
+PAIR = ("second_hardening", "lamp")
+WITH_EXPONENTS = BASE.replace(**{n: param(n).neutral for name in PAIR for n in effect(name).names}).with_free(
+    ("kappa", *(effect(name).amplitude.name for name in PAIR))
+)
+
+
+def refused(
+    monkeypatch: pytest.MonkeyPatch,
+    estimate: float = 0.02,
+    sigma: float = 1e-3,
+    proof: Proof = GOOD,
+    *,
+    fitted: Any = (1.0,),
+    at: bool = False,
+    misses: float = 0.0,
+) -> str:
+    """What is said of a drift that everything speaks for, but for what is given."""
+    monkeypatch.setattr(module, "missed", lambda *_: misses)
+    fit: Any = SimpleNamespace(sigma=fitted, at_bound=[at], names=(RATE,))
+    there: Any = None
+    return refusal(there, [effect("ir_drift")], ({RATE: estimate}, {RATE: sigma}), proof, fit)
+
+
+def test_an_effect_that_all_speaks_for_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert refused(monkeypatch) == ""
+
+
+def test_a_refit_without_standard_errors_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert refused(monkeypatch, fitted=None).startswith("the refit has no standard errors")
+
+
+@pytest.mark.parametrize(
+    ("gain", "sigma", "said"),
+    [
+        (0.02, 0.0101, "falls by 2.00 % +- 1.01 % only"),
+        (0.0029, 1e-5, "falls by 0.29 % +- 0.00 % only"),
+        (-0.5, 0.01, "rises by 50.00 % +- 1.00 %"),
+    ],
+    ids=["within its errors", "of no worth", "against it"],
+)
+def test_a_gain_that_does_not_convince_is_refused(monkeypatch: pytest.MonkeyPatch, gain: float, sigma: float, said: str) -> None:
+    assert refused(monkeypatch, proof=replace(GOOD, gain=gain, sigma=sigma)) == f"held-out error {said}"
+
+
+@pytest.mark.parametrize(("value", "ends"), [(0.0991, True), (-0.0991, True), (0.0989, False), (-0.0989, False)])
+def test_an_amplitude_within_one_per_cent_of_its_bound_is_refused(monkeypatch: pytest.MonkeyPatch, value: float, ends: bool) -> None:
+    assert ("ends at its bound" in refused(monkeypatch, value)) is ends
+
+
+def test_an_amplitude_that_the_fit_says_is_at_its_bound_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "ends at its bound" in refused(monkeypatch, at=True)
+
+
+def test_a_bound_that_is_neutral_is_no_end() -> None:
+    """An emissivity of nothing is not at a bound; one of 1 is."""
+    p = param("radiation.emissivity")
+    assert not at_bound(p, 0.0) and not at_bound(p, 0.005) and at_bound(p, 0.995)
+
+
+@pytest.mark.parametrize(("away", "misses", "near"), [(1.9, 0.0, True), (-1.9, 1.9, True), (2.1, 0.0, False), (1.9, 2.1, False)])
+def test_an_amplitude_within_two_standard_errors_of_neutral_is_refused(
+    monkeypatch: pytest.MonkeyPatch, away: float, misses: float, near: bool
+) -> None:
+    """Unless temperatures miss it by more than two on the known motion."""
+    assert ("is not away from 0" in refused(monkeypatch, away * 1e-3, misses=misses)) is near
+
+
+def of(name: str, size: float = 0.02) -> Any:
+    return SimpleNamespace(effect=name, estimate={effect(name).amplitude.name: size})
+
+
+def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
+    split = SimpleNamespace(held_out=(None,) * 5)
+    problem = SimpleNamespace(noise=None)
+    return SimpleNamespace(
+        case=SimpleNamespace(parameters=parameters, **case),
+        rows=None,
+        split=split,
+        problem=problem,
+        columns=SimpleNamespace(residual=None),
+        scanned={},
+        settings={},
+    )
+
+
+@pytest.mark.parametrize("largest", [1.0, 0.3, 0.02])
+def test_a_refit_that_cannot_be_run_begins_nearer_to_neutral(largest: float) -> None:
+    """The starts are those parts of the estimate, in turn, up to the first that can be run."""
+    begun = []
+
+    def refit(start: Parameters, label: str) -> Any:
+        begun.append(start[RATE] / 0.02)
+        if start[RATE] > 0.02 * largest + 1e-9:
+            raise NumericsError("no equilibrium")
+        return start, label
+
+    found = _nearer(here_of(), (of("ir_drift"),), {}, refit)
+    expected = [part for part in NEARER if part > largest]
+    expected.append(NEARER[len(expected)])
+    assert begun == pytest.approx(expected, abs=1e-4) and not isinstance(found, str)
+
+
+def test_where_no_start_can_be_run_the_first_reason_is_said() -> None:
+    begun = []
+
+    def refit(start: Parameters, label: str) -> Any:
+        begun.append(label)
+        raise NumericsError(f"broken {len(begun)}")
+
+    assert str(_nearer(here_of(), (of("ir_drift"),), {}, refit)).startswith("broken 1 (nor can it be run from 0.0156")
+    assert len(begun) == len(NEARER)
+
+
+def failing(*_: Any) -> Any:
+    raise NumericsError("no equilibrium at 12 s")
+
+
+def test_a_trial_whose_judgement_fails_is_unjudged_and_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The refit runs, what follows does not."""
+    monkeypatch.setattr(module, "scans", lambda *_: [{}])
+    monkeypatch.setattr(module, "_ended", failing)
+    means: Any = SimpleNamespace(refit=lambda start, _: (start, None))
+    fit: Any = None
+    for trial, found in (
+        tried(here_of(), fit, of("ir_drift"), means),
+        tried_together(here_of(), fit, (of("ir_drift"), of("ir_gain")), {}, means),
+    ):
+        assert found is None and trial.unjudged and trial.refused == "a run that judges it failed: no equilibrium at 12 s"
+
+
+def test_a_trial_that_no_start_runs_is_unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "scans", lambda *_: [{}])
+    means: Any = SimpleNamespace(refit=failing)
+    fit: Any = None
+    single, _ = tried(here_of(), fit, of("ir_drift"), means)
+    pair, _ = tried_together(here_of(), fit, (of("ir_drift"), of("ir_gain")), {}, means)
+    assert single.unjudged and pair.unjudged and single.refused.startswith("the refit failed: no equilibrium")
+
+
+@pytest.mark.parametrize(("fall", "worth"), [(9.9, False), (10.1, True)])
+def test_exponents_are_fitted_where_the_objective_falls_by_ten(fall: float, worth: bool) -> None:
+    start: Any = (WITH_EXPONENTS, SimpleNamespace(f=100.0))
+    found, said = _freed(start, ("lamp.start",), "lamp", lambda p, _: (p, SimpleNamespace(f=100.0 - fall, converged=True)))  # type: ignore[return-value,arg-type]
+    assert (found is not None) is worth and (said == "fitted") is worth
+    if found is not None:
+        assert "lamp.start" in found[0].free
+
+
+Judge = Callable[..., tuple[Trial, Any]]
+
+
+def ended(
+    monkeypatch: pytest.MonkeyPatch, gains: dict[str, tuple[float, str]], freed: dict[tuple[str, ...], bool], cheap: bool = True
+) -> Trial:
+    """The end of two effects with an exponent each: `gains` = (gain, why refused) by what is free, `freed` = what can be freed, and whether
+    it settles."""
+
+    def free(end: Any, names: tuple[str, ...], label: str, refit: Any) -> Any:
+        if names not in freed:
+            return None, "gains nothing"
+        return (end[0], SimpleNamespace(converged=freed[names], of=" ".join(names))), "fitted"
+
+    def judge(here: Any, fit: Any, scores: Any, end: Any, means: Any) -> Any:
+        gain, why = gains[end[1].of]
+        return Trial(tuple(scores), replace(GOOD, gain=gain), {}, {}, 0.0, why), None if why else end[1].of
+
+    monkeypatch.setattr(module, "_freed", free)
+    monkeypatch.setattr(module, "_judged", judge)
+    means: Any = SimpleNamespace(refit=None)
+    fit: Any = None
+    end: Any = (WITH_EXPONENTS, SimpleNamespace(converged=True, of="held"))
+    trial, found = _ended(here_of(cheap=cheap), fit, tuple(of(n) for n in PAIR), end, means)
+    return replace(trial, exponents=f"{found}: {trial.exponents}")
+
+
+BOTH = ("second_hardening.b", "lamp.start")
+
+
+def test_of_coupons_the_best_end_is_taken_and_not_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {"held": (0.1, ""), " ".join(BOTH): (0.2, ""), "second_hardening.b": (0.4, ""), "lamp.start": (0.3, "")}
+    every = {BOTH: True, BOTH[:1]: True, BOTH[1:]: True}
+    assert ended(monkeypatch, gains, every).exponents == "second_hardening.b: second_hardening.b fitted"
+    assert ended(monkeypatch, gains, {BOTH: True}).exponents == f"{' '.join(BOTH)}: fitted"
+    worse = gains | {" ".join(BOTH): (0.05, "")}
+    assert ended(monkeypatch, worse, {BOTH: True}).exponents.endswith("freeing them gains nothing on held-out data")
+
+
+def test_an_end_that_is_refused_comes_after_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {"held": (0.1, ""), " ".join(BOTH): (0.4, "at its bound")}
+    assert ended(monkeypatch, gains, {BOTH: True}).refused == ""
+
+
+def test_an_end_that_does_not_settle_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {"held": (0.1, ""), " ".join(BOTH): (0.4, ""), "lamp.start": (0.5, "")}
+    said = ended(monkeypatch, gains, {BOTH: False, BOTH[1:]: False}).exponents
+    assert said.startswith("held: ") and said.endswith("with them free the fit does not settle")
+
+
+def test_of_a_body_what_is_freed_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run costs too much to try all."""
+    gains = {"held": (0.4, ""), " ".join(BOTH): (0.1, "")}
+    assert ended(monkeypatch, gains, {BOTH: True}, cheap=False).exponents == f"{' '.join(BOTH)}: fitted"
+
+
+def worth(monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], needed: tuple[str, ...] = (), **tests: Proof | None) -> Any:
+    """Worth of effects that nothing else speaks against; `tests`: proofs on held-out tests."""
+    monkeypatch.setattr(module, "held_out_of", lambda *_: None)
+    monkeypatch.setattr(module, "compared", lambda *_: GOOD)
+    monkeypatch.setattr(module, "refusal", lambda *_: "")
+    monkeypatch.setattr(module, "proof_of_refit", lambda _here, _there, name: tests.get(name))
+    monkeypatch.setattr(module, "still_needed", lambda _there, name: name in needed)
+    amplitudes = tuple(effect(n).amplitude.name for n in names)
+    there = here_of(BASE.replace(**dict.fromkeys(amplitudes, 0.02)))
+    fit: Any = SimpleNamespace(sigma=np.full(len(names), 1e-3), names=amplitudes)
+    return _worth(here_of(), there, [of(n) for n in names], fit)
+
+
+@pytest.mark.parametrize(
+    ("needed", "said"),
+    [
+        (("ir_drift", "ir_gain"), ""),
+        (("ir_gain",), "ir_drift not needed beside the other"),
+        ((), "ir_drift and ir_gain not needed beside the other"),
+    ],
+)
+def test_of_two_effects_each_has_to_be_needed(monkeypatch: pytest.MonkeyPatch, needed: tuple[str, ...], said: str) -> None:
+    assert worth(monkeypatch, ("ir_drift", "ir_gain"), needed).refused == said
+    assert worth(monkeypatch, ("ir_drift",)).refused == "", "one alone is judged by its proof"
+
+
+def test_the_worst_held_out_test_decides_where_one_judges(monkeypatch: pytest.MonkeyPatch) -> None:
+    low, high = replace(GOOD, gain=0.1), replace(GOOD, gain=0.9)
+    assert worth(monkeypatch, ("ir_drift", "ir_gain"), ir_drift=high, ir_gain=low).proof is low
+    assert worth(monkeypatch, ("ir_drift",), ir_drift=high).proof is high
+    assert worth(monkeypatch, ("ir_drift",)).proof is GOOD
+
+
+@pytest.mark.parametrize(
+    ("without", "why", "said"),
+    [(0.24, "", "off"), (0.26, "", ""), (0.26, "at its bound", "off")],
+    ids=["less than half", "half", "refused"],
+)
+def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
+    monkeypatch: pytest.MonkeyPatch, without: float, why: str, said: str
+) -> None:
+    """Of a gain of 0.5, where the refit drives the reading of kappa off."""
+    prior = SimpleNamespace(name="kappa")
+    monkeypatch.setattr(module, "beyond_error", lambda *_: (prior,))
+    monkeypatch.setattr(module, "in_words", lambda *_: "off")
+    monkeypatch.setattr(module, "_worth", lambda *_: SimpleNamespace(proof=replace(GOOD, gain=without), refused=why))
+    begun = []
+
+    def refit(start: Parameters, label: str) -> Any:
+        begun.append(start)
+        return start, None
+
+    end = BASE.replace(**{RATE: 0.02, "kappa": 90.0}).with_free(("kappa", "c0", RATE))
+    means: Any = SimpleNamespace(refit=refit, traced=lambda *_: None)
+    here = here_of(model=SimpleNamespace(priors=()))
+    found, words = _on_readings(here, [of("ir_drift")], end, GOOD, means)
+    assert found == said and words.startswith("with kappa held held-out error falls")
+    (start,) = begun
+    assert start["kappa"] == 120.0 and start.free == ("c0", RATE), "the reading is held where it was"
+
+
+def test_an_effect_whose_own_param_no_reading_explains_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "beyond_error", lambda *_: (SimpleNamespace(name=RATE),))
+    monkeypatch.setattr(module, "in_words", lambda *_: "off")
+    means: Any = SimpleNamespace(refit=failing)
+    here = here_of(model=SimpleNamespace(priors=()))
+    assert _on_readings(here, [of("ir_drift")], BASE.replace(**{RATE: 0.02}), GOOD, means) == ("off", "")
+
+
+@pytest.mark.parametrize(("gain", "apart"), [(0.021, True), (0.019, False)])
+def test_refits_are_told_apart_by_two_standard_errors(monkeypatch: pytest.MonkeyPatch, gain: float, apart: bool) -> None:
+    """The one of the larger held-out error is that without."""
+    one, other = here_of(), here_of()
+    error = {id(one): np.ones(3), id(other): np.zeros(3)}
+    seen = []
+
+    def compare(before: np.ndarray, after: np.ndarray, *_: Any) -> Proof:
+        seen.append((before.sum(), after.sum()))
+        return replace(GOOD, gain=gain, sigma=0.01)
+
+    monkeypatch.setattr(module, "held_out_of", lambda t: error[id(t)])
+    monkeypatch.setattr(module, "compared", compare)
+    assert told_apart(one, other) is apart and told_apart(other, one) is apart
+    assert seen == [(3.0, 0.0)] * 2

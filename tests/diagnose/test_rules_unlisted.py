@@ -1,0 +1,177 @@
+"""The rules of what is unlisted, one at a time: what stands out, what explains it, what is believed, what is taken back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.diagnose import unlisted as module
+from thermofit.diagnose import unlisted_loop as loop
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.unlisted import _closer, believed, unlisted
+from thermofit.diagnose.unlisted_loop import _resembles, in_their_stead
+from thermofit.diagnose.unlisted_place import compact, when_of
+from thermofit.diagnose.unlisted_structure import Blocks, Structure, _noise
+
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+
+
+def blocks(noise: float = 1.0, numerical: float = 0.0) -> Blocks:
+    """Two blocks of four rows each."""
+    return Blocks("theta", np.arange(8), np.repeat([0, 1], 4), np.full(2, 4.0), np.full(2, noise), np.full(2, numerical))
+
+
+def test_excess_is_beyond_noise_and_discretisation() -> None:
+    """Sums 8 and -4 of four rows: 16 + 4, less v and less the numerical part of each block."""
+    residual = np.repeat([2.0, -1.0], 4)
+    assert blocks().excess(residual) == 18.0 and blocks(3.0, 2.0).excess(residual) == 10.0
+    assert blocks(3.0).spread == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(("excess", "out"), [(7.9, False), (8.1, True)])
+def test_structure_stands_out_by_four_standard_deviations(excess: float, out: bool) -> None:
+    """sqrt(2 (1 + 1)) = 2."""
+    assert Structure(blocks(), excess, 0.1).stands_out is out
+
+
+def test_noise_is_that_of_second_differences() -> None:
+    """A wrong sigma is noise, a slope is not: v = 9 for noise three times as large."""
+    r = 3.0 * np.random.default_rng(1).normal(size=4000)
+    place, time = np.zeros(4000, dtype=int), np.arange(4000)
+    assert _noise(r, place, time) == pytest.approx(9.0, rel=0.1)
+    assert _noise(r + 0.5 * time, place, time) == pytest.approx(_noise(r, place, time), rel=1e-6)
+
+
+@pytest.mark.parametrize(("gain", "sigma", "asked"), [(0.1, 0.033, True), (0.1, 0.034, False), (0.0051, 1e-6, True), (0.0049, 1e-6, False)])
+def test_a_field_is_believed_by_three_standard_errors_and_what_is_worth_it(gain: float, sigma: float, asked: bool) -> None:
+    field: Any = SimpleNamespace(proof=replace(GOOD, gain=gain, sigma=sigma))
+    assert believed(field) is asked
+
+
+@pytest.mark.parametrize(("explained", "missing"), [(0.49, True), (0.51, False)])
+def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch, explained: float, missing: bool) -> None:
+    """Only one that is still worth a refit."""
+    here: Any = SimpleNamespace(
+        ranking=SimpleNamespace(scores=(SimpleNamespace(effect="lamp"), SimpleNamespace(effect="refused"))),
+        case=SimpleNamespace(parameters=None),
+    )
+    monkeypatch.setattr(module, "unfitted", lambda *_: None)
+    monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
+    monkeypatch.setattr(
+        module, "best_listed", lambda _here, _s, _left, names: ("refused", 0.9) if "refused" in names else ("lamp", explained)
+    )
+    monkeypatch.setattr(module, "_term", lambda *_: None)
+    monkeypatch.setattr(module, "_kind_of", lambda *_: "")
+    found = unlisted(here, None, ["lamp"])
+    assert (found is not None) is missing and (found is None or found.listed == ("refused", 0.9))
+
+
+def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    here: Any = SimpleNamespace(ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None))
+    monkeypatch.setattr(module, "unfitted", lambda *_: None)
+    monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
+    monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
+    monkeypatch.setattr(module, "_term", lambda *_: None)
+    monkeypatch.setattr(module, "_kind_of", lambda *_: "heat")
+    assert unlisted(here, None, []) is None
+
+
+@pytest.mark.parametrize(("worse", "closer"), [(0.09, True), (0.11, False)])
+def test_fewer_hats_are_taken_unless_held_out_data_ask_for_all(worse: float, closer: bool) -> None:
+    """A tenth of the held-out error without a term is the standard error."""
+    basis = SimpleNamespace(rows=np.arange(4))
+    whole: Any = SimpleNamespace(basis=basis, before=np.ones(6), after=np.zeros(6), proof=replace(GOOD, sigma=0.1))
+    close: Any = SimpleNamespace(basis=basis, after=np.full(6, np.sqrt(worse)))
+    assert (_closer(whole, close) is close) is closer
+
+
+def test_the_window_is_where_the_term_is_above_half_of_its_plateau() -> None:
+    """A plateau of 2 with a peak of 3: half of the median of the upper values, crossed on straight lines."""
+    time, part = np.arange(10.0), np.zeros(10, dtype=int)
+    level = np.array([0.0, 0.0, 2.0, 2.0, 3.0, 2.0, 2.0, 0.0, 0.0, 0.0])
+    assert when_of(time, part, level) == pytest.approx((1.5, 6.5)) and when_of(time, part, -level) == pytest.approx((1.5, 6.5))
+    assert when_of(time, np.repeat([0, 1], 5), level)[1] == 4.0, "it ends with its record"
+
+
+def patch(values: list[float], sigma: list[float]) -> list[bool]:
+    """Places along y of a term that is the same at three times."""
+    v, s = (np.tile(np.array(a)[None, :, None, None], (3, 1, 1, 1)) for a in (values, sigma))
+    return compact(v, s)[:, 0].tolist()  # type: ignore[no-any-return]
+
+
+def test_a_place_belongs_to_the_term_from_three_tenths_of_the_largest() -> None:
+    """Both as it is and over its standard error, and where it hangs together with the clearest one."""
+    one = [1.0] * 6
+    assert patch([0.29, 0.31, 1.0, 0.31, 0.1, 0.9], one) == [False, True, True, True, False, False]
+    assert patch(one, [1.1, 4.0, 1.0, 3.0, 3.0, 3.4]) == [False, False, True, True, True, False]
+    assert patch([1.0, 0.0, 0.6, 0.6, 0.0, 0.0], [10.0, 10.0, 1.0, 1.0, 10.0, 10.0])[2:4] == [True, True], "the clearest, not the largest"
+
+
+def closed_of(first: float = 1000.0, accepted: tuple[str, ...] = ("a", "b", "c"), cheap: bool = False) -> Any:
+    split, problem = SimpleNamespace(held_out=()), SimpleNamespace(noise=None)
+    columns = SimpleNamespace(residual=first, fitted=None)
+    last = SimpleNamespace(case=SimpleNamespace(cheap=cheap), columns=columns, rows=None, split=split, problem=problem)
+    return SimpleNamespace(first=SimpleNamespace(columns=columns), last=last, accepted=accepted)
+
+
+def structure_of(excess: float) -> Any:
+    return SimpleNamespace(excess=excess, blocks=SimpleNamespace(excess=lambda residual: residual))
+
+
+@pytest.mark.parametrize(
+    ("excess", "needed", "taken"), [(99.0, False, False), (101.0, False, True), (101.0, True, False)], ids=["cause", "resembles", "needed"]
+)
+def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
+    monkeypatch: pytest.MonkeyPatch, excess: float, needed: bool, taken: bool
+) -> None:
+    """Of an excess of 1000 at first."""
+    monkeypatch.setattr(loop, "_without", lambda *_: None)
+    monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
+    monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
+    found: Any = SimpleNamespace(structure=structure_of(excess))
+    field: Any = SimpleNamespace(basis=None, after=None)
+    assert _resembles(closed_of(), ("a",), found, field) is taken
+
+
+def stead(
+    monkeypatch: pytest.MonkeyPatch, gains: dict[str, tuple[float, float]], needed: bool = False, excess: float = 500.0, cheap: bool = False
+) -> tuple[str, ...]:
+    """Effects in whose stead a field gains so much, (gain, its standard error); others nothing."""
+
+    class Hat:
+        rows = slice(None)
+
+    def field(known: Any, *_: Any) -> Any:
+        return SimpleNamespace(after=np.array(["" if isinstance(known, tuple) else known]))
+
+    def compare(before: Any, after: np.ndarray, *_: Any) -> Proof:
+        if after[0] == "":
+            return GOOD if needed else replace(GOOD, sigma=0.3)
+        gain, sigma = gains.get(after[0], (0.0, 0.01))
+        return replace(GOOD, gain=gain, sigma=sigma)
+
+    monkeypatch.setattr(loop, "standing", lambda *_: [structure_of(excess)])
+    monkeypatch.setattr(loop, "broad_basis", lambda *_: Hat())
+    monkeypatch.setattr(loop, "_without", lambda _here, names: " ".join(names))
+    monkeypatch.setattr(loop, "_rows_of", lambda *_: None)
+    monkeypatch.setattr(loop, "held_out_of", lambda *_: np.array(["now"]))
+    monkeypatch.setattr(loop, "field_of", field)
+    monkeypatch.setattr(loop, "compared", compare)
+    return in_their_stead(closed_of(cheap=cheap), None)
+
+
+def test_a_field_in_the_stead_of_effects_has_to_gain_surely_and_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert stead(monkeypatch, {"a": (0.1, 0.033)}) == ("a",) and stead(monkeypatch, {"a": (0.1, 0.034)}) == ()
+    assert stead(monkeypatch, {"a": (0.0049, 1e-6)}) == () and stead(monkeypatch, {"a": (0.0051, 1e-6)}) == ("a",)
+    assert stead(monkeypatch, {"a": (0.1, 0.01), "a c": (0.3, 0.01), "a b c": (0.2, 0.01)}) == ("a", "c")
+
+
+def test_no_field_stands_in_the_stead_of_effects_that_are_needed_or_leave_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor of those of coupons."""
+    gains = {"a": (0.3, 0.01)}
+    assert stead(monkeypatch, gains, excess=101.0) == ("a",) and stead(monkeypatch, gains, excess=99.0) == ()
+    assert stead(monkeypatch, gains, needed=True) == () and stead(monkeypatch, gains, cheap=True) == ()

@@ -94,18 +94,24 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     starts += [(_at(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
     failures = []
     best: tuple[Trial, Accepted | None] | None = None
+    first: Trial | None = None
     for score, chosen in starts:
         begun = _nearer(here, (score,), chosen, means.refit)
         if isinstance(begun, str):
             failures.append(begun)
             continue
         ended = _ended(here, fit, (score,), begun, means)
+        first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
         if not here.case.cheap or not any(at_bound(p, ended[0].estimate[p.name]) for p in own.amplitudes):
             break  # at a bound the values of the exponents may be the wrong ones
     if best is None:
         return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+    trial, proof = best[0], first.proof if first is not None else None
+    if best[1] is not None and proof is not None and trial.proof is not None and not trial.proof.not_less_than(proof):
+        said = f"ends at its bound at other exponents, where {proof.words}; here {trial.proof.words} only"
+        return replace(trial, refused=said), None
     return best
 
 

@@ -1,29 +1,33 @@
 """Virtual full-field tests for the operating figures: fields of a body with a planted effect, and the loop on a coarser model of it.
 
-The data come from a finer mesh and half the time steps, with noise of both cameras and of the load
-cell, whose record is smoothed as any other; the fit knows nothing of what was planted.
+The data come from a finer mesh and half the time steps, with noise of both cameras and of the load cell, whose record is smoothed as any
+other; the fit knows nothing of what was planted. The pace of the loading and the noise of the cameras are drawn by the seed.
 """
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from operating_draw import World, worlds
 
 from thermofit.core.experiment import ForceRecord, Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.core.staging import job
-from thermofit.core.study import Study
+from thermofit.core.study import Study, load_study
 from thermofit.core.study_section import PRESETS, MeshSize
 from thermofit.diagnose.case import Case, slots_of
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import JOINT_EVALUATIONS
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.structure import named_phases
-from thermofit.diagnose.trace import traced
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import Unlisted
+from thermofit.diagnose.unlisted_loop import ended
 from thermofit.fem.history import History
 from thermofit.fem.march import Loading
 from thermofit.identify.discretisation import corrected
@@ -43,6 +47,8 @@ TRUTH = {
 }
 FREE = ("E", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 NOISE = {"u": 0.002, "theta": 0.025, "force": 4.0}
+PACES = {"half-rate": 2.0, "usual-rate": 1.0, "twice-rate": 0.5}
+"""Times of the loading over the usual ones, by the name of the programme."""
 STUDY = """
 name: operating-body
 experiment: raw
@@ -61,18 +67,18 @@ parameters:
   beta: {start: 0.9, bounds: [0, 4]}
   alpha_air: {start: 12, bounds: [0, 100]}
   alpha_clamp: {start: 500, bounds: [10, 20000]}
-diagnosis: {max_effects: 3}
 """
 
 
-def programme() -> tuple[np.ndarray, np.ndarray, tuple[TestPhase, ...]]:
-    """Time s and force N: rest, loading at two rates with a hold between, unloading, cooling."""
+def programme(name: str) -> tuple[np.ndarray, np.ndarray, tuple[TestPhase, ...]]:
+    """Time s and force N: rest, loading at two rates with a hold between, unloading, cooling; `name` one of PACES."""
+    slower = PACES[name]
     legs = [
         (0.0, 4.0, 2, "rest"),
-        (3900.0, 8.0, 5, "loading 490 N/s"),
-        (4600.0, 20.0, 6, "loading 35 N/s"),
-        (4600.0, 15.0, 3, "hold"),
-        (5300.0, 5.0, 6, "loading 140 N/s"),
+        (3900.0, 8.0 * slower, 5, f"loading {488.0 / slower:.0f} N/s"),
+        (4600.0, 20.0 * slower, 6, f"loading {35.0 / slower:.0f} N/s"),
+        (4600.0, 15.0 * slower, 3, "hold"),
+        (5300.0, 5.0 * slower, 6, f"loading {140.0 / slower:.0f} N/s"),
         (500.0, 8.0, 4, "unloading"),
         (500.0, 120.0, 12, "cooling"),
     ]
@@ -91,28 +97,37 @@ def _points() -> np.ndarray:
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def _blank(name: str, sigma: float, n_c: int, unit: str) -> FieldObservation:
-    t, xy = programme()[0], _points()
+def _blank(t: np.ndarray, name: str, sigma: float, n_c: int, unit: str) -> FieldObservation:
+    xy = _points()
     shape = (len(t), len(xy))
     return FieldObservation(name, t, xy, np.zeros((*shape, n_c)), np.full((*shape, n_c), sigma), np.ones(shape, dtype=bool), unit)
 
 
-@lru_cache(maxsize=1)
-def _blank_test() -> Measured:
-    t, force, phases = programme()
+def _blank_test(world: World) -> Measured:
+    """A test of a programme without its values; sigma is the declared one."""
+    t, force, phases = programme(world.programme)
     steps = LoadSteps(t, force, np.zeros(len(t)))
     every = {"displacement": steps, "temperature": steps, "all": steps}
-    u, theta = _blank("u", NOISE["u"], 2, "mm"), _blank("theta", NOISE["theta"], 1, "K")
+    sigma = {name: world.noise * world.declared.get(name, 1.0) * NOISE[name] for name in ("u", "theta")}
+    u, theta = _blank(t, "u", sigma["u"], 2, "mm"), _blank(t, "theta", sigma["theta"], 1, "K")
     observed = force_observation(t, steps, NOISE["force"])
     return Measured(SPECIMEN, TRUTH["theta_air"], TRUTH["theta_clamp"], u, theta, observed, every, 4.0, phases)
 
 
-def _recorded(random: np.random.Generator) -> LoadSteps:
+def _recorded(world: World, random: np.random.Generator) -> LoadSteps:
     """The load as the identification knows it: a noisy record of the load cell, smoothed."""
-    t, force, _ = programme()
+    t, force, _ = programme(world.programme)
     time = np.arange(0.0, t[-1] + 0.05, 0.1)
     smooth = smooth_force(ForceRecord(time, np.interp(time, t, force) + NOISE["force"] * random.normal(size=len(time)), None))
     return LoadSteps(t, smooth.evaluate(t), np.zeros(len(t)), None, smooth.error_modes(t))
+
+
+@lru_cache(maxsize=2)
+def _study(text: str) -> Study:
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "study.yaml"
+        source.write_text(text, encoding="utf-8")
+        return load_study(source)
 
 
 def _case(joint: Joint, data: Measured, parameters: Parameters, largest_strain: float) -> Case:
@@ -128,12 +143,16 @@ class Fields:
 
     fit: MeshSize
     true: MeshSize
-    STUDY: str = STUDY
 
-    def measured(self, study: Study, planted: dict[str, float], seed: int) -> Measured:
+    def candidates(self, seed: int) -> tuple[World, ...]:
+        """The tests of a seed, see `worlds`."""
+        return worlds(seed, tuple(PACES), ("u", "theta"))
+
+    def measured(self, world: World, planted: Mapping[str, float]) -> Measured:
         """A virtual test of the truth with planted Params, from a finer mesh and half the time steps, with noise."""
-        blank, parameters = _blank_test(), Parameters.of({**TRUTH, **planted})
-        t, force, _ = programme()
+        study = _study(STUDY)
+        blank, parameters = _blank_test(world), Parameters.of({**TRUTH, **planted})
+        t, force, _ = programme(world.programme)
         fine = np.interp(np.arange(2 * len(t) - 1) / 2.0, np.arange(len(t)), t)
         body = specimen_body(study, blank, self.true)
         history: History = Run(body, Loading(fine, np.interp(fine, t, force)), march_settings(study, "full"))(parameters)
@@ -143,11 +162,12 @@ class Fields:
         samplers = {name: sampler(body, o, steps) for name, o in observations.items() if o is not None}
         run = Run(body, Loading(fine, steps.force), march_settings(study, "full"))
         look = Instruments(run, samplers, {n: o for n, o in observations.items() if o is not None}, TRUTH["theta_air"])
-        random = np.random.default_rng(seed)
-        u = look.predicted("u", history, parameters) + NOISE["u"] * random.normal(size=blank.displacement.value.shape)
-        theta = look.predicted("theta", history, parameters) + NOISE["theta"] * random.normal(size=blank.temperature.value.shape)
+        random = world.random("noise")
+        sigma = {name: world.noise * NOISE[name] for name in observations}
+        u = look.predicted("u", history, parameters) + sigma["u"] * random.normal(size=blank.displacement.value.shape)
+        theta = look.predicted("theta", history, parameters) + sigma["theta"] * random.normal(size=blank.temperature.value.shape)
         air, clamp = (TRUTH[name] + 0.1 * random.normal() for name in ("theta_air", "theta_clamp"))
-        loaded = _recorded(random)
+        loaded = _recorded(world, random)
         return replace(
             blank,
             force=force_observation(t, loaded, NOISE["force"]),
@@ -161,24 +181,28 @@ class Fields:
     def _joint(self, study: Study, data: Measured) -> Joint:
         return Joint(study, data, joint_settings(study, FREE, data), self.fit, beside=effect_priors(study))
 
-    def closed(self, study: Study, data: Measured, folder: Path) -> Closed:
-        """The loop on a test, from the fit of the base model on; a first fit, which knows nothing of its mesh, stands for the stages."""
+    def closed(self, world: World, data: Measured, folder: Path) -> tuple[Closed, Unlisted | None]:
+        """The loop on a test, from the fit of the base model on, and what it leaves unlisted; a first fit, which knows nothing of its mesh,
+        stands for the stages."""
+        study = _study(STUDY)
         base = study.start_parameters(data).with_free(FREE)  # type: ignore[arg-type]
         base = base.replace(theta_air=data.theta_air, theta_clamp=data.theta_clamp, theta_ref=TRUTH["theta_ref"])
-        joint, task = self._joint(study, data), job(Path(tempfile.mkdtemp(dir=folder)), "operating", {}, {})
+        joint, task = self._joint(study, data), job(folder, "operating", {}, {})
         staged, _ = JointFit(study, joint.settings, joint.model, task, 2 * JOINT_EVALUATIONS, parts=joint)(base, "stages")
-        found = corrected(joint, staged)
-        joint = found.joint
+        corrected_ = corrected(joint, staged)
+        joint = corrected_.joint
         refit = JointFit(study, joint.settings, joint.model, task, parts=joint)
         parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
-        case = replace(_case(joint, data, parameters, found.largest_strain), heated=refit.heated)
-        return close_loop(case, fit, refit, study.diagnosis.max_effects, found.left)
+        case = replace(_case(joint, data, parameters, corrected_.largest_strain), heated=refit.heated)
+        found = close_loop(case, fit, refit, study.diagnosis.max_effects, corrected_.left)
+        return ended(found, found.refit, found.numerical, study.diagnosis.held_out)
 
-    def detectable(self, study: Study) -> dict[str, float]:
-        """Smallest amplitude of every effect that passes the threshold, at the truth."""
-        data, truth = self.measured(study, {}, 1), Parameters.of(TRUTH, FREE)
+    def at_truth(self, world: World) -> Traced:
+        """The trace of a test with nothing planted and its noise as it is, at the truth: what smallest amplitudes are told by."""
+        study = _study(STUDY)
+        data, truth = self.measured(replace(world, declared={}), {}), Parameters.of(TRUTH, FREE)
         found = corrected(self._joint(study, data), truth)
-        return {s.effect: s.detectable for s in traced(_case(found.joint, data, truth, found.largest_strain)).ranking.scores}
+        return traced(_case(found.joint, data, truth, found.largest_strain))
 
 
 SMALL = Fields(MeshSize(n_x=3, n_y=20, n_z=1), MeshSize(n_x=5, n_y=36, n_z=2))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
+from scipy.stats import binomtest
 
 from thermofit.effects.catalogue import effect
 
@@ -19,37 +22,75 @@ from matplotlib.patches import Rectangle
 Run = dict[str, Any]
 FAR = 10.0
 """Scales beyond which it does not matter how late a time is: a drift that takes ten tests to settle is a straight line."""
-AIM = 3.0
-"""Hours that the whole study is to stay below on 2 cores."""
+AIM = 6.0
+"""Hours of CPU time that the whole study is to stay below."""
+SURE = 0.95
+"""One-sided confidence of the bound beside a share."""
 KINDS = {
     "point": "coupon records",
     "body": "full fields on a small body",
     "full": "full fields of the full mesh, fitted on the coarse one",
 }
+PLANTED = {3.0: "3 times", 10.0: "10 times", 1.0: "1 times"}
 
 
-def named_first(run: Run) -> bool:
+def names_of(run: Run) -> list[str]:
+    """Names of the effects that were planted."""
+    return [] if run["kind"] == "none" else run["kind"].split("+")
+
+
+def family_first(run: Run) -> bool:
     """Whether the first in the ranking is planted, or of one family with what is planted."""
-    return any(name in run["first_family"] for name in run["kind"].split("+"))
+    return any(name in run["first_family"] for name in names_of(run))
 
 
-def named(run: Run, name: str) -> bool:
-    """Whether an accepted effect is the planted one or of one family with it."""
-    return any(name == a or name in run["families"][a] for a in run["accepted"])
+def itself_first(run: Run) -> bool:
+    """Whether the first in the ranking is what was planted."""
+    return run["first"] in names_of(run)
+
+
+def stands_for(run: Run, accepted: str, name: str) -> bool:
+    """Whether an accepted effect is a planted one or of one family with it."""
+    return name == accepted or name in run["families"][accepted]
+
+
+def named(run: Run) -> bool:
+    """Whether every planted effect was accepted, itself or as one of its family: two of them by two different accepted effects."""
+    names = names_of(run)
+    return any(
+        all(stands_for(run, a, n) for a, n in zip(chosen, names, strict=True)) for chosen in permutations(run["accepted"], len(names))
+    )
 
 
 def besides(run: Run) -> bool:
     """Whether something was accepted that is not of the family of anything planted."""
-    names = run["kind"].split("+")
-    return any(not any(n == a or n in run["families"][a] for n in names) for a in run["accepted"])
+    return any(not any(stands_for(run, a, n) for n in names_of(run)) for a in run["accepted"])
 
 
-def over_floor(runs: Sequence[Run], nulls: Sequence[Run]) -> str:
-    """Held-out error after the loop over that with nothing planted, median of the channel that is worst."""
-    if not runs or not nulls:
-        return "-"
-    floor = {c: float(np.median([r["held_out"]["after"][c] for r in nulls])) for c in nulls[0]["held_out"]["after"]}
-    return f"{np.median([max(r['held_out']['after'][c] / floor[c] for c in floor) for r in runs]):.3f}"
+def unlisted(run: Run) -> bool:
+    """Whether something unlisted is said to be left."""
+    return run["unlisted"] is not None
+
+
+def answered(run: Run) -> Run:
+    """A run as the counts take it: one that failed has named nothing."""
+    none = {
+        "first": None,
+        "first_family": [],
+        "accepted": [],
+        "families": {},
+        "estimates": {},
+        "unlisted": None,
+        "after": {},
+        "settled": False,
+    }
+    return {**none, **run}
+
+
+def over_noise(runs: Sequence[Run]) -> str:
+    """Held-out error after the loop over the true noise in the channel that is worst, median of runs."""
+    found = [max(r["after"].values()) for r in runs if r["after"]]
+    return f"{np.median(found):.3f}" if found else "-"
 
 
 def bias(runs: Sequence[Run]) -> str:
@@ -57,7 +98,7 @@ def bias(runs: Sequence[Run]) -> str:
     values: list[float] = []
     others = 0
     for r in runs:
-        for n in r["kind"].split("+"):
+        for n in names_of(r):
             if n in r["estimates"]:
                 p = effect(n).amplitude
                 if as_planted(r, n):
@@ -71,41 +112,73 @@ def bias(runs: Sequence[Run]) -> str:
 
 
 def as_planted(run: Run, name: str) -> bool:
-    """Whether the other Params of an accepted effect, which are planted at their neutral values, came out alike: within their scale (not
-    where the order of magnitude is what counts) or a factor of four, or times that are both far beyond the scale. Amplitudes of two forms
-    of an effect cannot be compared."""
-    pairs = [(p, run["estimates"][name][p.name]) for p in effect(name).params if p.name != effect(name).amplitude.name]
+    """Whether the other Params of an accepted effect came out like the planted ones: within their scale (not where the order of magnitude
+    is what counts) or a factor of four, or times that are both far beyond the scale. Amplitudes of two forms of an effect cannot be
+    compared."""
+    others = [p for p in effect(name).params if p.name != effect(name).amplitude.name]
+    trios = [(p, run["estimates"][name][p.name], run["planted"].get(p.name, p.neutral)) for p in others]
     return all(
-        (not p.logarithmic and abs(found - p.neutral) <= p.scale)
-        or p.neutral <= 4.0 * found <= 16.0 * p.neutral
-        or (p.unit == "s" and min(found, p.neutral) > FAR * p.scale)
-        for p, found in pairs
+        (not p.logarithmic and abs(found - true) <= p.scale)
+        or true <= 4.0 * found <= 16.0 * true
+        or (p.unit == "s" and min(found, true) > FAR * p.scale)
+        for p, found, true in trios
     )
 
 
-def share(part: int, whole: int) -> str:
-    return f"{part} of {whole}"
+def at_most(part: int, whole: int) -> str:
+    """A share that should be small, with the upper end of its one-sided interval (Clopper and Pearson, Biometrika 26, 1934)."""
+    if not whole:
+        return "-"
+    high = binomtest(part, whole, alternative="less").proportion_ci(SURE, "exact").high
+    return f"{part} of {whole} (<= {100.0 * high:.{1 if whole > 99 else 0}f} %)"
+
+
+def at_least(part: int, whole: int) -> str:
+    """A share that should be large, with the lower end of its interval."""
+    if not whole:
+        return "-"
+    low = binomtest(part, whole, alternative="greater").proportion_ci(SURE, "exact").low
+    return f"{part} of {whole} (>= {100.0 * low:.{1 if whole > 99 else 0}f} %)"
+
+
+def share(of: Callable[[Run], bool], runs: Sequence[Run], bound: Callable[[int, int], str]) -> str:
+    """How many of the runs are so, with the bound beside it."""
+    return bound(sum(map(of, runs)), len(runs))
 
 
 INTRODUCTION = """# Operating figures of the diagnosis
 
-Written by `scripts/operating_figures.py`: virtual tests with a planted effect, the loop run without being told. Programmes and
-noise stand in `scripts/operating_point.py` (coupon records) and `scripts/operating_body.py` (full fields on a small body), effects and
-seeds in `DRIVERS` of `scripts/operating_figures.py`; data come from another discretisation than the fit uses. An effect counts as
-named where it, or an effect of its family (|cos| > 0.9, or, where they were refitted on the known motion, predictions of held-out data
-within two standard errors of each other: the test cannot tell them apart), was accepted on held-out data after a refit. The amplitude is
-in units of the smallest detectable one at the true parameters, `detectable` of the ranking: that which is expected to pass, with even
-odds, all that an effect has to pass to be named ([diagnosis.md](diagnosis.md), Prove). Counts are those of runs that are kept; an amplitude
-beyond the bounds of its effect is not planted. The bias is that of runs whose accepted effect has its other parameters near the
-planted ones; in another form (a hundred times the reference rate; heat that is missing before the window instead of released within
-it, with another share of the plastic work) the same test has another amplitude. The sensor of the coupon records has a lag of 0.6 s
-that the fit knows and frees; two lags in series commute, so that a planted lag that is longer is found as that of the sensor, and
-0.6 s as the effect's.
+Written by `scripts/operating_figures.py`: virtual tests with a planted effect, the loop run without being told, and what it leaves asked
+for unlisted terms, as `close-loop` does. Every run is a row of [operating_figures.jsonl](operating_figures.jsonl), from which anybody can
+count again (`scripts/operating_figures.py --write`). Data come from another discretisation than the fit uses.
+
+**What is drawn by the seed of a run** (`scripts/operating_draw.py`). The programme: coupon records are pulled at one rate of three,
+unloaded, unloaded and cooled, cycled, pulled three times at three rates or at one, or moved through everything once, with a temperature or
+without (`KINDS` in `scripts/operating_point.py`); bodies are loaded at three paces (`scripts/operating_body.py`). The level of the noise,
+between half and twice the usual one; in a third of the runs the declared noise of each quantity is wrong by up to a factor of two.
+**Secondary values of a planted effect** (exponents, times, widths, rates) lie between two values that the loop scans, every gap as likely,
+by logarithms where the order of magnitude is what counts, and never nearer to a scanned value than a tenth of the gap: the loop does not
+begin at the truth. A parameter of which one value is scanned and which is fitted later lies within a scale of that value; one that is never
+fitted keeps it.
+
+**The amplitude** is in units of the smallest detectable one at the true parameters and these secondary values, `detectable` of the ranking:
+that which is expected to pass, with even odds, all that an effect has to pass to be named ([diagnosis.md](diagnosis.md), Prove). A test
+takes the first of its programmes, in an order drawn by the seed, in which the amplitude lies within the bounds of the effect and is at most
+ten times its probe, at which an effect is plainly visible, or its scale; where there is none, nothing is planted, and the run is listed.
+
+**What counts.** An effect counts as named where it, or an effect of its family (|cos| > 0.9, or, where they were refitted on the known
+motion, predictions of held-out data within two standard errors of each other: the test cannot tell them apart), was accepted on held-out
+data after a refit, and was not taken back. Of two planted effects both count as named only where two effects were accepted, one for each. A
+run that ended in an error has named nothing. Beside every share stands the end of its one-sided 95 % interval (Clopper and Pearson): the
+upper one (<=) of what should not be, the lower one (>=) of what should be. The bias is that of runs whose accepted effect has its other
+parameters near the planted ones; in another form the same test has another amplitude. The sensor of the coupon records has a lag of 0.6 s
+that the fit knows and frees; two lags in series commute, so that a planted lag that is longer is found as that of the sensor, and 0.6 s as
+the effect's.
 """
 LEFT_OUT = """## What the runs leave out
 
-The runs make the joint fit and call the loop as `close-loop` does, on measurements that are in memory. Steps of the command that they do
-not exercise:
+The runs make the joint fit, call the loop and ask for unlisted terms as `close-loop` does, on measurements that are in memory. Steps of the
+command that they do not exercise:
 
 * **From raw files to the stages.** No files are read, no camera is calibrated, nothing is interpolated; parameters come from the study's
   start values and not from `identify-elastic`, `identify-plastic` and `identify-thermal`. For fields a first joint fit stands for the
@@ -114,52 +187,79 @@ not exercise:
 * **When the error of the force is told.** The command takes the force of a body as exact as long as the model misses more than that error
   could explain, tells it again at later parameters, and changes to the residual that knows it ([diagnosis.md](diagnosis.md), Find).
   Here that error counts as noise from the first fit on.
-* **Unlisted sources.** What the loop leaves is not asked whether it is more than noise, and no unlisted term is sought.
-* **Effects taken back.** So no accepted effect is taken back because it only resembles an unlisted one; the counts of what was accepted
-  are those before that.
-* **Coupon records:** strains that are tried are shares of 0.1, those of the command of the largest Lambda of the records.
+* **Noise of the strain of coupon records.** The strain drives the fit and is exact but for 1e-7.
 * **Not asked at all:** tests declared as held out, several experiments, the programmes for what is undecided, and refusals (too few
   data, two freed effects of one family).
 """
 
 
-def write(runs: list[Run], folder: Path, unplanted: Mapping[str, str]) -> None:
+def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    """The rows of the source that made the last one, and what is said of them and of the others: rows of two sources are never counted
+    together."""
+    if not rows:
+        return [], ["No run is kept."]
+    source = [(r["source"], r["scripts"]) for r in rows]
+    own = [r for r, s in zip(rows, source, strict=True) if s == source[-1]]
+    said = [
+        f"Rows: {len(own)}, all of source {source[-1][0]} (digest of thermofit) and scripts {source[-1][1]} (of those that make the tests)."
+    ]
+    others = Counter(s for s in source if s != source[-1])
+    said += [f"Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}." for s, n in others.items()]
+    return own, said
+
+
+def write(rows: list[Run], folder: Path, unplanted: Mapping[str, str]) -> None:
     """Page and plots into a folder; `unplanted`: effects that no run plants, with the reason."""
-    sound = [r for r in runs if "failed" not in r]
+    runs, said = of_one_source(rows)
+    planted = [answered(r) for r in runs if "left_out" not in r]
     lines = [
         INTRODUCTION,
-        *_summary(sound),
-        *_families(sound),
+        *said,
+        "",
+        *_nulls(planted),
+        *_families(planted),
         walls(runs),
+        "",
+        *_summary(planted),
         "",
         "![Share of runs in which the planted effect was named](operating_figures.png)",
         "",
         "![Planted effect against the effect named first, number of runs](operating_confusion.png)",
         "",
-        "What was planted is framed; a first one beside the frame counts as named where it is of one family with it, as in the tables.",
+        "What was planted is framed; a first one beside the frame may be of one family with it, as the tables say.",
     ]
     for driver in dict.fromkeys(r["driver"] for r in runs):
-        own = [r for r in runs if r["driver"] == driver]
-        lines += ["", f"## {KINDS[driver].capitalize()}", "", *_table([r for r in own if "failed" not in r])]
-        lines += [f"\nFailed: {r['kind']} x {r['times']:g}, seed {r['seed']}: {r['failed']}" for r in own if "failed" in r]
-        lines += _first([r for r in own if "failed" not in r])
+        own = [r for r in planted if r["driver"] == driver]
+        lines += ["", f"## {KINDS[driver].capitalize()}", "", *_of_nothing(own), *_table(own)]
+        lines += _first(own)
+        lines += _unsound([r for r in runs if r["driver"] == driver])
     lines += ["", *never_planted(unplanted), "", LEFT_OUT.rstrip()]
     folder.joinpath("operating_figures.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    _plot(sound, folder / "operating_figures.png")
-    _plot_confusion(sound, folder / "operating_confusion.png")
+    if planted:
+        _plot(planted, folder / "operating_figures.png")
+        _plot_confusion(planted, folder / "operating_confusion.png")
 
 
 def walls(runs: Sequence[Run]) -> str:
-    """Time of all runs in sum, failed ones too, beside the aim."""
-    hours = {d: sum(r["wall_s"] for r in runs if r["driver"] == d) / 3600.0 for d in dict.fromkeys(r["driver"] for r in runs)}
+    """CPU time of all runs in sum, failed ones too, beside the aim."""
+    hours = {d: sum(r["cpu_s"] for r in runs if r["driver"] == d) / 3600.0 for d in dict.fromkeys(r["driver"] for r in runs)}
     total = sum(hours.values())
     each = ", ".join(f"{KINDS[d]} {h:.2f} h" for d, h in hours.items())
     said = "within" if total < AIM else "above"
     return (
-        f"* Time: {len(runs)} runs took {total:.2f} h in sum ({each}), {said} the aim of under {AIM:g} hours on 2 cores. Walls are as they "
-        "were, serial: one run after another, with whatever else the machine did; a run that was made twice counts once, the later one. "
-        "The smallest amplitudes, one trace for each kind of test, are not in it."
+        f"* Time: {len(runs)} runs took {total:.2f} h of CPU time ({each}), {said} the aim of under {AIM:g} hours; as many "
+        "run side by side as `--jobs` says. A run that was made twice counts once, the later one."
     )
+
+
+def _unsound(runs: list[Run]) -> list[str]:
+    """Runs that ended in an error, and runs in which nothing could be planted."""
+    lines = [f"\nFailed: {r['kind']} x {r['times']:g}, seed {r['seed']}: {r['failed']}" for r in runs if "failed" in r]
+    left = Counter((r["kind"], r["times"]) for r in runs if "left_out" in r)
+    if left:
+        said = ", ".join(f"{kind} x {times:g} in {n}" for (kind, times), n in left.items())
+        lines.append(f"\nLeft out, because the amplitude lies beyond what can be planted in every programme: {said}.")
+    return lines
 
 
 def _first(runs: list[Run]) -> list[str]:
@@ -210,28 +310,45 @@ def never_planted(unplanted: Mapping[str, str]) -> list[str]:
     return lines
 
 
-def _summary(runs: list[Run]) -> list[str]:
-    nulls = [r for r in runs if r["kind"] == "none"]
-    false = sum(bool(r["accepted"]) for r in nulls)
-    lines = [f"* Nothing planted: an effect was accepted in {share(false, len(nulls))} runs ({100 * false / max(len(nulls), 1):.1f} %)."]
-    for times in (1.0, 3.0, 10.0):
-        here = [r for r in runs if r["times"] == times]
-        first, right, other = sum(map(named_first, here)), sum(named(r, r["kind"]) for r in here), sum(map(besides, here))
-        lines.append(
-            f"* {times:g} times the smallest amplitude: named first in {share(first, len(here))}, accepted in {share(right, len(here))}, "
-            f"something else accepted besides or instead in {share(other, len(here))}."
-        )
-    pairs = [r for r in runs if "+" in r["kind"]]
-    both = sum(all(named(r, n) for n in r["kind"].split("+")) for r in pairs)
-    lines.append(f"* Two effects at once: both named in {share(both, len(pairs))}.")
+def _nulls(runs: list[Run]) -> list[str]:
+    """How often something is named or unlisted where nothing is planted."""
+    lines = []
+    for driver, words in KINDS.items():
+        nulls = [r for r in runs if r["driver"] == driver and r["kind"] == "none"]
+        if nulls:
+            false = share(lambda r: bool(r["accepted"]) or unlisted(r), nulls, at_most)
+            accepted = share(lambda r: bool(r["accepted"]), nulls, at_most)
+            said = f"an effect was accepted in {accepted}, something unlisted in {share(unlisted, nulls, at_most)}, one or both in {false}"
+            lines.append(f"* Nothing planted, {words}: {said}.")
     return lines
+
+
+def _summary(runs: list[Run]) -> list[str]:
+    """Shares of all planted runs, by tests and amplitude."""
+    lines = [
+        "| tests | planted | family first | itself first | accepted | something else accepted | unlisted |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for driver in dict.fromkeys(r["driver"] for r in runs):
+        own = [r for r in runs if r["driver"] == driver and r["kind"] != "none"]
+        parts = [(f"one effect, {words}", [r for r in own if r["times"] == t and "+" not in r["kind"]]) for t, words in PLANTED.items()]
+        for words, here in (*parts, ("two effects", [r for r in own if "+" in r["kind"]])):
+            if here:
+                lines.append(f"| {KINDS[driver]} | {words} | {' | '.join(_shares(here))} |")
+    return lines
+
+
+def _shares(runs: Sequence[Run]) -> list[str]:
+    """Cells of a table: family first, itself first, accepted, something else besides, something unlisted."""
+    good = [share(of, runs, at_least) for of in (family_first, itself_first, named)]
+    return [*good, *(share(of, runs, at_most) for of in (besides, unlisted))]
 
 
 def _families(runs: list[Run]) -> list[str]:
     """How many effects the family that came first holds where one effect was planted, by amplitude: the larger, the less is told."""
     lines = []
     for times in (3.0, 10.0):
-        sizes = [len(r["first_family"]) for r in runs if r["times"] == times and "+" not in r["kind"]]
+        sizes = [len(r["first_family"]) for r in runs if r["times"] == times and "+" not in r["kind"] and r["first"] is not None]
         if sizes:
             lines.append(
                 f"* The family named first holds {np.median(sizes):g} effects in the median at {times:g} times the smallest amplitude, "
@@ -240,24 +357,38 @@ def _families(runs: list[Run]) -> list[str]:
     return lines
 
 
-def _table(runs: list[Run]) -> list[str]:
+def _of_nothing(runs: list[Run]) -> list[str]:
+    """Runs with nothing planted by programme, and what was said of them."""
     nulls = [r for r in runs if r["kind"] == "none"]
+    if not nulls:
+        return []
+    lines = ["Nothing planted:", "", "| programme | accepted | unlisted | what |", "|---|---|---|---|"]
+    for name in sorted({r["programme"] for r in nulls}):
+        here = [r for r in nulls if r["programme"] == name]
+        what = Counter([a for r in here for a in r["accepted"]] + [f"unlisted {r['unlisted']}" for r in here if unlisted(r)])
+        shares = [share(of, here, at_most) for of in (lambda r: bool(r["accepted"]), unlisted)]
+        lines.append(f"| {name} | {' | '.join(shares)} | {', '.join(f'{w} {n}' for w, n in what.most_common()) or '-'} |")
+    return [*lines, ""]
+
+
+def _table(runs: list[Run]) -> list[str]:
     lines = [
-        f"Nothing planted: {share(sum(bool(r['accepted']) for r in nulls), len(nulls))} runs with an effect accepted.",
-        "",
-        "| planted | amplitude | named first | accepted | something else too | bias of amplitude | held-out error / with nothing planted |",
-        "|---|---|---|---|---|---|---|",
+        "| planted | amplitude | family first | itself first | accepted | something else too | unlisted | bias of amplitude "
+        "| held-out error / noise |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for kind in dict.fromkeys(r["kind"] for r in runs if r["kind"] != "none"):
         for times in sorted({r["times"] for r in runs if r["kind"] == kind}):
             here = [r for r in runs if r["kind"] == kind and r["times"] == times]
-            names = kind.split("+")
-            right = sum(all(named(r, n) for n in names) for r in here)
-            lines.append(
-                f"| {' and '.join(names)} | {times:g} | {share(sum(map(named_first, here)), len(here))} | {share(right, len(here))} | "
-                f"{share(sum(map(besides, here)), len(here))} | {bias(here)} | {over_floor([r for r in here if r['accepted']], nulls)} |"
-            )
-    return lines
+            cells = [
+                " and ".join(kind.split("+")),
+                f"{times:g}",
+                *_shares(here),
+                bias(here),
+                over_noise([r for r in here if r["accepted"]]),
+            ]
+            lines.append(f"| {' | '.join(cells)} |")
+    return lines if len(lines) > 2 else []
 
 
 def _plot(runs: list[Run], path: Path) -> None:
@@ -265,7 +396,7 @@ def _plot(runs: list[Run], path: Path) -> None:
     for driver, marker in (("point", "o"), ("body", "s"), ("full", "^")):
         own = [r for r in runs if r["driver"] == driver and "+" not in r["kind"]]
         times = sorted({r["times"] for r in own})
-        shares = [np.mean([bool(r["accepted"]) if t == 0.0 else named(r, r["kind"]) for r in own if r["times"] == t]) for t in times]
+        shares = [np.mean([bool(r["accepted"]) if t == 0.0 else named(r) for r in own if r["times"] == t]) for t in times]
         axes.plot([max(t, 0.3) for t in times], shares, marker=marker, label=KINDS[driver])
     axes.set_xscale("log")
     axes.set_xticks([0.3, 1.0, 3.0, 10.0], ["none", "1", "3", "10"])

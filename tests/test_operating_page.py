@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from thermofit.effects.catalogue import effects
+from thermofit.effects.catalogue import effect, effects
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 
@@ -59,12 +61,13 @@ def test_bias_is_that_of_one_form_and_says_of_how_many(page: Any) -> None:
     assert page.bias([{**far, "estimates": {}}]) == "-"
 
 
-def kept(driver: str, kind: str, times: float, first: str | None, seed: int = 0) -> dict[str, Any]:
+def kept(driver: str, kind: str, times: float, first: str | None, seed: int = 0, **more: Any) -> dict[str, Any]:
     """A run as it is kept, in which what came first was accepted at its planted amplitude."""
     return {
-        **{"driver": driver, "kind": kind, "times": times, "seed": seed, "wall_s": 1800.0, "planted": {}, "estimates": {}},
+        **{"source": "now", "scripts": "own", "driver": driver, "kind": kind, "times": times, "seed": seed, "cpu_s": 1800.0},
+        **{"programme": "monotonic", "planted": {}, "estimates": {}, "unlisted": None, "after": {"u": 1.0}},
         **{"first": first, "first_family": [first] if first else [], "accepted": [first] if first else []},
-        **{"families": {first: [first]} if first else {}, "held_out": {"after": {"u": 1.0}}},
+        **{"families": {first: [first]} if first else {}, **more},
     }
 
 
@@ -89,20 +92,56 @@ def test_confusion_counts_what_came_first(page: Any) -> None:
 def test_time_is_that_of_every_run_beside_the_aim(page: Any) -> None:
     said = page.walls(RUNS)
     assert "6 runs took 3.00 h" in said and "coupon records 2.50 h" in said and "full fields on a small body 0.50 h" in said
-    assert "above the aim" in said and "within the aim" in page.walls(RUNS[:5])
+    assert "within the aim" in said and "above the aim" in page.walls(RUNS * 2)
 
 
 def test_page_says_what_it_stands_on(page: Any, tmp_path: Path) -> None:
     page.write(RUNS, tmp_path, {"radiation": "too faint", "jaw_slip": "no crosshead", "machine_compliance": "no crosshead"})
     text = (tmp_path / "operating_figures.md").read_text()
-    assert "seeds in `DRIVERS` of `scripts/operating_figures.py`" in text.replace("\n", " ")
+    assert "(operating_figures.jsonl)" in text and "Rows: 6, all of source now" in text
     assert "| radiation | too faint |" in text and "| jaw_slip, machine_compliance | no crosshead |" in text
-    assert all(words in text for words in ("Unlisted sources", "Effects taken back", "When the error of the force is told"))
+    assert "When the error of the force is told" in text
     strong, faint = text.split("(1 times the smallest amplitude)")
     assert "| ir_drift | ir_drift 1, ir_gain 1 |" in strong and "| ir_drift+lamp | lamp 1 |" in strong and "| none | none 1 |" in strong
     assert "| ir_drift | none 1 |" in faint and "| lamp | clamp_drift 1 |" in faint
     for picture in ("operating_figures.png", "operating_confusion.png"):
         assert f"]({picture})" in text and (tmp_path / picture).stat().st_size > 0
+
+
+def test_rows_of_two_sources_are_never_counted_together(page: Any) -> None:
+    own, said = page.of_one_source([{**RUNS[0], "source": "older"}, *RUNS[1:]])
+    assert own == RUNS[1:] and "Rows: 5, all of source now" in said[0] and "not counted: 1 rows of source older" in said[1]
+
+
+def test_two_effects_are_named_only_by_two_accepted_ones(page: Any) -> None:
+    alike = {"a": ["a", "lamp", "ir_drift"], "b": ["b", "lamp"]}
+    run = kept("point", "ir_drift+lamp", 6.0, "a", families=alike)
+    assert not page.named({**run, "accepted": ["a"]}) and not page.named({**run, "accepted": []})
+    assert page.named({**run, "accepted": ["a", "b"]}) and page.named({**run, "accepted": ["b", "a"]})
+    assert not page.named({**run, "accepted": ["b", "c"], "families": {"b": ["b", "lamp"], "c": ["lamp"]}})
+    assert page.named({**run, "kind": "lamp", "accepted": ["a"]})
+
+
+def test_planted_effect_itself_is_counted_beside_its_family(page: Any) -> None:
+    run = kept("point", "lamp", 3.0, "air_drift", first_family=["air_drift", "lamp"])
+    assert page.family_first(run) and not page.itself_first(run)
+    assert page.itself_first({**run, "first": "lamp"}) and not page.family_first({**run, "first_family": ["air_drift"]})
+
+
+def test_bounds_are_those_of_clopper_and_pearson(page: Any) -> None:
+    """Nothing in n runs: 1 - 0.05^(1/n); all of n: 0.05^(1/n)."""
+    assert page.at_most(0, 300) == "0 of 300 (<= 1.0 %)" and page.at_most(0, 50) == "0 of 50 (<= 6 %)"
+    assert page.at_least(300, 300) == "300 of 300 (>= 99.0 %)" and page.at_least(10, 10) == "10 of 10 (>= 74 %)"
+    assert page.at_most(0, 0) == "-"
+
+
+def test_nothing_planted_counts_what_is_named_or_unlisted(page: Any, tmp_path: Path) -> None:
+    nulls = [
+        kept("point", "none", 0.0, name, k, unlisted=u) for k, (name, u) in enumerate([(None, None), ("lamp", "stress"), (None, "stress")])
+    ]
+    page.write(nulls, tmp_path, {})
+    text = (tmp_path / "operating_figures.md").read_text()
+    assert "an effect was accepted in 1 of 3" in text and "something unlisted in 2 of 3" in text and "one or both in 2 of 3" in text
 
 
 @pytest.fixture(scope="module")
@@ -111,29 +150,49 @@ def figures(page: Any) -> Any:
 
 
 def test_every_effect_is_planted_or_has_a_reason(figures: Any) -> None:
-    planted = {n for d in figures.DRIVERS.values() for r in figures.plan("x", d, Everything()) for n in r["kind"].split("+")} - {"none"}
+    planted = {n for d in figures.DRIVERS.values() for r in figures.plan("x", d) for n in r["kind"].split("+")} - {"none"}
     assert set(figures.unplanted()) == set(figures.UNPLANTED)
     assert planted | set(figures.UNPLANTED) == {e.name for e in effects() if not e.of_user} and not planted & set(figures.UNPLANTED)
 
 
-class Everything(dict[str, float]):
-    """A smallest amplitude for whatever effect is asked for."""
-
-    def __contains__(self, name: object) -> bool:
-        return True
-
-    def __missing__(self, name: str) -> float:
-        return 1e-9
+def test_seeds_of_a_driver_are_its_own(figures: Any) -> None:
+    """What one noise resembles by chance is counted once; runs of two amplitudes or kinds have noises of their own."""
+    seeds = [run["seed"] for name, driver in figures.DRIVERS.items() for run in figures.plan(name, driver)]
+    assert len(set(seeds)) == len(seeds)
 
 
-def test_seeds_of_runs_that_are_kept_stay(figures: Any) -> None:
-    """Another seed would be another run: those that are kept would be lost, or counted for noise that they did not have."""
-    seeds: dict[tuple[str, str], list[int]] = {}
-    for name, driver in figures.DRIVERS.items():
-        for run in figures.plan(name, driver, Everything()):
-            if run["times"] in (3.0, 6.0):
-                seeds.setdefault((name, run["kind"]), []).append(run["seed"])
-    assert seeds["point", "second_hardening"] == [1000, 1001, 1002, 1003] and seeds["point", "ir_lag"] == [2100, 2101, 2102, 2103]
-    assert seeds["point", "elastic_degradation+ir_drift"] == [2400, 2401, 2402, 2403]
-    assert seeds["point", "rate_power"] == [2500, 2501] and seeds["point", "backstress_second"] == [2600, 2601]
-    assert seeds["body", "bending"] == [2300, 2301] and seeds["body", "rate_logarithmic+ir_lag"] == [2600, 2601, 2602, 2603]
+def test_number_of_nulls_is_as_asked(figures: Any) -> None:
+    runs = figures.plan("point", figures.DRIVERS["point"], 7)
+    assert sum(r["kind"] == "none" for r in runs) == 7
+    assert ("yield_plateau", "ir_drift") in figures.DRIVERS["point"].pairs
+
+
+def test_a_row_of_another_source_is_another_row(figures: Any, tmp_path: Path) -> None:
+    file = tmp_path / "rows.jsonl"
+    rows = [RUNS[0], {**RUNS[0], "source": "older"}, {**RUNS[0], "first": "lamp"}]
+    file.write_text("".join(json.dumps(r) + "\n" for r in rows), encoding="utf-8")
+    kept_ = figures.kept_rows(file)
+    assert len(kept_) == 2 and kept_[figures.key(RUNS[0])]["first"] == "lamp"
+    assert figures.kept_rows(tmp_path / "none.jsonl") == {}
+
+
+@pytest.fixture(scope="module")
+def draw(page: Any) -> Any:
+    return importlib.import_module("operating_draw")
+
+
+def test_planted_values_lie_off_the_scanned_grid(draw: Any) -> None:
+    """Not nearer to a scanned value than a tenth of the gap, by logarithms where these count, and in every gap."""
+    random, p = np.random.default_rng(1), effect("backstress_first").params[1]
+    tried = (10.0, 100.0, 1000.0)
+    values = np.array([draw.off_grid(p, tried, random) for _ in range(200)])
+    at = np.log(values / 10.0) / np.log(10.0) if p.logarithmic else np.interp(values, tried, [0.0, 1.0, 2.0])
+    assert np.all((at % 1.0 >= 0.1 - 1e-9) & (at % 1.0 <= 0.9 + 1e-9)) and set(np.floor(at)) == {0.0, 1.0}
+
+
+def test_world_follows_from_its_seed(draw: Any) -> None:
+    names = ("one", "two", "three")
+    found = [draw.worlds(seed, names, ("stress",)) for seed in range(60)]
+    assert found[3] == draw.worlds(3, names, ("stress",)) and {w[0].programme for w in found} == set(names)
+    assert all(0.5 <= w[0].noise <= 2.0 for w in found)
+    assert 0.15 < np.mean([w[0].declared["stress"] != 1.0 for w in found]) < 0.55

@@ -52,9 +52,9 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
     if stage == "interpolate":
         if study.coupon is None:
             return read_of(study, *_INTERPOLATE)
-        # The elastic strain that is added to a flow curve is that of E.
-        flow = any(record.over_plastic for record in study.coupon.records)
-        return read_of(study, "coupon", *(("parameters.E",) if flow else ()))
+        # A prescribed E tells the elastic strain that is added to a flow curve, and what is no elastic line.
+        modulus = study.parameters.get("E")
+        return read_of(study, "coupon", *(("parameters.E",) if isinstance(modulus, float) else ()))
     if stage == "verify":
         return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
     return stage_key(study, stage.removeprefix("identify-"))

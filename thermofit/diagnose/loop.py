@@ -68,6 +68,14 @@ class Closed:
     remarks: tuple[str, ...] = ()
     unjudged: Mapping[str, str] = field(default_factory=dict)
     open_ones: tuple[str, ...] = ()
+    base: FitResult | None = None
+    """The fit that ends at `first`; None where `first` is no optimum of the last problem."""
+
+    def as_base(self) -> Closed:
+        """The base model at its optimum where nothing is added in the end: a refit without what was taken back may stop short of it."""
+        if self.accepted or self.base is None or self.fit.f < self.base.f:
+            return self
+        return replace(self, last=self.first, fit=self.base)
 
 
 def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numerical: np.ndarray | None, how: str = "auto") -> Closed:
@@ -76,6 +84,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     accepted: list[str] = []
     remarks: list[str] = []
     here = first = traced(case, numerical, how)
+    base: FitResult | None = fit
     while True:
         try:
             sharp = _sharpened(here, first, how)
@@ -88,6 +97,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
                 values = ", ".join(f"{n} = {sharp[1].case.parameters[n]:.3g}" for n in held)
                 remarks.append(f"held at {values}: free beside the error of the force, it does not settle")
             first, here, fit, refit, numerical = sharp
+            base = fit if here is first else None
         try:
             here = retraced(here)
         except NumericsError as error:
@@ -105,8 +115,8 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     full = len(accepted) >= max_effects
     still = tuple(s.effect for s in here.promising()) if full else ()
     names = tuple(accepted)
-    closed = Closed(tuple(rounds), first, here, fit, names, (), refit, numerical, tuple(remarks), unjudged, still)
-    return against_base(_backward(closed, how), how)
+    closed = Closed(tuple(rounds), first, here, fit, names, (), refit, numerical, tuple(remarks), unjudged, still, base)
+    return against_base(_backward(closed, how), how).as_base()
 
 
 def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:

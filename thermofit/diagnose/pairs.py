@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 from itertools import combinations, product
 
 import numpy as np
+from scipy.stats import chi2
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.backward import Means, held_out_of
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.retraced import shown_alone, shown_together
-from thermofit.diagnose.score import Score
+from thermofit.diagnose.score import LEVEL, Score
 from thermofit.diagnose.trace import Scan, Traced
 from thermofit.diagnose.trial import Accepted, Trial, tried_together
 from thermofit.effects.catalogue import effect
@@ -41,6 +42,8 @@ class Pair:
     scores: tuple[Score, Score]
     settings: dict[str, float]
     drop: float
+    looked_at: int = 1
+    """Values of the exponents at which it was looked at."""
 
 
 def leaves_more_than_it_takes(here: Traced, fit: FitResult, trials: Sequence[Trial]) -> bool:
@@ -73,7 +76,7 @@ def pairs_of(here: Traced) -> list[Pair]:
             if pair is not None and (best is None or pair.drop > best.drop):
                 best = pair
         if best is not None:
-            found.append(best)
+            found.append(replace(best, looked_at=len(scans[one.effect]) * len(scans[other.effect])))
     return sorted(found, key=lambda p: -p.drop)
 
 
@@ -103,12 +106,17 @@ def _stepped(scores: tuple[Score, Score], at: tuple[Scan, Scan], s: tuple[np.nda
 def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: Means) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
     """All trials of pairs, and the accepted one that predicts held-out data best.
 
-    `singles` are the ends of effects that were refitted alone and not refused: a pair has to predict better than each of its own.
+    `singles` are the ends of effects that were refitted alone and not refused: a pair has to predict better than each of its own. And so
+    many pairs at so many values of their exponents were looked at that chance alone would find one: its fall of the square sum has to be
+    more.
     """
     trials: list[Trial] = []
     best: tuple[Trial, Accepted] | None = None
-    for pair in _worth_a_refit(here, pairs_of(here)):
+    found_pairs = pairs_of(here)
+    for pair in _worth_a_refit(here, found_pairs):
         trial, found = tried_together(here, fit, pair.scores, pair.settings, means)
+        if found is not None and trial.achieved_drop <= by_chance(found_pairs, found[1], fit):
+            trial, found = replace(trial, refused="of all pairs that were looked at, one reaches as much by chance"), None
         if found is not None:
             alone = [name for name in trial.effects if name in singles and not _better(here, singles[name], found[0])]
             if alone:
@@ -117,6 +125,13 @@ def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: M
         if found is not None and (best is None or trial.gain > best[0].gain):
             best = (trial, found)
     return trials, best
+
+
+def by_chance(pairs: Sequence[Pair], after: FitResult, before: FitResult) -> float:
+    """Fall of r.r that the best of all pairs reaches by chance with probability LEVEL, in units of what the refit leaves of its noise."""
+    looked_at = sum(pair.looked_at for pair in pairs)
+    left = max(after.f / max(len(after.residual) - len(after.x), 1), 1.0)
+    return left * float(chi2.isf(LEVEL / max(looked_at, 1), max(len(after.x) - len(before.x), 2)))
 
 
 def _better(here: Traced, one: Traced, other: Traced) -> bool:

@@ -49,6 +49,8 @@ SECTIONS = (
 DIAGNOSE = "diagnose"
 USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
 """Parameters that the stages identify where a study does not say."""
+KNOWN = 0.05
+"""Standard error of an elastic constant over its value from which the joint fit of coupons leaves it as it is."""
 JOINT_EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up."""
 
@@ -283,7 +285,7 @@ def _coupon(study: Study, stages: tuple[str, ...]) -> _Joint:
     """Records of coupons. The error of the steps is of first order: half the steps differ by half of it."""
     data = coupon_data(study)
     base, _ = with_identified(study, start_parameters(study, data), stages)
-    settings = coupon_joint_settings(study, data)
+    settings = with_elastic(study, data, base)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
     run = coupon_run(study, data, settings.free)
@@ -330,6 +332,26 @@ def coupon_joint_settings(study: Study, data: CouponData) -> StageSettings:
     return StageSettings.model_construct(
         **{**own[1].__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
     )
+
+
+def with_elastic(study: Study, data: CouponData, base: Parameters) -> StageSettings:
+    """Settings of the joint fit of coupons, with the elastic constants that no elastic range told the first stage free where all of the
+    data together do: unloadings and reverse flow tell E as well. A start is no prescription."""
+    settings = coupon_joint_settings(study, data)
+    kept = tuple(n for n in answerable(study.stage("elastic"), data)[1] if n not in settings.free)
+    if not kept or study.diagnosis.free is not None:
+        return settings
+    wider = settings.model_copy(update={"free": (*kept, *settings.free)})
+    residual, columns = coupon_model(study, data, wider, base).linearised(base, wider.free)
+    basis, _ = np.linalg.qr(columns)
+    size = max(float(np.mean((residual - basis @ (basis.T @ residual)) ** 2)), 1.0) ** 0.5  # what a joint step leaves
+    told = []
+    for k, name in enumerate(kept):
+        others, _ = np.linalg.qr(np.delete(columns, k, axis=1))
+        own = columns[:, k] - others @ (others.T @ columns[:, k])
+        if size < KNOWN * base[name] * float(np.linalg.norm(own)):
+            told.append(name)
+    return settings.model_copy(update={"free": (*told, *settings.free)})
 
 
 def coupon_spans(data: CouponData) -> tuple[Span, ...]:

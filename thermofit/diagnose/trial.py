@@ -93,13 +93,20 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     # The first values of the exponents are those of the score; at others the same run may be possible.
     starts += [(_at(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
     failures = []
+    best: tuple[Trial, Accepted | None] | None = None
     for score, chosen in starts:
         begun = _nearer(here, (score,), chosen, means.refit)
         if isinstance(begun, str):
             failures.append(begun)
             continue
-        return _ended(here, fit, (score,), begun, means)
-    return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+        ended = _ended(here, fit, (score,), begun, means)
+        if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
+            best = ended
+        if not here.case.cheap or not any(at_bound(p, ended[0].estimate[p.name]) for p in own.amplitudes):
+            break  # at a bound the values of the exponents may be the wrong ones
+    if best is None:
+        return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+    return best
 
 
 def tried_together(
@@ -159,8 +166,9 @@ def _ended(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, me
     held = _held(parameters, scanned) if scanned else ""
     if freed is not None:
         said, of_freed = f"{held}: freeing them gains nothing on held-out data", said
-        if not freed[1].converged:  # what does not settle is not determined, however well it interpolates
-            said, freed = f"{held}: with them free the fit does not settle", None
+        if not freed[1].converged:  # what does not settle is not determined, however well it interpolates: it is held where it has come to
+            said = f"{held}: with them free the fit does not settle"
+            freed, of_freed = _held_there(freed, scanned, label, means.refit)
     ends = [(end, said)] + ([(freed, of_freed)] if freed is not None else [])
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
         parts = groups if len(names) > 1 else [(name,) for name in scanned]
@@ -169,6 +177,17 @@ def _ended(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, me
     judged = [(*_judged(here, fit, scores, e, means), words) for e, words in ends]
     trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found
+
+
+def _held_there(end: End, scanned: Sequence[str], label: str, refit: Refit) -> tuple[End | None, str]:
+    """The optimum of all others with exponents held where a fit that does not settle has brought them, and that in words; none where it
+    does not settle either."""
+    parameters = end[0]
+    try:
+        found = refit(parameters.with_free(tuple(n for n in parameters.free if n not in scanned)), f"{label} held there")
+    except NumericsError:
+        return None, ""
+    return (found if found[1].converged else None), f"{_held(parameters, scanned)}, where a fit that does not settle has brought them"
 
 
 def _held(parameters: Parameters, names: Sequence[str]) -> str:

@@ -36,6 +36,8 @@ IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
 SETTLING, SETTLED = 3, 0.02
 """Steps of the fitted parameters beside a term at most, and the last of them in units of their scale."""
+LEAST_ROWS = 5
+"""Values within its window with which a term begins: fewer are wild samples."""
 MOST_HATS = 320
 """Most hats of a term whose place is known."""
 
@@ -82,6 +84,9 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
     term, parameters, remark = _settled(here, structure, term)
     place = place_of(term, _volumes(here.case, term.basis))
+    inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
+    if inside.sum() < LEAST_ROWS:
+        return None
     return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters, remark=remark)
 
 

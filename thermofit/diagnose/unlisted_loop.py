@@ -45,7 +45,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         if isinstance(taken, str):
             closed = replace(closed, remarks=(*closed.remarks, taken))
             break
-        closed = against_base(taken, how)
+        closed = against_base(taken, how).as_base()
         found = unlisted(closed.last, numerical, ())
     if found is None:
         return closed, None
@@ -54,8 +54,11 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
 
 
 def _resembles(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
-    """True where the effects left too much behind, and are not needed beside the field."""
+    """True where the effects left too much behind, and are not needed beside the field. A stress over the time of each record follows
+    whatever is smooth: beside it no law is needed, and none is taken back for it."""
     blocks = found.structure.blocks
+    if field.basis.kind == "stress":
+        return False
     if found.structure.excess <= LEFT_BEHIND * blocks.excess(closed.first.columns.residual):
         return False
     here = closed.last

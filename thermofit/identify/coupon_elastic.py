@@ -17,6 +17,8 @@ _AT_REST = 0.5
 _BEFORE, _OFF_ZERO = 0.25, 0.1
 """Strains by which the line may miss the record: at its first stress on the stiff side, and at zero stress; shares of the line's strain."""
 _LEAST = 5
+_NO_TURN = 0.02
+"""Share of the largest stress within which a fall is no reversal: the noise of a record that begins at rest reverses at once."""
 _LEVELS = 60
 
 
@@ -34,7 +36,7 @@ def first_branch(stress: np.ndarray) -> int:
     """Number of samples up to the first reversal of the stress by a tenth of what was reached; all where there is none."""
     size = np.abs(stress - stress[0])
     reached = np.maximum.accumulate(size)
-    back = np.flatnonzero(size < 0.9 * reached - 1e-3 * size.max())
+    back = np.flatnonzero(size < 0.9 * reached - _NO_TURN * size.max())
     turn = int(back[0]) if len(back) else len(stress)
     return int(np.argmax(size[:turn])) + 1
 

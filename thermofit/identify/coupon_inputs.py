@@ -15,7 +15,7 @@ from thermofit.core.staging import Made, artefact_path
 from thermofit.core.stale import read_current
 from thermofit.core.study import Study
 from thermofit.core.study_coupon import Coupon
-from thermofit.core.study_models import start_of
+from thermofit.core.study_section import ParameterStart
 from thermofit.identify.coupon_elastic import ElasticLine, elastic_line
 from thermofit.identify.inputs import INTERPOLATE, TestPhase
 from thermofit.measure.coupon import read_coupon
@@ -24,6 +24,8 @@ from thermofit.measure.noise import robust_sigma, second_differences
 LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4, "lateral": 1e-8}
 """Noise of a record without noise: sigma must not vanish, because it divides the residual."""
 UNITS = {"strain": "1", "stress": "MPa", "theta": "K", "lateral": "1"}
+_ELASTIC = 0.5
+"""Share of a prescribed E below which the slope of a straight beginning is not that of an elastic line."""
 _JITTER = 0.5
 """Noise of the prescribed strain over the usual increment between samples above which the record should be thinned."""
 
@@ -92,7 +94,7 @@ def with_elastic_strain(record: CouponRecord, modulus: float) -> CouponRecord:
 
 def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[CouponTest, tuple[str, ...]]:
     """A record ready for the fit, and remarks: noise estimated where the reader has none, strains counted from where the elastic line meets
-    zero stress; `modulus` E in MPa, which a flow curve over plastic strain needs."""
+    zero stress; `modulus` E in MPa where the study prescribes it, which a flow curve over plastic strain needs."""
     if record.over_plastic:
         if modulus is None:
             raise StudyError(f"{record.name}: a flow curve over plastic strain needs E; give parameters.E as a number in MPa")
@@ -111,6 +113,12 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
         noise[name] = max(float(estimate), LEAST_NOISE[name])
     strain = record.strain
     line = None if record.over_plastic else elastic_line(record.time, record.strain, record.stress, noise["strain"])
+    if line is not None and modulus is not None and line.slope < _ELASTIC * modulus:
+        remarks.append(
+            f"its straight beginning rises with {line.slope:.3g} MPa, E of the study is {modulus:g} MPa: that is no elastic line, and "
+            "strains are left as measured"
+        )
+        line = None
     if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"]:
         strain = strain - line.offset
         remarks.append(
@@ -174,7 +182,7 @@ def read_tests(study: Study) -> list[tuple[CouponTest, tuple[str, ...]]]:
     """All records of a study from their files, ready for the fit, each with its remarks."""
     section = coupon_section(study)
     setting = study.parameters.get("E")
-    modulus = None if setting is None else start_of(setting)
+    modulus = None if isinstance(setting, ParameterStart) else setting
     return [coupon_test(record, modulus) for record in read_coupon(section, study.source.parent)]
 
 

@@ -10,14 +10,11 @@ time is built as its comment says.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import re
 import subprocess
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 
 SETS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "42crmos4": (
@@ -140,11 +137,7 @@ def write(path: Path, **columns: np.ndarray) -> None:
 
 
 def convert(out: Path) -> None:
-    """Tables of what no reader takes."""
-    table = list(csv.DictReader(io.StringIO((out / "bst-hot/bst.csv").read_text(encoding="utf-8"))))
-    for name in dict.fromkeys(row["file"] for row in table):  # one table of 30 tests, told apart by a column of names
-        rows = np.array([(float(row["strain"]), float(row["stress"])) for row in table if row["file"] == name])
-        write(out / f"bst-hot/converted/{name.removesuffix('.txt')}.csv", true_strain__1=rows[:, 0], true_stress__MPa=rows[:, 1])
+    """Tables of what no reader takes: a clock from a column of rates, a record in two files, a cut at the end of the deformation."""
     for path in (out / "al6082-hot").glob("*.asc"):  # names with blanks in them; No., Time, Tem.1, DL, Force, Strain, kf, Phi, ...
         rows = numbers(path.read_bytes(), tuple(range(13)), None)
         rows = rows[: int(np.argmax(rows[:, 7])) + 1]  # the deformation ends at the largest Phi
@@ -158,29 +151,6 @@ def convert(out: Path) -> None:
             true_stress__MPa=rows[:, 6],
             true_strain__1=rows[:, 7],
         )
-    for path in (out / "al6061-ogawa").glob("*.dat"):
-        rate, T = re.findall(r"Ogawa(\d+)s(\d+)K", path.name)[0]
-        rows = numbers(path.read_bytes(), (0, 1), None)
-        write(
-            out / f"al6061-ogawa/converted/{T}K-{'0.00057' if rate == '000057' else rate}.csv",
-            strain__pct=rows[:, 0],
-            stress__MPa=rows[:, 1],
-        )
-    for file, name in (
-        ("dc04/DC04_QS", "QS"),
-        ("dc04/DC04_523s-1", "523s-1"),
-        ("dc04/DC04_1067s-1", "1067s-1"),
-        ("az41d/az41d_sr1e-3s-1", "az41d"),
-    ):
-        path = out / f"{file}.csv"
-        rows = numbers(path.read_bytes(), (0, 1))
-        write(path.parent / f"converted/{name}.csv", strain__1=rows[:, 0], stress__MPa=rows[:, 1])
-    rows = scipy.io.loadmat(out / "q690/MTS_01.mat")["test_data"]
-    write(out / "q690/converted/q690.csv", true_strain__1=rows[:, 0], true_stress__MPa=rows[:, 1])
-    rows = numbers((out / "porous-ti/data.csv").read_bytes(), (0, 1, 2, 3, 4))  # stress, strain, degC, 1/s, porosity in %
-    for T, rate, porosity in dict.fromkeys(map(tuple, rows[:, 2:])):
-        own = rows[(rows[:, 2:] == (T, rate, porosity)).all(axis=1)]
-        write(out / f"porous-ti/converted/p{porosity:.0f}-{T:.0f}C-{rate:.0f}.csv", strain__1=own[:, 1], stress__MPa=own[:, 0])
     rows = numbers((out / "shpb-iith/sample_data.dat.out").read_bytes(), (0, 1, 2, 3))
     rows = rows[: int(np.argmax(rows[:, 0]))]  # up to the unloading; the clock is that of the column of the rate, 20 1/s at least
     steps = np.abs(np.diff(rows[:, 0])) / np.maximum(0.5 * (rows[1:, 3] + rows[:-1, 3]), 20.0)
@@ -193,8 +163,6 @@ def convert(out: Path) -> None:
         stress_of_in__MPa=rows[:, 2],
         rate__rate=rows[:, 3],
     )
-    rows = numbers((out / "st-shibanuma/ST_ss0.csv").read_bytes(), (0, 1))
-    write(out / "st-shibanuma/converted/ST.csv", strain__1=rows[:, 0], stress__MPa=rows[:, 1])
     strain = np.loadtxt(out / "steel-cyclic-coarse/stress.1.coords")
     first = (out / "steel-cyclic-coarse/calDataField.csv").read_text(encoding="utf-8").splitlines()[0]
     stress = np.array([float(cell) for cell in first.split(",") if cell.strip()])[: len(strain)]

@@ -27,6 +27,8 @@ ROOT = Path(__file__).resolve().parent.parent
 ROWS = "operating_figures.jsonl"
 PAIRED = 6.0
 """Amplitude of both effects of a pair."""
+ORDER = (0.0, 3.0, PAIRED, 10.0, 1.0)
+"""Amplitudes in the order in which they are run: what is hardly detectable comes last."""
 OF_KIND, OF_TIMES = 1000, 100
 """Between the seeds of two kinds of runs, and of two amplitudes of a kind."""
 
@@ -112,7 +114,9 @@ def plan(name: str, driver: Driver, nulls: int | None = None) -> list[dict[str, 
             first = driver.seed + OF_KIND * (k + 1) + OF_TIMES * at
             one = {"driver": name, "kind": "+".join(kind) if isinstance(kind, tuple) else kind, "times": times}
             runs += [{**one, "seed": first + j} for j in range(n)]
-    return sorted(runs, key=lambda run: (run["times"] == 1.0, run["kind"] != "none"))  # what is hardly detectable comes last
+    order = list(ORDER)
+    # Kinds take turns, so that a study which is stopped holds some of each.
+    return sorted(runs, key=lambda run: (order.index(run["times"]), run["seed"] % OF_TIMES if run["times"] else 0))
 
 
 def key(run: Mapping[str, Any]) -> str:

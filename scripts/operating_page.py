@@ -194,17 +194,25 @@ command that they do not exercise:
 
 
 def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """The rows of the source that made the last one, and what is said of them and of the others: rows of two sources are never counted
-    together."""
+    """The rows of the source that made the last one of their driver, and what is said of them and of the others: rows of two sources are
+    never counted together."""
     if not rows:
         return [], ["No run is kept."]
-    source = [(r["source"], r["scripts"]) for r in rows]
-    own = [r for r, s in zip(rows, source, strict=True) if s == source[-1]]
-    said = [
-        f"Rows: {len(own)}, all of source {source[-1][0]} (digest of thermofit) and scripts {source[-1][1]} (of those that make the tests)."
-    ]
-    others = Counter(s for s in source if s != source[-1])
-    said += [f"Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}." for s, n in others.items()]
+    own: list[Run] = []
+    said = []
+    for driver in dict.fromkeys(r["driver"] for r in rows):
+        here = [r for r in rows if r["driver"] == driver]
+        last = (here[-1]["source"], here[-1]["scripts"])
+        kept = [r for r in here if (r["source"], r["scripts"]) == last]
+        own += kept
+        others = Counter((r["source"], r["scripts"]) for r in here if (r["source"], r["scripts"]) != last)
+        left = "".join(f"; kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}" for s, n in others.items())
+        said.append(
+            f"* Rows, {KINDS[driver]}: {len(kept)}, all of source {last[0]} (digest of thermofit) and scripts {last[1]} "
+            f"(of those that make the tests){left}."
+        )
+    missing = [words for driver, words in KINDS.items() if driver not in {r["driver"] for r in rows}]
+    said += [f"* Rows, {words}: none. What is said below is not said of them." for words in missing]
     return own, said
 
 

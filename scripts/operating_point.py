@@ -20,7 +20,7 @@ from thermofit.core.staging import job
 from thermofit.core.study import Study, load_study
 from thermofit.diagnose.case import Case, slots_of, untold
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans
+from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, with_elastic
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
@@ -186,8 +186,9 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     """The loop on records, from the fit of the base model on, and what it leaves unlisted."""
     hot = KINDS[world.programme].hot
     study = _study(hot)
-    settings = coupon_joint_settings(study, data)
-    base = study.start_parameters(data).with_free(settings.free)  # type: ignore[arg-type]
+    start = study.start_parameters(data)
+    settings = with_elastic(study, data, start)
+    base = start.with_free(settings.free)  # type: ignore[arg-type]
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
     parameters, fit = refit(base, "joint")

@@ -98,7 +98,7 @@ def test_time_is_that_of_every_run_beside_the_aim(page: Any) -> None:
 def test_page_says_what_it_stands_on(page: Any, tmp_path: Path) -> None:
     page.write(RUNS, tmp_path, {"radiation": "too faint", "jaw_slip": "no crosshead", "machine_compliance": "no crosshead"})
     text = (tmp_path / "operating_figures.md").read_text()
-    assert "(operating_figures.jsonl)" in text and "Rows: 6, all of source now" in text
+    assert "(operating_figures.jsonl)" in text and "Rows, coupon records: 5, all of source now" in text
     assert "| radiation | too faint |" in text and "| jaw_slip, machine_compliance | no crosshead |" in text
     assert "When the error of the force is told" in text
     strong, faint = text.split("(1 times the smallest amplitude)")
@@ -109,8 +109,12 @@ def test_page_says_what_it_stands_on(page: Any, tmp_path: Path) -> None:
 
 
 def test_rows_of_two_sources_are_never_counted_together(page: Any) -> None:
-    own, said = page.of_one_source([{**RUNS[0], "source": "older"}, *RUNS[1:]])
-    assert own == RUNS[1:] and "Rows: 5, all of source now" in said[0] and "not counted: 1 rows of source older" in said[1]
+    """Of each driver those of its last row count; drivers are counted apart, and may be of two sources."""
+    own, said = page.of_one_source([{**RUNS[0], "source": "older"}, *RUNS[1:-1], {**RUNS[-1], "source": "newer"}])
+    assert own == [*RUNS[1:-1], {**RUNS[-1], "source": "newer"}]
+    assert "4, all of source now" in said[0] and "not counted: 1 rows of source older" in said[0]
+    assert "1, all of source newer" in said[1] and "not counted" not in said[1]
+    assert len(said) == 3 and "full fields of the full mesh, fitted on the coarse one: none" in said[2]
 
 
 def test_two_effects_are_named_only_by_two_accepted_ones(page: Any) -> None:

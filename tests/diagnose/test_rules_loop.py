@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import param
 from thermofit.diagnose import loop as module
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import (
@@ -24,7 +25,7 @@ from thermofit.diagnose.loop import (
     close_loop,
 )
 from thermofit.diagnose.score import Score
-from thermofit.diagnose.trial import Trial
+from thermofit.diagnose.trial import Trial, near_scan
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 FIT: Any = None
@@ -232,3 +233,19 @@ def test_candidates_of_coupons_are_all_that_passes_families_first() -> None:
     )
     assert among(True, (score("a", 9.0, ("alike",)), score("b")), others) == ["a", "b", "alike", "over"]
     assert len(among(True, tuple(score(str(k)) for k in range(12)))) == TRIED_WHERE_CHEAP
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "near"),
+    [
+        ("rate_logarithmic.reference", 2e-7, True),
+        ("rate_logarithmic.reference", 5e-9, False),
+        ("rate_logarithmic.reference", 0.2, False),
+        ("backstress_second.gamma", 7500.0, False),
+        ("backstress_second.gamma", 4000.0, True),
+        ("thermal_softening.reference", 5.0, True),
+    ],
+)
+def test_an_exponent_that_has_run_away_from_what_is_tried_is_not_held_there(name: str, value: float, near: bool) -> None:
+    """Between the values that are tried, or one distance beyond: a factor where all are positive."""
+    assert near_scan(param(name), value) is near

@@ -80,3 +80,10 @@ def test_places_move_with_what_stands_before() -> None:
 def test_without_common_errors_nothing_changes() -> None:
     comparisons, _, _ = problem()
     assert shared(comparisons, {}) == (comparisons, None)
+
+
+def test_nothing_tells_nothing_of_the_common_errors() -> None:
+    """Where no motion is compared, temperatures have all of the error of the force as noise of their own."""
+    comparisons, modes, _ = problem()
+    _, common = shared(comparisons, modes)
+    assert common is not None and np.array_equal(common.told({}), np.zeros(K))

@@ -94,18 +94,24 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     starts += [(_at(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
     failures = []
     best: tuple[Trial, Accepted | None] | None = None
+    first: Trial | None = None
     for score, chosen in starts:
         begun = _nearer(here, (score,), chosen, means.refit)
         if isinstance(begun, str):
             failures.append(begun)
             continue
         ended = _ended(here, fit, (score,), begun, means)
+        first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
         if not here.case.cheap or not any(at_bound(p, ended[0].estimate[p.name]) for p in own.amplitudes):
             break  # at a bound the values of the exponents may be the wrong ones
     if best is None:
         return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+    trial, proof = best[0], first.proof if first is not None else None
+    if best[1] is not None and proof is not None and trial.proof is not None and not trial.proof.not_less_than(proof):
+        said = f"ends at its bound at other exponents, where {proof.words}; here {trial.proof.words} only"
+        return replace(trial, refused=said), None
     return best
 
 
@@ -181,13 +187,26 @@ def _ended(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, me
 
 def _held_there(end: End, scanned: Sequence[str], label: str, refit: Refit) -> tuple[End | None, str]:
     """The optimum of all others with exponents held where a fit that does not settle has brought them, and that in words; none where it
-    does not settle either."""
+    does not settle either, or where they have run away from the values that are tried."""
     parameters = end[0]
+    if not all(near_scan(param(n), parameters[n]) for n in scanned):
+        return None, ""
     try:
         found = refit(parameters.with_free(tuple(n for n in parameters.free if n not in scanned)), f"{label} held there")
     except NumericsError:
         return None, ""
     return (found if found[1].converged else None), f"{_held(parameters, scanned)}, where a fit that does not settle has brought them"
+
+
+def near_scan(p: Param, value: float) -> bool:
+    """True where the value of an exponent lies between the values that are tried, or beyond them by no more than one of their distances;
+    distances of positive values are factors. True where fewer than two are tried, or they are shares of the test."""
+    tried = sorted(p.scan)
+    if len(tried) < 2 or p.scan_of:
+        return True
+    if tried[0] > 0.0:
+        return tried[0] ** 2 / tried[1] <= value <= tried[-1] ** 2 / tried[-2]
+    return 2.0 * tried[0] - tried[1] <= value <= 2.0 * tried[-1] - tried[-2]
 
 
 def _held(parameters: Parameters, names: Sequence[str]) -> str:

@@ -51,7 +51,10 @@ class SharedNoise:
         return [found.get(place, part) for place, part in enumerate(parts)]
 
     def told(self, parts: Mapping[int, np.ndarray]) -> np.ndarray:
-        """Mean (k,) of the common errors after the first comparisons, of which the whitened residuals (n_i,) are given by place."""
+        """Mean (k,) of the common errors after the first comparisons, of which the whitened residuals (n_i,) are given by place; zero after
+        none."""
+        if not parts:
+            return np.zeros(len(next(iter(self.shown.values())).modes))
         _, mean = self._filtered(parts)
         return mean
 

@@ -188,6 +188,23 @@ def test_the_loop_ends_with_the_backward_check_and_then_the_base_model(monkeypat
     assert looped(monkeypatch, [], None, 3).remarks == ("backward", "base")
 
 
+@pytest.mark.parametrize(
+    ("accepted", "f", "base", "goes"),
+    [((), 101.0, 100.0, True), ((), 99.0, 100.0, False), (("a",), 101.0, 100.0, False), ((), 101.0, None, False)],
+    ids=["stopped short", "went on", "something is added", "no optimum of the last problem"],
+)
+def test_where_nothing_is_added_in_the_end_the_answer_is_the_base_model_at_its_optimum(
+    accepted: tuple[str, ...], f: float, base: float | None, goes: bool
+) -> None:
+    """A refit without what was taken back may stop short of it."""
+    fits: Any = [SimpleNamespace(f=f), None if base is None else SimpleNamespace(f=base)]
+    first: Any = "first"
+    last: Any = "last"
+    refit: Any = None
+    found = Closed((), first, last, fits[0], accepted, (), refit, None, base=fits[1]).as_base()
+    assert (found.last, found.fit) == (("first", fits[1]) if goes else ("last", fits[0]))
+
+
 def test_what_was_worth_a_refit_when_the_loop_was_full_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
     assert looped(monkeypatch, [], trial("e", 0.5), 1).open_ones == ("rival",)
     assert looped(monkeypatch, [], trial("e", 0.5), 2).open_ones == ()

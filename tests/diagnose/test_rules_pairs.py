@@ -20,6 +20,7 @@ from thermofit.diagnose.pairs import (
     _stepped,
     _worth_a_refit,
     best_pair,
+    by_chance,
     leaves_more_than_it_takes,
     pairs_of,
     partners,
@@ -111,6 +112,9 @@ def test_pairs_stand_at_their_best_exponents_the_largest_fall_first() -> None:
     found = pairs_of(here)
     assert {s.effect for s in found[0].scores} == {"ir_drift", "ir_gain"} and len(found) == 3
     assert found[0].settings == {"k": 2.0}
+    looked_at = {frozenset(s.effect for s in p.scores): p.looked_at for p in found}
+    assert {n for n, count in looked_at.items() if count == 2} == {frozenset(("ir_gain", other)) for other in ("ir_drift", "lamp")}
+    assert looked_at[frozenset(("ir_drift", "lamp"))] == 1
     assert [p.drop for p in found] == sorted((p.drop for p in found), reverse=True)
 
 
@@ -127,18 +131,22 @@ def here_of(cheap: bool = True, heated: Any = None) -> Any:
 PAIRS = [Pair((score(f"a{k}"), score(f"b{k}")), {}, 10.0 - k) for k in range(9)]
 
 
-def of_pairs(monkeypatch: pytest.MonkeyPatch, gains: list[float | None], singles: dict[str, Any], beats: tuple[str, ...]) -> Any:
-    """Best of pairs that are refitted to these gains (None: refused); `beats`: names of single effects that a pair predicts better than."""
+def of_pairs(
+    monkeypatch: pytest.MonkeyPatch, gains: list[float | None], singles: dict[str, Any], beats: tuple[str, ...], drop: float = 100.0
+) -> Any:
+    """Best of pairs that are refitted to these gains (None: refused) and falls of the square sum, by chance 50; `beats`: names of single
+    effects that a pair predicts better than."""
     left = iter(gains)
 
     def refitted(here: Any, fit: Any, scores: Any, settings: Any, means: Any) -> Any:
         gain, names = next(left), tuple(s.effect for s in scores)
-        return (trial(0.9, refused="no", names=names), None) if gain is None else (trial(gain, names=names), (here_of(), "fit"))
+        return (trial(0.9, refused="no", names=names), None) if gain is None else (trial(gain, drop, names=names), (here_of(), "fit"))
 
     def compare(one: Any, *_: Any) -> Proof:
         return replace(GOOD, sigma=0.01 if one in beats else 0.4)
 
     monkeypatch.setattr(module, "pairs_of", lambda _: PAIRS[: len(gains)])
+    monkeypatch.setattr(module, "by_chance", lambda pairs, after, before: 50.0 if len(pairs) == len(gains) else 0.0)
     monkeypatch.setattr(module, "tried_together", refitted)
     monkeypatch.setattr(module, "held_out_of", lambda one: one)
     monkeypatch.setattr(module, "compared", compare)
@@ -157,6 +165,29 @@ def test_a_pair_has_to_predict_better_than_each_of_its_own(monkeypatch: pytest.M
     assert best[0].gain == 0.2 and trials[1].refused == "predicts held-out data no better than b1 alone"
     _, best = of_pairs(monkeypatch, [0.2, 0.4], singles, singles)
     assert best[0].gain == 0.4
+
+
+def test_a_pair_that_chance_reaches_among_all_that_were_looked_at_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    singles: Any = ()
+    trials, best = of_pairs(monkeypatch, [0.2, 0.4], singles, (), drop=49.0)
+    assert best is None and all("by chance" in t.refused for t in trials)
+    assert of_pairs(monkeypatch, [0.2, 0.4], singles, (), drop=51.0)[1][0].gain == 0.4
+
+
+def test_chance_grows_with_the_pairs_and_values_that_were_looked_at_and_with_what_is_left() -> None:
+    """Two more parameters: chi2 = -2 ln p, p = 0.05 over 40 pairs at 5 values each, 16.6; four times that where four times the noise is
+    left."""
+
+    def fit_of(count: int, f: float) -> Any:
+        return SimpleNamespace(x=np.zeros(count), residual=np.zeros(108), f=f)
+
+    pairs = [replace(PAIRS[0], looked_at=5)] * 40
+    alone = -2.0 * np.log(0.05 / 200.0)
+    assert by_chance(pairs, fit_of(8, 100.0), fit_of(6, 900.0)) == pytest.approx(alone)
+    assert by_chance(pairs, fit_of(8, 400.0), fit_of(6, 900.0)) == pytest.approx(4.0 * alone)
+    assert by_chance(pairs, fit_of(8, 50.0), fit_of(6, 900.0)) == pytest.approx(alone), "no less than the noise"
+    assert by_chance(pairs[:1], fit_of(8, 100.0), fit_of(6, 900.0)) == pytest.approx(-2.0 * np.log(0.05 / 5.0))
+    assert by_chance(pairs, fit_of(10, 98.0), fit_of(6, 900.0)) > 1.2 * alone, "four more take more"
 
 
 def test_of_coupons_as_many_pairs_are_refitted_as_are_worth_it() -> None:

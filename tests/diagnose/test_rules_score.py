@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import norm
+from test_loop import case_of
 
+from thermofit.diagnose import trace
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.score import Columns, Score, _named_from, _threshold, _veto, drop_of, indistinguishable, likeness, ranked
-from thermofit.diagnose.trace import Traced, information
+from thermofit.diagnose.trace import Traced, information, traced
 
 E1, E2, E3 = np.eye(12)[:, :3].T
 NOTHING = np.zeros((12, 0))
@@ -134,3 +136,13 @@ def test_the_size_from_which_an_effect_is_named(threshold: float, numerical: flo
 def test_half_of_what_a_row_tells_is_even() -> None:
     """The only row that a parameter is felt in has half of the weight and its part of the other half, whatever the size of the column."""
     assert information(1e9 * E1[:, None]) == pytest.approx(0.5 / 12.0 + 0.5 * E1)
+
+
+def test_all_strong_effects_are_asked_of_held_out_data_eight_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drift and an emissivity, both of them planted and far above the threshold."""
+    case = case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0})
+    here = traced(case)
+    strong = [s.effect for s in here.ranking.scores if s.z > here.ranking.threshold and not s.vetoed]
+    assert len(strong) >= 2 and set(here.proofs) == set(strong) and trace.PROVED_AT_MOST == 8
+    monkeypatch.setattr(trace, "PROVED_AT_MOST", 1)
+    assert set(traced(case).proofs) == {strong[0]}

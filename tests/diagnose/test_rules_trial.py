@@ -185,15 +185,25 @@ Judge = Callable[..., tuple[Trial, Any]]
 
 
 def ended(
-    monkeypatch: pytest.MonkeyPatch, gains: dict[str, tuple[float, str]], freed: dict[tuple[str, ...], bool], cheap: bool = True
+    monkeypatch: pytest.MonkeyPatch,
+    gains: dict[str, tuple[float, str]],
+    freed: dict[tuple[str, ...], bool],
+    cheap: bool = True,
+    settles: bool | None = False,
 ) -> Trial:
     """The end of two effects with an exponent each: `gains` = (gain, why refused) by what is free, `freed` = what can be freed, and whether
-    it settles."""
+    it settles; `settles`: whether a refit with exponents held where they came to does, None: it cannot be run."""
+
+    def refit(start: Parameters, label: str) -> Any:
+        assert label == f"{' '.join(PAIR)} held there" and not set(BOTH) & set(start.free)
+        if settles is None:
+            raise NumericsError("no equilibrium")
+        return start, SimpleNamespace(converged=settles, of="there")
 
     def free(end: Any, names: tuple[str, ...], label: str, refit: Any) -> Any:
         if names not in freed:
             return None, "gains nothing"
-        return (end[0], SimpleNamespace(converged=freed[names], of=" ".join(names))), "fitted"
+        return (end[0].with_free((*end[0].free, *names)), SimpleNamespace(converged=freed[names], of=" ".join(names))), "fitted"
 
     def judge(here: Any, fit: Any, scores: Any, end: Any, means: Any) -> Any:
         gain, why = gains[end[1].of]
@@ -201,7 +211,7 @@ def ended(
 
     monkeypatch.setattr(module, "_freed", free)
     monkeypatch.setattr(module, "_judged", judge)
-    means: Any = SimpleNamespace(refit=None)
+    means: Any = SimpleNamespace(refit=refit)
     fit: Any = None
     end: Any = (WITH_EXPONENTS, SimpleNamespace(converged=True, of="held"))
     trial, found = _ended(here_of(cheap=cheap), fit, tuple(of(n) for n in PAIR), end, means)
@@ -225,10 +235,55 @@ def test_an_end_that_is_refused_comes_after_one_that_is_not(monkeypatch: pytest.
     assert ended(monkeypatch, gains, {BOTH: True}).refused == ""
 
 
-def test_an_end_that_does_not_settle_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    gains = {"held": (0.1, ""), " ".join(BOTH): (0.4, ""), "lamp.start": (0.5, "")}
-    said = ended(monkeypatch, gains, {BOTH: False, BOTH[1:]: False}).exponents
+@pytest.mark.parametrize("settles", [False, None])
+def test_an_end_that_does_not_settle_is_not_taken(monkeypatch: pytest.MonkeyPatch, settles: bool | None) -> None:
+    """Nor the one with exponents held where it came to, where that does not settle either."""
+    gains = {"held": (0.1, ""), " ".join(BOTH): (0.4, ""), "lamp.start": (0.5, ""), "there": (0.6, "")}
+    said = ended(monkeypatch, gains, {BOTH: False, BOTH[1:]: False}, settles=settles).exponents
     assert said.startswith("held: ") and said.endswith("with them free the fit does not settle")
+
+
+def test_exponents_that_do_not_settle_are_held_where_they_came_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {"held": (0.1, ""), " ".join(BOTH): (0.9, ""), "there": (0.3, "")}
+    said = ended(monkeypatch, gains, {BOTH: False}, settles=True).exponents
+    assert said.startswith("there: held at second_hardening.b = 60, lamp.start = 30, where a fit that does not settle has brought them")
+    assert ended(monkeypatch, gains | {"there": (0.05, "")}, {BOTH: False}, settles=True).exponents.startswith("held: ")
+
+
+def at_scans(
+    monkeypatch: pytest.MonkeyPatch, ends: dict[float, tuple[float, float, bool]], cheap: bool = True
+) -> tuple[list[float], Trial]:
+    """Starts of a lamp that were tried, and the trial that is taken: `ends` = (amplitude, gain, accepted) by start."""
+    begun: list[float] = []
+
+    def nearer(here: Any, scores: Any, chosen: Any, refit: Any) -> Any:
+        begun.append(chosen["lamp.start"])
+        return chosen["lamp.start"]
+
+    def judge(here: Any, fit: Any, scores: Any, start: float, means: Any) -> Any:
+        size, gain, accepted = ends[start]
+        one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {}, 0.0, "" if accepted else "refused")
+        return one, ("there", start) if accepted else None
+
+    monkeypatch.setattr(module, "_nearer", nearer)
+    monkeypatch.setattr(module, "_ended", judge)
+    monkeypatch.setattr(module, "_at", lambda here, score, scan: score)
+    here = here_of(cheap=cheap)
+    here.scanned, here.settings = {"lamp": tuple(({"lamp.start": s}, None) for s in ends)}, {"lamp": {"lamp.start": next(iter(ends))}}
+    fit: Any = None
+    means: Any = SimpleNamespace(refit=None)
+    return begun, tried(here, fit, of("lamp"), means)[0]
+
+
+def test_an_effect_at_its_bound_is_tried_at_other_exponents(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to one that is off it; of all ends the accepted one with the largest gain is taken. Of a body no second refit is made."""
+    bound = param("lamp.absorbed").upper
+    ends = {10.0: (bound, 0.9, False), 20.0: (0.995 * bound, 0.3, True), 30.0: (0.2, 0.2, True), 40.0: (0.2, 0.99, True)}
+    begun, trial = at_scans(monkeypatch, ends)
+    assert begun == [10.0, 20.0, 30.0] and trial.gain == 0.3
+    begun, trial = at_scans(monkeypatch, ends, cheap=False)
+    assert begun == [10.0] and trial.gain == 0.9
+    assert at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)})[0] == [10.0]
 
 
 def test_of_a_body_what_is_freed_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

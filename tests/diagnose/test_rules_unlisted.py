@@ -80,6 +80,26 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeyp
     assert unlisted(here, None, []) is None
 
 
+@pytest.mark.parametrize(("rows", "there"), [(5, True), (4, False)])
+def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
+    monkeypatch: pytest.MonkeyPatch, rows: int, there: bool
+) -> None:
+    """Of 20 values, one a second, the term has every second one."""
+    term: Any = SimpleNamespace(basis=SimpleNamespace(rows=np.arange(0, 20, 2)), proof=GOOD)
+    here: Any = SimpleNamespace(
+        ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None), rows=SimpleNamespace(time=np.arange(20.0))
+    )
+    monkeypatch.setattr(module, "unfitted", lambda *_: None)
+    monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
+    monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
+    monkeypatch.setattr(module, "_term", lambda *_: term)
+    monkeypatch.setattr(module, "_settled", lambda *_: (term, None, ""))
+    monkeypatch.setattr(module, "_volumes", lambda *_: None)
+    monkeypatch.setattr(module, "_hints", lambda *_: ())
+    monkeypatch.setattr(module, "place_of", lambda *_: SimpleNamespace(when=(4.0, 4.0 + 2.0 * (rows - 1))))
+    assert (unlisted(here, None, []) is not None) is there
+
+
 @pytest.mark.parametrize(("worse", "closer"), [(0.09, True), (0.11, False)])
 def test_fewer_hats_are_taken_unless_held_out_data_ask_for_all(worse: float, closer: bool) -> None:
     """A tenth of the held-out error without a term is the standard error."""
@@ -133,8 +153,10 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
     monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
     found: Any = SimpleNamespace(structure=structure_of(excess))
-    field: Any = SimpleNamespace(basis=None, after=None)
+    field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None)
     assert _resembles(closed_of(), ("a",), found, field) is taken
+    stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
+    assert not _resembles(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
 
 
 def stead(

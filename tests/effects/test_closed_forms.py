@@ -417,6 +417,20 @@ def test_a_row_says_where_its_effect_acts(name: str) -> None:
         assert (e.slot, e.on, e.stored) == (row.slot, row.on, row.stored)
 
 
+ONE_WAY = {
+    *("backstress_first", "backstress_second", "elastic_degradation", "ir_lag", "jaw_slip", "radiation", "rate_logarithmic", "rate_power"),
+    *("yield_plateau", "linear_hardening", "hill_anisotropy", "thermal_expansion", "air_convection", "clamp_conductance"),
+}
+"""Effects whose amplitude physics allows on one side of nothing alone: moduli, emissivities, time constants, overstress, damage, slip."""
+
+
+def test_an_amplitude_is_bounded_by_nothing_where_physics_says_so() -> None:
+    """A sign that cannot be is what vetoes an estimate; every other amplitude may go both ways."""
+    assert {e.name for e in effects() if e.amplitude.lower >= 0.0} == ONE_WAY
+    assert all(e.amplitude.lower < e.amplitude.neutral < e.amplitude.upper for e in effects() if e.name not in ONE_WAY)
+    assert effect("radiation").amplitude.upper == 1.0 and effect("elastic_degradation").amplitude.upper < 1.0
+
+
 @pytest.mark.parametrize("name", sorted(BASE_ROWS))
 def test_kernels_of_the_base_law_answer_as_worked_out_by_hand(name: str) -> None:
     assert len(BASE_ROWS[name]) >= 2

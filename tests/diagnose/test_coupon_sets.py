@@ -19,6 +19,8 @@ from thermofit.effects.catalogue import Effect
 from thermofit.identify.coupon_inputs import CouponData
 
 SOFTENING = {"thermal_softening", "softening_power"}
+BACKSTRESS = {"backstress_first", "backstress_second"}
+"""One law: which of both comes first is no difference."""
 ONE = {"diagnosis": {"max_effects": 1}}
 
 
@@ -71,7 +73,7 @@ def test_of_equal_records_no_fold_holds_out_the_same_phase_of_all(tmp_path: Path
     fit = float(np.sqrt(np.mean(found.first.columns.residual**2)))
     assert first < 1.2 * fit and last < 0.75 * first, "folds are predicted about as well as they are fitted"
     (name,) = found.accepted
-    assert name in ("second_hardening", "backstress_first"), "monotonic tension does not tell these two apart"
+    assert name in ("second_hardening", *BACKSTRESS), "monotonic tension does not tell these apart"
 
 
 def test_two_terms_that_help_only_together_are_found_as_a_pair(tmp_path: Path) -> None:
@@ -79,7 +81,7 @@ def test_two_terms_that_help_only_together_are_found_as_a_pair(tmp_path: Path) -
     law = {"yield_plateau.share": 1.0, "yield_plateau.length": 0.013, "backstress_first.C": 200e3, "backstress_first.gamma": 3000.0}
     study = study_of(tmp_path, diagnosis={"max_effects": 2})
     found = looped(study, (pulled_record("p", 1e-3, 293.0, 3, 1.0, samples=80, **law),), tmp_path)
-    assert set(found.rounds[0].accepted) == {"yield_plateau", "backstress_first"}
+    assert "yield_plateau" in found.rounds[0].accepted and set(found.rounds[0].accepted) & BACKSTRESS
     singles = [t for t in found.rounds[0].trials if len(t.effects) == 1 and not t.refused]
     pair = next(t for t in found.rounds[0].trials if t.effects == found.rounds[0].accepted)
     assert all(pair.gain > t.gain for t in singles)

@@ -37,7 +37,7 @@ from bench_document import Measured, document, load, save, show
 from bench_measure import ROOT, Limits, Options, Part
 
 from thermofit.core.jit import set_threads
-from thermofit.core.study_section import PRESETS
+from thermofit.study.section import PRESETS
 
 SECTIONS: dict[str, Callable[[Options, Limits], Part]] = {
     "machine": bench_machine.measure,

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermofit.body.body import Body, tension_body
+from thermofit.body.heat.conduction import at_constant_stress, heat_conditions
+from thermofit.body.mesh.mesh import Mesh, boundary_facets, structured_hexes
+from thermofit.body.solve.march import Loading
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.fem.body import Body, tension_body
-from thermofit.fem.conduction import at_constant_stress, heat_conditions
-from thermofit.fem.march import Loading
-from thermofit.fem.mesh import Mesh, boundary_facets, structured_hexes
-from thermofit.material.law import Law, dissipated_energy, hardening_variable, law_of, yield_stress
+from thermofit.law.page import Law, dissipated_energy, hardening_variable, law_of, yield_stress
 
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
 PARAMETERS = Parameters.of(

@@ -12,8 +12,8 @@ import numpy as np
 from bench_bar import MISES, SYMMETRY, Bar, bar_mesh, bar_times, curve, heating, middle_node, peer_constants
 from bench_measure import run_child
 
-from thermofit.fem.mesh import HEX_FACES, Mesh
-from thermofit.material.law import law_of
+from thermofit.body.mesh.mesh import HEX_FACES, Mesh
+from thermofit.law.page import law_of
 
 MISSING = "CalculiX was not measured: no program `ccx` was found; install it with `apt install calculix-ccx` (Debian, Ubuntu)."
 DENSITY = 2.7e-9

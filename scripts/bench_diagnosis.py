@@ -9,13 +9,13 @@ import operating_body as body
 from bench_measure import Limits, Options, Part, Row, Target, cpu
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import Case, linearised, scans, slots_of
 from thermofit.diagnose.structure import named_phases
 from thermofit.identify.joint import Joint, joint_settings, station_names
 from thermofit.identify.known_motion import acts_in_heat
-from thermofit.measure.stations import INFRARED
+from thermofit.observe.stations import INFRARED
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
 
 
 def measure(options: Options, limits: Limits) -> Part:

@@ -20,7 +20,7 @@ from bench_bar import MISES, SYMMETRY, Bar, bar_mesh, curve, plastic_strain
 from bench_calculix import PeerRun
 from bench_measure import run_child
 
-from thermofit.material.law import law_of
+from thermofit.law.page import law_of
 
 MISSING = "FElupe was not measured: it is not installed here; install it with `pip install -e '.[bench]'`."
 

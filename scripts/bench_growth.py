@@ -8,7 +8,7 @@ from bench_kernel import dogbone_body
 from bench_measure import Limits, Options, Part, Row, at_most, exponent, once
 from bench_runs import forward
 
-from thermofit.fem.body import Body
+from thermofit.body.body import Body
 
 REFINED = ((6, 40, 2), (6, 40, 4), (6, 80, 4), (12, 80, 4))
 """1, 2, 4 and 8 times the elements of the coarse mesh."""

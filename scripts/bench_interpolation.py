@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from thermofit.core.experiment import DicField, InfraredSequence
-from thermofit.measure.interpolation import PixelMap, displacements_at, interpolate_displacements, interpolate_temperatures
+from thermofit.observe.interpolation import PixelMap, displacements_at, interpolate_displacements, interpolate_temperatures
 
 STAGES, POINTS, FRAMES, SHAPE, NODES, LOST = 150, 2000, 150, (640, 512), 1500, 0.01
 RUNS = 3

@@ -8,13 +8,13 @@ import numpy as np
 from bench_bar import PARAMETERS, SPECIMEN
 from bench_measure import Limits, Options, Part, Row, cpu
 
-from thermofit.fem.body import Body, tension_body, thermal_geometry
-from thermofit.fem.conduction import heat_conditions, heat_step
-from thermofit.fem.dogbone import dogbone_mesh
-from thermofit.fem.element import element_pass
-from thermofit.fem.linear import BandPattern, Factor, scatter
-from thermofit.fem.newton import virgin_state
-from thermofit.material.law import law_of
+from thermofit.body.body import Body, tension_body, thermal_geometry
+from thermofit.body.element.hex8 import element_pass
+from thermofit.body.heat.conduction import heat_conditions, heat_step
+from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.solve.linear import BandPattern, Factor, scatter
+from thermofit.body.solve.newton import virgin_state
+from thermofit.law.page import law_of
 
 PASS_FLOPS = 67e3
 """Operations of one plastic element with residual and tangent, estimated from its loops: sums of the stiffness on lanes (28e3), their

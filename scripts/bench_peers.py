@@ -11,7 +11,7 @@ from bench_bar import MISES, Bar, bar_body, bar_loading, bar_times, middle_node
 from bench_calculix import PeerRun
 from bench_measure import Limits, Options, Part, Row, Target, at_least, once
 
-from thermofit.fem.march import History, Loading, MarchSettings, march
+from thermofit.body.solve.march import History, Loading, MarchSettings, march
 
 FELUPE_SHARE = 12
 """Increments of 50 that FElupe is given on the full mesh; it needs the same number of iterations in each."""

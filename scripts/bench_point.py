@@ -6,9 +6,9 @@ import numpy as np
 from bench_bar import PARAMETERS, Bar, bar_mesh
 from bench_measure import Limits, Options, Part, Row, Target, cpu
 
-from thermofit.fem.body import tension_body
-from thermofit.fem.march import Loading, MarchSettings, march
-from thermofit.fem.newton import NewtonSettings
+from thermofit.body.body import tension_body
+from thermofit.body.solve.march import Loading, MarchSettings, march
+from thermofit.body.solve.newton import NewtonSettings
 from thermofit.point.driver import PointSettings, Programme, simulate, simulate_rates
 
 SAMPLES = 20_000

@@ -17,12 +17,12 @@ from bench_bar import PARAMETERS
 from bench_kernel import dogbone_body
 from bench_measure import Child, Limits, Options, Part, Row, at_most, cpu, once, run_child
 
+from thermofit.body.body import Body
+from thermofit.body.heat.one_way import heat_problem, heat_run
+from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import NAMES
-from thermofit.fem.body import Body
-from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
-from thermofit.fem.one_way import heat_problem, heat_run
-from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 
 IDENTIFIED = ("E", "nu", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "c0")
 LOADING = Loading(np.array([0.0, 3.0, 8.0, 150.0, 160.0, 400.0]), np.array([0.0, 0.0, 4000.0, 7100.0, 0.0, 0.0]))

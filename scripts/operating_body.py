@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 from operating_draw import World, worlds
 
+from thermofit.body.solve.history import History
+from thermofit.body.solve.march import Loading
 from thermofit.core.experiment import ForceRecord, Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import job
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import PRESETS, MeshSize
 from thermofit.diagnose.case import Case, slots_of
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import JOINT_EVALUATIONS
@@ -28,17 +27,18 @@ from thermofit.diagnose.structure import named_phases
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.fem.history import History
-from thermofit.fem.march import Loading
 from thermofit.identify.discretisation import corrected
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.instruments import Instruments
 from thermofit.identify.joint import Joint, joint_settings, station_names
 from thermofit.identify.priors import effect_priors
-from thermofit.measure.force import smooth_force
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.stations import INFRARED
+from thermofit.observe.force import smooth_force
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.stations import INFRARED
+from thermofit.records.staging import job
+from thermofit.study.section import PRESETS, MeshSize
+from thermofit.study.study import Study, load_study
 
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
 TRUTH = {

@@ -20,8 +20,8 @@ from typing import Any
 import operating_page
 from operating_run import run_one, sources
 
-from thermofit.core.executor import Executor, Task, run_all
 from thermofit.effects.catalogue import effects
+from thermofit.records.executor import Executor, Task, run_all
 
 ROOT = Path(__file__).resolve().parent.parent
 ROWS = "operating_figures.jsonl"

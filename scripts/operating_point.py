@@ -16,8 +16,6 @@ import numpy as np
 from operating_draw import World, worlds
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import job
-from thermofit.core.study import Study, load_study
 from thermofit.diagnose.case import Case, slots_of, untold
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, with_elastic
@@ -34,6 +32,8 @@ from thermofit.identify.joint import station_names
 from thermofit.identify.model import StageModel
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.point.programmes import Usual, programme
+from thermofit.records.staging import job
+from thermofit.study.study import Study, load_study
 
 AIR = 296.15
 TRUTH = {

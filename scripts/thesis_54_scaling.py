@@ -9,9 +9,9 @@ from thesis_printed import TABLE_5_10, TABLE_5_14, TABLE_5_15
 from thesis_read import percent
 from thesis_runs import Place
 
-from thermofit.core.artefact import Record
 from thermofit.core.experiment import CELSIUS
 from thermofit.diagnose.tables import table
+from thermofit.records.artefact import Record
 
 COOLING = {1: "exp2-model-1", 2: "exp2"}
 COUPLED = "exp2-model-1-coupled"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from thesis_read import free_names, percent, value
 
-from thermofit.core.artefact import Record
+from thermofit.records.artefact import Record
 
 
 @dataclass(frozen=True)

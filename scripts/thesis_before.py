@@ -6,7 +6,7 @@ from thesis_agreement import signed
 from thesis_read import Statement
 from thesis_runs import Place
 
-from thermofit.core.artefact import Record
+from thermofit.records.artefact import Record
 
 ARTEFACT = "identifiability-a-priori"
 MOTION, JAWS, AIR = "rigid-body motion", "theta_clamp", "theta_air"

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Record
 from thermofit.core.errors import DataError
 from thermofit.core.parameters import NAMES
+from thermofit.records.artefact import Record
 
 ONE_OPTIMUM = 1e-3
 """Spread of a parameter up to which several starts have ended in one optimum."""

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.artefact import Record, open_record
 from thermofit.core.atomic import replacing
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
-from thermofit.core.staging import artefact_path
+from thermofit.records.artefact import Record, open_record
+from thermofit.records.staging import artefact_path
 
 ROOT = Path(__file__).resolve().parents[1]
 LOG, COST, TOTAL = "log.txt", "cost.json", "total.json"

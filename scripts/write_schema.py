@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from thermofit.core.study import json_schema
+from thermofit.study.study import json_schema
 
 PATH = Path(__file__).resolve().parent.parent / "docs" / "study.schema.json"
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from thermofit.material.law import law_of
-from thermofit.material.point import LAMBDA
+from thermofit.law.page import law_of
+from thermofit.point.update import LAMBDA
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 SMALL = (2, 4, 2)

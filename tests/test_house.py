@@ -41,14 +41,17 @@ def test_import_contract() -> None:
 @pytest.mark.parametrize(
     ("module", "line", "broken"),
     [
-        ("fem/wrong.py", "import thermofit.measure", "Imports only go down"),
-        ("fit/wrong.py", "import thermofit.measure", "Imports only go down"),
-        ("measure/wrong.py", "import thermofit.fit", "Imports only go down"),
-        ("point/wrong.py", "import thermofit.fem", "Imports only go down"),
-        ("fem/wrong.py", "import thermofit.point", "Imports only go down"),
-        ("core/wrong.py", "import thermofit.effects", "Imports only go down"),
-        ("fit/wrong.py", "import thermofit.fem", "never finite elements"),
-        ("measure/wrong.py", "import h5py", "HDF5"),
+        ("body/wrong.py", "import thermofit.observe", "Imports only go down"),
+        ("fit/wrong.py", "import thermofit.read", "Imports only go down"),
+        ("read/wrong.py", "import thermofit.fit", "Imports only go down"),
+        ("read/wrong.py", "import thermofit.virtual", "Imports only go down"),
+        ("observe/wrong.py", "import thermofit.read", "Imports only go down"),
+        ("point/wrong.py", "import thermofit.body", "Imports only go down"),
+        ("law/wrong.py", "import thermofit.point", "Imports only go down"),
+        ("records/wrong.py", "import thermofit.effects", "Imports only go down"),
+        ("study/wrong.py", "import thermofit.records", "Imports only go down"),
+        ("fit/wrong.py", "import thermofit.body", "never finite elements"),
+        ("read/wrong.py", "import h5py", "HDF5"),
         ("stages/one.py", "import thermofit.stages.two", "Stages do not import"),
         ("stages/one.py", "import h5py", "HDF5"),
         ("plots/__init__.py", "", "Imports only go down"),
@@ -57,8 +60,23 @@ def test_import_contract() -> None:
 def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: str) -> None:
     """In a skeleton of the house one wrong import breaks the contract that forbids it."""
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    rooms = ("stages", "diagnose", "identify", "fit", "measure", "fem", "point", "material", "effects", "core")
-    knows_hdf5 = ("core/artefact.py", "core/foreign_hdf5.py")
+    rooms = (
+        "stages",
+        "diagnose",
+        "identify",
+        "fit",
+        "virtual",
+        "read",
+        "observe",
+        "body",
+        "point",
+        "law",
+        "effects",
+        "records",
+        "study",
+        "core",
+    )
+    knows_hdf5 = ("records/artefact.py", "records/foreign_hdf5.py")
     for name in ("cli.py", *knows_hdf5, "stages/one.py", "stages/two.py", "__init__.py", *(f"{room}/__init__.py" for room in rooms)):
         path = tmp_path / "thermofit" / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import yaml
 
-from thermofit.core.artefact import ParameterResult, Record, RecordContent, write_record
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import param
-from thermofit.core.study import Study, load_study
+from thermofit.records.artefact import ParameterResult, Record, RecordContent, write_record
+from thermofit.study.study import Study, load_study
 
 ROOT = Path(__file__).parents[1]
 SIX = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "f")

@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 import thermofit
 from thermofit.cli import app
 from thermofit.cli.catalogue import ORDER
-from thermofit.core.artefact import Dataset, ParameterResult, RecordContent, write_record
 from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
-from thermofit.core.executor import Executor
-from thermofit.core.staging import Outcome, artefact_path
-from thermofit.core.study import Study
+from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
+from thermofit.records.executor import Executor
+from thermofit.records.staging import Outcome, artefact_path
+from thermofit.study.study import Study
 
 COMMANDS = ("new", "run", "inspect", *ORDER, "show")
 STUDY = """
@@ -409,7 +409,7 @@ def test_show_of_another_file_does_not_advise_to_remove_it(study: Path, name: st
 
 
 def test_new_writes_a_study_that_loads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from thermofit.core.study import load_study
+    from thermofit.study.study import load_study
 
     monkeypatch.chdir(tmp_path)
     raw = tmp_path / "lab" / "test #7"

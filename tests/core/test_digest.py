@@ -8,21 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from thermofit.core.artefact import RecordContent, fresh, write_record
 from thermofit.core.digest import EFFECTS_VARIABLE, PACKAGE, _of_users, kernel_digest, path_digest, source_digest
 from thermofit.core.errors import DataError
+from thermofit.records.artefact import RecordContent, fresh, write_record
 
 
 def house(folder: Path) -> Path:
     texts = {
         "core/parameters.py": "E = 1.0",
-        "core/artefact.py": "",
-        "core/study_models.py": "",
+        "core/atomic.py": "",
+        "study/models.py": "",
         "effects/film.py": "A = 1",
-        "material/point.py": "",
-        "measure/force.py": "",
-        "measure/search.py": "from thermofit.core.jit import kernel",
-        "measure/threads.py": "from thermofit.core.jit import set_threads\n",
+        "point/update.py": "",
+        "observe/force.py": "",
+        "observe/search.py": "from thermofit.core.jit import kernel",
+        "observe/threads.py": "from thermofit.core.jit import set_threads\n",
         "fit/problem.py": "",
     }
     for name, text in texts.items():
@@ -32,7 +32,7 @@ def house(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "name", ["effects/film.py", "material/point.py", "core/parameters.py", "measure/search.py", "fem/new.py", "core/new.py"]
+    "name", ["effects/film.py", "point/update.py", "core/parameters.py", "observe/search.py", "body/new.py", "core/new.py"]
 )
 def test_edit_of_a_possible_kernel_source_changes_the_kernel_digest(tmp_path: Path, name: str) -> None:
     package = house(tmp_path)
@@ -45,11 +45,11 @@ def test_edit_of_a_possible_kernel_source_changes_the_kernel_digest(tmp_path: Pa
 @pytest.mark.parametrize(
     "name",
     [
-        "core/artefact.py",
-        "core/executor_dask.py",
-        "core/study_models.py",
-        "measure/threads.py",
-        "measure/force.py",
+        "core/atomic.py",
+        "core/errors_more.py",
+        "study/models.py",
+        "observe/threads.py",
+        "observe/force.py",
         "fit/problem.py",
         "effects/notes.txt",
     ],

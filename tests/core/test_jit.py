@@ -48,7 +48,7 @@ def answers(x):
 MAIN = """
 import numpy as np
 from thermofit.core.jit import CACHE_FOLDER
-from thermofit.material.caller import answer, answers
+from thermofit.law.caller import answer, answers
 a, b = answer(1.0), answers(np.ones(3))
 compiled = sum(sum(f.stats.cache_misses.values()) for f in (answer, answers))
 hits = sum(sum(f.stats.cache_hits.values()) for f in (answer, answers))
@@ -59,14 +59,14 @@ print(a, b[2], compiled, hits)
 @pytest.fixture
 def house(tmp_path: Path) -> Path:
     package = tmp_path / "thermofit"
-    for room in ("core", "effects", "material"):
+    for room in ("core", "effects", "law"):
         (package / room).mkdir(parents=True)
         (package / room / "__init__.py").write_text("")
     (package / "__init__.py").write_text("")
     for name in ("jit", "digest", "errors"):
         shutil.copy(digest.PACKAGE / "core" / f"{name}.py", package / "core")
     (package / "effects" / "callee.py").write_text(CALLEE.format(factor=2.0, shift=1.0))
-    (package / "material" / "caller.py").write_text(CALLER)
+    (package / "law" / "caller.py").write_text(CALLER)
     return tmp_path
 
 

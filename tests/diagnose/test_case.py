@@ -14,8 +14,8 @@ from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans, s
 from thermofit.diagnose.structure import Span
 from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, effect, effects
 from thermofit.identify.coupon_sensor import SENSOR
-from thermofit.material.composition import POINT_ONLY
-from thermofit.measure.stations import INFRARED
+from thermofit.law.composition import POINT_ONLY
+from thermofit.observe.stations import INFRARED
 
 AT = Parameters.of({"theta_ref": 296.0}, ("E",))
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Dataset
 from thermofit.diagnose import figures_coupon
+from thermofit.records.artefact import Dataset
 
 
 class Verify:

@@ -11,11 +11,11 @@ import pytest
 from test_loop import case_of, settled
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.study_section import MeshSize
 from thermofit.diagnose import prepared as module
 from thermofit.diagnose.prepared import Prepared, _Joint, prepared
 from thermofit.fit.result import FitResult
 from thermofit.identify.model import StageModel
+from thermofit.study.section import MeshSize
 
 STUDY = cast(Any, SimpleNamespace(coupon=None, fitted=(), source=SimpleNamespace(name="study.yaml")))
 

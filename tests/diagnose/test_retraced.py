@@ -23,8 +23,8 @@ from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
-from thermofit.measure.comparison import plain
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import plain
+from thermofit.observe.observation import FieldObservation
 
 N_S, SIGMA = 24, 0.02
 TIME = np.linspace(0.0, 180.0, 61)

@@ -26,8 +26,8 @@ from thermofit.diagnose.structure import (
 )
 from thermofit.diagnose.trace import traced
 from thermofit.identify.inputs import TestPhase
-from thermofit.measure.comparison import plain, rigid_free, temperature_change
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import plain, rigid_free, temperature_change
+from thermofit.observe.observation import FieldObservation
 
 RNG = np.random.default_rng(11)
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 6), np.linspace(-20.0, 20.0, 9))

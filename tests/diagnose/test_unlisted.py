@@ -16,7 +16,6 @@ from strip import MODEL, Source, fitted, numerical, refitting, spot, strip_case
 
 from thermofit.cli.printing_loop import _unlisted
 from thermofit.core.jsonable import jsonable
-from thermofit.core.study import Study
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
@@ -27,6 +26,7 @@ from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_place import compact, when_of
 from thermofit.diagnose.unlisted_record import described, in_words, summary_of, unlisted_datasets, with_unlisted
 from thermofit.diagnose.unlisted_structure import structures
+from thermofit.study.study import Study
 
 PATCH = (8.0, 7.5)
 """Distance of hats in mm, more than that with which the term is sought."""

@@ -12,7 +12,6 @@ import yaml
 from strip import refitting
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study, load_study
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import coupon_spans
@@ -26,6 +25,7 @@ from thermofit.identify.coupon_model import coupon_model
 from thermofit.identify.inputs import TestPhase
 from thermofit.identify.missing_coupon import lumped
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.study.study import Study, load_study
 
 TRUTH = Parameters.of(
     {

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermofit.core.artefact import ParameterResult
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.held_out import Rows, split_by_experiment
 from thermofit.diagnose.literature import literature_rows
 from thermofit.diagnose.worth import criteria, independent, length_scale, time_scale
 from thermofit.identify.model import StageModel
-from thermofit.measure.comparison import plain
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import plain
+from thermofit.observe.observation import FieldObservation
+from thermofit.records.artefact import ParameterResult
 
 N_T, N_S = 120, 150
 XY = np.random.default_rng(1).uniform([-10.0, -20.0], [10.0, 20.0], size=(N_S, 2))

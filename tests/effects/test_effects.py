@@ -17,8 +17,8 @@ from thermofit.effects.catalogue import SLOTS, Effect, effect, effects, load_eff
 from thermofit.effects.film_exchange import outward_flux
 from thermofit.effects.linear_hardening import yield_stress
 from thermofit.effects.scene import Scene
-from thermofit.material.law import law_of
-from thermofit.measure.stations import gradients
+from thermofit.law.page import law_of
+from thermofit.observe.stations import gradients
 
 NAMES = tuple(e.name for e in effects() if e.slot != "base")
 """All effects but those that the base law already holds: these have no formula of their own."""

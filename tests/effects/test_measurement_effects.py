@@ -8,7 +8,7 @@ import pytest
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import KINEMATICS, MEASUREMENT, Effect, effect, effects
 from thermofit.effects.scene import Scene
-from thermofit.measure.stations import scene_of, seen_along
+from thermofit.observe.stations import scene_of, seen_along
 
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 6), np.linspace(-20.0, 20.0, 9))
 XY = np.stack([X.ravel(), Y.ravel()], axis=1)

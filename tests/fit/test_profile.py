@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.errors import NumericsError
 from thermofit.fit.covariance import covariance
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.profile import Optimum, Side, profile_side
 from thermofit.fit.settings import Settings
+from thermofit.records.checkpoint import Checkpoint
 
 TIME = np.linspace(0.0, 2.0, 40)
 TIGHT = Settings(x_tolerance=1e-7, f_tolerance=1e-5, covariance=False)

@@ -8,8 +8,8 @@ from made_up import XY, wall_model, wall_observations
 
 from thermofit.identify.blocks import LONGER, correlation_time, residual_blocks
 from thermofit.identify.model import StageModel
-from thermofit.measure.comparison import plain
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import plain
+from thermofit.observe.observation import FieldObservation
 
 
 def records(n: int, lengths: tuple[int, ...], memory: float) -> tuple[StageModel, np.ndarray]:

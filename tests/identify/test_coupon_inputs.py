@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thermofit.core.study import load_study
 from thermofit.identify.coupon_inputs import CouponTest, coupon_data
 from thermofit.stages import interpolate
+from thermofit.study.study import load_study
 
 STRAIN = np.linspace(0.0, 0.02, 200)
 TOE = 1e-3

@@ -11,11 +11,11 @@ import yaml
 from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study, load_study
 from thermofit.identify.coupon_inputs import CouponData, CouponTest, coupon_test
 from thermofit.identify.coupon_model import coupon_model, memory_remarks, observations, segments
 from thermofit.identify.inputs import TestPhase
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.study.study import Study, load_study
 
 TRUTH = Parameters.of(
     {

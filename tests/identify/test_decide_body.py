@@ -36,7 +36,7 @@ from thermofit.diagnose.trace import Traced
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.identify.joint import Joint, joint_settings
 from thermofit.identify.model import StageModel
-from thermofit.measure.stations import INFRARED
+from thermofit.observe.stations import INFRARED
 
 FREE = ("E", "M_y0", "M_yinf", "H_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 LAMP = ("lamp", "latent_heat")

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from thermofit.body.solve.march import Loading
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import DicField, Specimen
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import MeshSize
-from thermofit.fem.march import Loading
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.model import stage_model
-from thermofit.measure.end_motion import end_motion
-from thermofit.measure.observation import FieldObservation, face_operator
+from thermofit.observe.end_motion import end_motion
+from thermofit.observe.observation import FieldObservation, face_operator
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
 
 SPECIMEN = Specimen(25.0, 1.2, 60.0, 0.0, 25.0, 60.0, 0.0)
 SIZE = MeshSize(n_x=2, n_y=4, n_z=1)

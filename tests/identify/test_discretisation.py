@@ -8,10 +8,10 @@ import numpy as np
 from test_joint import TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.study_section import MeshSize
 from thermofit.identify.discretisation import corrected, finer_mesh
 from thermofit.identify.joint import Joint, joint_settings
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.section import MeshSize
 
 COARSE, FINE = MeshSize(n_x=3, n_y=20, n_z=1), MeshSize(n_x=8, n_y=56, n_z=3)
 

@@ -7,10 +7,10 @@ import pytest
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_search import DrawnStarts
-from thermofit.core.study_section import ParameterStart
 from thermofit.identify.draws import between, drawn_starts
+from thermofit.study.search import DrawnStarts
+from thermofit.study.section import ParameterStart
+from thermofit.study.study import Study
 
 SETTINGS = {
     "M_y0": ParameterStart(start=140.0, bounds=(50.0, 300.0)),

@@ -16,8 +16,8 @@ from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, MEASUREMENT, Eff
 from thermofit.identify import user_effects
 from thermofit.identify.effect_trial import trial_of, try_effect
 from thermofit.identify.missing import Grid
-from thermofit.material.composition import law_effects
-from thermofit.material.law import law_of
+from thermofit.law.composition import law_effects
+from thermofit.law.page import law_of
 
 OUTSIDE = effects((*HEAT, *LOAD, *KINEMATICS, *MEASUREMENT))
 ARGUMENTS = {

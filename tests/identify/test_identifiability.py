@@ -17,7 +17,7 @@ from thermofit.identify.identifiability import analysed, mend, relation
 from thermofit.identify.intervals import allowed_rises, laplace
 from thermofit.identify.linear import Linear, Shift, linear_of, moved
 from thermofit.identify.planned_coupon import planned_coupon
-from thermofit.measure.comparison import plain
+from thermofit.observe.comparison import plain
 
 
 def wall(names: tuple[str, ...] = WALL_NAMES, before: bool = True, **bounds: tuple[float, float]) -> Linear:

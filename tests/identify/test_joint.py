@@ -10,20 +10,20 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
+from thermofit.body.solve.march import History, Loading
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters, param
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import Case, linearised, scans
 from thermofit.diagnose.score import Columns, ranked
 from thermofit.diagnose.structure import Span
 from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effect, effects
-from thermofit.fem.march import History, Loading
 from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.joint import THERMOCOUPLE, Joint, joint_free, joint_model, joint_settings, station_names
 from thermofit.identify.model import StageModel, stage_model
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
 
 SIZE = MeshSize(n_x=1, n_y=8, n_z=1)
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)

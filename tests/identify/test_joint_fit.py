@@ -13,16 +13,16 @@ from virtual_pulls import SIZE, TRUTH, pulled, study
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
 from thermofit.diagnose import refit
 from thermofit.diagnose.refit import EXPONENTS, JointFit, failed_in_words
 from thermofit.identify.inputs import Measured
 from thermofit.identify.joint import Joint, joint_settings
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
-from thermofit.measure.comparison import plain
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import plain
+from thermofit.observe.observation import FieldObservation
+from thermofit.records.staging import Job
+from thermofit.study.study import Study
 
 RATE = {"rate_logarithmic.C": 0.02, "rate_logarithmic.reference": 1e-3}
 BASIC = ("M_y0", "M_yinf", "c0")

@@ -11,12 +11,12 @@ import yaml
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import load_study
 from thermofit.identify.coupon_inputs import CouponData, CouponTest
 from thermofit.identify.coupon_model import coupon_model, coupon_run
 from thermofit.identify.inputs import TestPhase
 from thermofit.identify.measured_work import Work, with_measured_work
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate, simulate_rates
+from thermofit.study.study import load_study
 
 AIR = 296.0
 TRUTH = Parameters.of(

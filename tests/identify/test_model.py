@@ -7,18 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from thermofit.body.body import Body
+from thermofit.body.solve.march import History, Loading, march
 from thermofit.core import parameters as declared
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Job
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import MeshSize
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import BASE, HEAT, HEATING, effects, load_effect
-from thermofit.fem.body import Body
-from thermofit.fem.march import History, Loading, march
 from thermofit.identify.forward import Run, Sampler, march_settings, sampler, specimen_body
 from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
@@ -26,7 +23,10 @@ from thermofit.identify.instruments import station_names
 from thermofit.identify.joint import joint_model, joint_settings
 from thermofit.identify.model import StageModel, stage_model
 from thermofit.identify.solve import solve
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
+from thermofit.records.staging import Job
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
 
 SIZE = MeshSize(n_x=2, n_y=8, n_z=1)
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)

@@ -12,9 +12,6 @@ from virtual_pulls import FORCE, SIZE, TRUTH, pulled, study
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
-from thermofit.core.study_stages import StageSettings
 from thermofit.diagnose.case import Case, scans, slots_of
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.effects.catalogue import effect
@@ -23,7 +20,10 @@ from thermofit.identify.joint_several import joint_several, known_in
 from thermofit.identify.model import StageModel, stage_model
 from thermofit.identify.several import Part, Several, expanded, free_in, joined, own_names, seen_by, several_model, several_start
 from thermofit.identify.solve import solve
-from thermofit.measure.stations import INFRARED
+from thermofit.observe.stations import INFRARED
+from thermofit.records.staging import Job
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 OTHER = {"alpha_air": 40.0, "alpha_clamp": 900.0, "theta_air": 300.0, "theta_clamp": 295.5, "theta_ref": 295.5}
 TWO = (

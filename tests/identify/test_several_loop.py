@@ -11,8 +11,6 @@ from virtual_pulls import FORCE, TRUTH, pulled, study
 
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
 from thermofit.diagnose import prepared as preparing
 from thermofit.diagnose import unseen as unseen_tests
 from thermofit.diagnose.decide import decided
@@ -23,6 +21,8 @@ from thermofit.diagnose.study_with_effects import study_text
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_record import described, with_unlisted
 from thermofit.identify.several import Part, Several, own_names
+from thermofit.records.staging import Job
+from thermofit.study.study import Study
 
 OTHER = {"alpha_air": 40.0, "alpha_clamp": 900.0, "theta_air": 300.0, "theta_clamp": 295.5, "theta_ref": 295.5}
 THIRD = {"theta_air": 298.0, "theta_clamp": 296.0, "theta_ref": 296.0}
@@ -105,8 +105,8 @@ def test_the_study_with_effects_of_one_test_reads(measured: None, tmp_path: Path
     import yaml
 
     from thermofit.core.parameters import Parameters
-    from thermofit.core.study import load_study
     from thermofit.identify.several import seen_by, several_start
+    from thermofit.study.study import load_study
 
     text = {"name": "three", "experiments": {"first": {"experiment": "a"}, "second": {"experiment": "b"}}, "parameters": dict(STARTS)}
     file = tmp_path / "three.yaml"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thermofit.identify.shared_noise import Modes, shared
-from thermofit.measure.comparison import Comparison
+from thermofit.observe.comparison import Comparison
 
 K, SIZES, STRENGTH = 6, (40, 30, 25), (8.0, 3.0, 0.5)
 

@@ -11,14 +11,14 @@ from made_up import WALL_NAMES, WALL_TRUTH, wall_fields, wall_model, wall_observ
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Job
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import MeshSize
 from thermofit.fit.check import check_jacobian
 from thermofit.identify.model import StageModel
 from thermofit.identify.outcome import made
 from thermofit.identify.solve import Solved, remembering, solve, stage_problem
-from thermofit.measure.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change
+from thermofit.observe.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change
+from thermofit.records.staging import Job
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
 
 START = WALL_TRUTH.replace(E=50000.0, nu=0.2, kappa=200.0, alpha_clamp=4e5).with_free(WALL_NAMES)
 OBSERVATIONS = wall_observations()

@@ -8,7 +8,7 @@ from coupons import LOSSY, SHEET, WHOLE, corners, cycles
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.material.law import internal_energy, law_of
+from thermofit.law.page import internal_energy, law_of
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 from thermofit.point.step import ACROSS, ALONG, decay_share
 

@@ -8,10 +8,10 @@ from coupons import LOSSY, SHEET, WHOLE, corners, flow_stress_of, ramp
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.material.backstress import decay_share, gain_share, recall_over
-from thermofit.material.bounds import check_body_effects
-from thermofit.material.composition import BACKSTRESSES
-from thermofit.material.law import elastic_energy, law_of, plastic_energy, thermoelastic_heat
+from thermofit.law.backstress import decay_share, gain_share, recall_over
+from thermofit.law.bounds import check_body_effects
+from thermofit.law.composition import BACKSTRESSES
+from thermofit.law.page import elastic_energy, law_of, plastic_energy, thermoelastic_heat
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 from thermofit.point.step import ACROSS, ALONG, BACKSTRESS
 

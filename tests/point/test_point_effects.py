@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.material.composition import AMPLITUDES, CAPACITIES, EFFECT_PARAMS, body_effects, capacity_effects, law_effects
+from thermofit.law.composition import AMPLITUDES, CAPACITIES, EFFECT_PARAMS, body_effects, capacity_effects, law_effects
 from thermofit.point.driver import CHANNELS, PointSettings, Programme, simulate, simulate_rates
 
 PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in (*law_effects(), *capacity_effects()) for p in e.params}

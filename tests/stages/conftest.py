@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import tiny
 
-from thermofit.core.study import Study, load_study
+from thermofit.study.study import Study, load_study
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ import pytest
 import tiny
 import yaml
 
-from thermofit.core.artefact import open_record
 from thermofit.core.errors import DataError, StudyError, ThermofitError
-from thermofit.core.staging import artefact_path
-from thermofit.core.study import Study, load_study
+from thermofit.records.artefact import open_record
+from thermofit.records.staging import artefact_path
+from thermofit.study.study import Study, load_study
 
 StudyOf = Callable[..., Study]
 Damage = Callable[[Path], None]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from thermofit.core.artefact import open_record
-from thermofit.core.staging import artefact_path
 from thermofit.identify.inputs import measured_of
+from thermofit.records.artefact import open_record
+from thermofit.records.staging import artefact_path
 
 
 def test_both_lengths_are_in_mm_and_the_larger_one_counts(finished: Path) -> None:

@@ -14,10 +14,10 @@ import yaml
 from typer.testing import CliRunner
 
 from thermofit.cli import app
-from thermofit.core.artefact import open_record
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.records.artefact import open_record
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUTH = {

@@ -13,15 +13,15 @@ import pytest
 import yaml
 from test_coupon_chain import call
 
-from thermofit.core.artefact import open_record
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import load_study
-from thermofit.core.study_coupon_stages import coupon_stage
-from thermofit.core.study_stages import ElasticStage, PlasticStage
 from thermofit.identify import coupon_inputs
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.records.artefact import open_record
+from thermofit.study.coupon_stages import coupon_stage
+from thermofit.study.stages import ElasticStage, PlasticStage
+from thermofit.study.study import load_study
 
 E, NU = 200e3, 0.3
 LAW = {"E": E, "nu": NU, "M_y0": 300.0, "M_yinf": 500.0, "H_exp": 20.0}

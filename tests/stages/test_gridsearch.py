@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thermofit.core.artefact import open_record
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.staging import job
-from thermofit.core.study import Study
 from thermofit.identify import trials
 from thermofit.identify.stage import ready
+from thermofit.records.artefact import open_record
+from thermofit.records.staging import job
 from thermofit.stages import gridsearch
+from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
 FIRST, SECOND = {"alpha_exp": 23.0e-6, "c0": 2.43, "beta": 1.0}, {"alpha_exp": 12.0e-6, "c0": 4.0, "beta": 0.5}

@@ -18,10 +18,10 @@ from typer.testing import CliRunner
 from thermofit.cli import app
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study, load_study
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.stages import identifiability, identify_elastic, identify_plastic, interpolate
 from thermofit.stages.identifiability import Options
+from thermofit.study.study import Study, load_study
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUTH = {"E": 198e3, "M_y0": 310.0, "M_yinf": 560.0, "H_exp": 14.0}

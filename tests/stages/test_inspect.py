@@ -14,11 +14,11 @@ import yaml
 from typer.testing import CliRunner
 
 from thermofit.cli import app
-from thermofit.core.artefact import RecordContent, write_record
 from thermofit.core.errors import DataError
-from thermofit.core.study_coupon import Coupon
-from thermofit.measure.coupon import read_coupon
+from thermofit.read.coupon import read_coupon
+from thermofit.records.artefact import RecordContent, write_record
 from thermofit.stages.inspect import inspect
+from thermofit.study.coupon import Coupon
 
 
 def call(*arguments: object) -> tuple[int, str, str]:
@@ -334,7 +334,7 @@ def test_truncated_files_are_read_or_refused(tmp_path: Path, share: float) -> No
 
 
 def test_large_group_is_read_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("thermofit.measure.look_group.MOST_BYTES", 1000)
+    monkeypatch.setattr("thermofit.read.look_group.MOST_BYTES", 1000)
     for k in range(30):
         (tmp_path / f"s_{k}.csv").write_text(stage_text(k, 1.0 * k), encoding="utf-8")
     (group,) = inspect(tmp_path)["groups"]

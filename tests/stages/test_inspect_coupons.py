@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from thermofit.core.experiment import CouponRecord
-from thermofit.core.study import load_study
-from thermofit.measure.coupon import read_coupon
+from thermofit.read.coupon import read_coupon
 from thermofit.stages.inspect import inspect
+from thermofit.study.study import load_study
 
 STRAIN = np.linspace(0.0, 0.1, 60)
 STRESS = 400.0 * np.tanh(STRAIN / 0.004)

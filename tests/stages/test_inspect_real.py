@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from thermofit.cli import app
 from thermofit.core.errors import DataError
-from thermofit.core.study_coupon import Coupon
-from thermofit.measure.coupon import read_coupon
+from thermofit.read.coupon import read_coupon
 from thermofit.stages.inspect import inspect
+from thermofit.study.coupon import Coupon
 
 ROOT = Path(os.environ.get("THERMOFIT_DATA", "nowhere")) / "real"
 pytestmark = pytest.mark.skipif(

@@ -14,28 +14,28 @@ from pathlib import Path
 import pytest
 import tiny
 
-from thermofit.core.artefact import open_record
-from thermofit.core.staging import artefact_path
-from thermofit.core.study import Study
-from thermofit.measure.raw import read_experiment
+from thermofit.read.raw import read_experiment
+from thermofit.records.artefact import open_record
+from thermofit.records.staging import artefact_path
+from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
 LATER = tuple(name for name in ("verify", "report") if importlib.util.find_spec(f"thermofit.stages.{name}"))
 STAGES = (*tiny.CHAIN, *LATER)
 QUICK = ("calibrate-ir", "interpolate", "identify-elastic")
-HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[2]
+SUPPORT = ROOT / "tests" / "support"
 
 
 def environment() -> dict[str, str]:
-    root = HERE.parents[1]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(HERE)]), "OPENBLAS_NUM_THREADS": "1"}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(SUPPORT)]), "OPENBLAS_NUM_THREADS": "1"}
 
 
 @pytest.fixture
 def worker(study_of: StudyOf) -> Iterator[Callable[..., None]]:
     """Kills a stage after a random time or as soon as it writes; the process that does it has all modules loaded."""
     study = study_of()
-    command = [sys.executable, str(HERE / "kill_worker.py"), str(study.source), "0.6", str(int(time.time()))]
+    command = [sys.executable, str(SUPPORT / "kill_worker.py"), str(study.source), "0.6", str(int(time.time()))]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()) as process:
         assert process.stdin is not None and process.stdout is not None
         source, answer = process.stdin, process.stdout

@@ -11,11 +11,11 @@ import pytest
 from pulled import HEAT, pulled_study
 from test_coupon_chain import call
 
-from thermofit.core.artefact import Record, open_record
-from thermofit.core.study import load_study
 from thermofit.diagnose import refit
 from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.records.artefact import Record, open_record
 from thermofit.stages import close_loop
+from thermofit.study.study import load_study
 
 COUNTS = ("evaluations", "created", "wall_s")
 
@@ -71,8 +71,8 @@ def test_the_loop_takes_over_the_joint_fit_and_ends_the_same(tmp_path: Path, lab
 def test_a_fit_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     from dataclasses import fields, replace
 
-    from thermofit.core.artefact import RecordContent, write_record
     from thermofit.diagnose.known_fit import KnownFit, known_fit, known_fit_datasets
+    from thermofit.records.artefact import RecordContent, write_record
 
     path = pulled_study(tmp_path, (*HEAT, "theta_air"), alpha_exp=0.0)
     assert call("run", path, "--until", "identify-thermal").exit_code == 0

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from thermofit.core.experiment import ForceRecord
-from thermofit.measure.force import smooth_force
+from thermofit.observe.force import smooth_force
 from thermofit.stages.interpolate import label_phases
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tiny
 
-from thermofit.core.study import load_study
+from thermofit.study.study import load_study
 
 
 def written(folder: Path, angle: float, hill: dict[str, float]) -> Path:

@@ -14,8 +14,8 @@ from test_coupon_chain import FIXED, NOISE, TRUTH, call
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.study.study import Study
 
 PLANTED = {"second_hardening.Q": 60.0, "second_hardening.b": 90.0}
 

@@ -14,13 +14,13 @@ from scipy.optimize import brentq
 
 from thermofit.cli import main
 from thermofit.core.errors import DataError, StudyError
-from thermofit.core.staging import Outcome
-from thermofit.core.study import Study, load_study
 from thermofit.identify.necking import Sections, _linearised, _problem, fit_sections, sections_of
 from thermofit.identify.necking_check import other_rates
 from thermofit.identify.necking_law import HardeningLaw, held_strain, section_states
-from thermofit.measure.section_strain import SectionStrain
+from thermofit.read.section_strain import SectionStrain
+from thermofit.records.staging import Outcome
 from thermofit.stages.necking import run, sections
+from thermofit.study.study import Study, load_study
 
 R, H_EXP, H_LIN = 0.6, 12.0, 0.3
 START = 0.03

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import tiny
 
-from thermofit.core.study import Study
-from thermofit.core.study_each import each
+from thermofit.records.each import each
+from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
 REST = (0.0, 0.7, 1.4, 2.1)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 import tiny
 
-from thermofit.core.study import Study
 from thermofit.identify import solve
+from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
 FAR = ("parameters.alpha_exp.start=45.0e-6", "parameters.c0.start=5.0", "parameters.beta.start=0.3")

@@ -10,12 +10,12 @@ import pytest
 import verify_fixtures as made
 from matplotlib.image import imread
 
-from thermofit.core.artefact import Record, open_record
 from thermofit.core.errors import StudyError
-from thermofit.core.staging import artefact_path
-from thermofit.core.study import Study
 from thermofit.diagnose.tables import report_text
+from thermofit.records.artefact import Record, open_record
+from thermofit.records.staging import artefact_path
 from thermofit.stages import report, verify
+from thermofit.study.study import Study
 
 ALL = ("identify-elastic", "identify-plastic", "identify-thermal")
 TRUTH = {name: value for name, value in made.VALUES.items() if name != "kappa"}

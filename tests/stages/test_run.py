@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from thermofit.core.artefact import ParameterResult, RecordContent, write_record
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.staging import Outcome, artefact_path
-from thermofit.core.study import Study, load_study
+from thermofit.records.artefact import ParameterResult, RecordContent, write_record
+from thermofit.records.staging import Outcome, artefact_path
 from thermofit.stages.run import Link, Selection, chain, selected, summary_of, table
+from thermofit.study.study import Study, load_study
 
 NAMES = (
     "simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal",

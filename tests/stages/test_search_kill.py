@@ -21,13 +21,14 @@ import numpy as np
 import pytest
 import tiny
 
-from thermofit.core.artefact import Record, open_record
-from thermofit.core.executor import Executor
-from thermofit.core.staging import artefact_path
-from thermofit.core.study import Study
+from thermofit.records.artefact import Record, open_record
+from thermofit.records.executor import Executor
+from thermofit.records.staging import artefact_path
+from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
-HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[2]
+SUPPORT = ROOT / "tests" / "support"
 STARTS = [
     {"alpha_exp": 23.0e-6, "c0": 2.43, "beta": 1.0},
     {"alpha_exp": 12.0e-6, "c0": 4.0, "beta": 0.5},
@@ -37,7 +38,7 @@ STARTS = [
 
 
 def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), str(HERE)]), "OPENBLAS_NUM_THREADS": "1"}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(SUPPORT)]), "OPENBLAS_NUM_THREADS": "1"}
 
 
 def kept(study: Study, stage: str) -> int:
@@ -48,7 +49,7 @@ def kept(study: Study, stage: str) -> int:
 def killed(study: Study, stage: str, jobs: int, more: int) -> None:
     """Run a stage in a process of its own, kill it when it has left `more` files, and see that it leaves no worker behind."""
     code = (
-        "import tiny; from thermofit.core.executor import Executor; "
+        "import tiny; from thermofit.records.executor import Executor; "
         f"tiny.stage_run({stage!r})(tiny.load_study({str(study.source)!r}), force=True, where=Executor(jobs={jobs}))"
     )
     before = kept(study, stage)

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from thermofit.core.artefact import open_record
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.study import Study
 from thermofit.identify import trials
+from thermofit.records.artefact import open_record
 from thermofit.stages import sensitivity
 from thermofit.stages.sensitivity import relative_change, sensitivity_verdict
+from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
 

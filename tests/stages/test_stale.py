@@ -14,17 +14,17 @@ import verify_fixtures as made
 import yaml
 from typer.testing import CliRunner
 
+from thermofit.body.solve.march import History
 from thermofit.cli import app
-from thermofit.core.artefact import open_record, write_record
 from thermofit.core.errors import StudyError
-from thermofit.core.result import description_of, result_of
-from thermofit.core.staging import Job, artefact_path
-from thermofit.core.study import Study, load_study
 from thermofit.diagnose.prepared import diagnosis_job
-from thermofit.fem.march import History
 from thermofit.identify.outcome import parameter_results
 from thermofit.identify.stage import ready
+from thermofit.records.artefact import open_record, write_record
+from thermofit.records.result import description_of, result_of
+from thermofit.records.staging import Job, artefact_path
 from thermofit.stages import interpolate, report, simulate, verify
+from thermofit.study.study import Study, load_study
 
 ALL = ("identify-elastic", "identify-plastic", "identify-thermal")
 

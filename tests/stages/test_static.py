@@ -11,17 +11,17 @@ import pytest
 import yaml
 from tiny import stage_run
 
+from thermofit.body.body import tension_body
+from thermofit.body.mesh.quality import symmetry_of
+from thermofit.body.mesh.shapes import plate_with_hole_mesh
+from thermofit.body.solve.march import Loading, MarchSettings, march
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study, load_study
-from thermofit.core.study_section import MeshSize
-from thermofit.fem.body import tension_body
-from thermofit.fem.march import Loading, MarchSettings, march
-from thermofit.fem.mesh_quality import symmetry_of
-from thermofit.fem.shapes import plate_with_hole_mesh
-from thermofit.measure.observation import face_operator
+from thermofit.observe.observation import face_operator
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
 
 TRUE_E, TRUE_NU, TRACTION, NOISE = 205000.0, 0.28, 100.0, 3e-4
 PLATE = Specimen(20.0, 3.0, 80.0, 0.0, 20.0, 80.0, 0.0)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import tiny
 
-from thermofit.core.artefact import Record
-from thermofit.core.study import Study, load_study
+from thermofit.records.artefact import Record
+from thermofit.study.study import Study, load_study
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 WELL_DETERMINED = ("E", "nu", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "c0", "beta")

@@ -21,11 +21,11 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 _ASK = """
 import json, sys
 import numpy as np
-from thermofit.core.study import load_study
+from thermofit.study.study import load_study
 study = load_study(sys.argv[1])
 from thermofit.core.parameters import Parameters, known_names
 from thermofit.effects.catalogue import effects
-from thermofit.material.law import flow_stress, law_of, yield_stress
+from thermofit.law.page import flow_stress, law_of, yield_stress
 base = Parameters.of({"theta_ref": 297.0})
 off, on = law_of(base), law_of(base.replace(**{"my_softening.rate": 0.2}))
 print(json.dumps({
@@ -81,7 +81,7 @@ def test_every_slot_stands_on_the_page_with_its_arguments() -> None:
 
 _DIGESTS = """
 import json, sys
-from thermofit.core.study import load_study
+from thermofit.study.study import load_study
 load_study(sys.argv[1])
 from thermofit.core.digest import source_digest
 from thermofit.core.jit import CACHE_FOLDER

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import verify_fixtures as made
 
-from thermofit.core.artefact import Dataset, Record
+from thermofit.body.solve.march import History
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.core.result import result_of
-from thermofit.fem.march import History
 from thermofit.identify.inputs import field_datasets
+from thermofit.records.artefact import Dataset, Record
+from thermofit.records.result import result_of
 from thermofit.stages import verify
 
 ALL = ("identify-elastic", "identify-plastic", "identify-thermal")

@@ -8,7 +8,7 @@ import pytest
 import tiny
 
 from thermofit.core.errors import StudyError
-from thermofit.core.study import load_study
+from thermofit.study.study import load_study
 
 
 def dissipated(folder: Path, *overrides: str) -> float:

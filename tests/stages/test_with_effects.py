@@ -11,9 +11,9 @@ import yaml
 from pulled import HEAT, pulled_study
 from test_coupon_chain import call, record, write_record
 
-from thermofit.core.study import load_study
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.study_with_effects import study_text
+from thermofit.study.study import load_study
 
 
 @pytest.fixture

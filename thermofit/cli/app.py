@@ -34,9 +34,9 @@ from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, e
 from thermofit.core.errors import StudyError
 
 if TYPE_CHECKING:
-    from thermofit.core.executor import Executor
-    from thermofit.core.staging import Outcome
-    from thermofit.core.study import Study
+    from thermofit.records.executor import Executor
+    from thermofit.records.staging import Outcome
+    from thermofit.study.study import Study
 
 app = typer.Typer(
     name="thermofit",
@@ -73,7 +73,7 @@ def new(
 ) -> None:
     """Write a commented study file to start from."""
     with reporting(json):
-        from thermofit.core.study_template import write_template
+        from thermofit.study.template import write_template
 
         said = write_template(file, experiment, overwrite=force, look=_looked)
         line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
@@ -82,7 +82,7 @@ def new(
 
 def _looked(folder: Path) -> tuple[float, float, float] | str:
     """What a raw folder says of its material; readers are imported when there is something to read."""
-    from thermofit.measure.first_look import first_look
+    from thermofit.read.first_look import first_look
 
     found = first_look(folder)
     return found if isinstance(found, str) else (found.modulus, found.stress, found.strain)
@@ -121,7 +121,7 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
     import time
 
     from thermofit.cli import printing
-    from thermofit.core.result import is_trustworthy, result_of
+    from thermofit.records.result import is_trustworthy, result_of
 
     study = common.load()
     options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
@@ -141,7 +141,7 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
 def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
     """The chain up to the last identification, where a command rests on it; what is fresh is not run again."""
     if name in ON_CHAIN:
-        from thermofit.core.executor import SERIAL
+        from thermofit.records.executor import SERIAL
         from thermofit.stages.run import Link, Selection, chain
 
         chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in ORDER], Selection(last="identify-thermal"), report=report)
@@ -211,8 +211,8 @@ def show(
     """What is in a result: verdict, parameters, datasets."""
     with reporting(json):
         from thermofit.cli import printing
-        from thermofit.core.artefact import open_record
-        from thermofit.core.result import description_of
+        from thermofit.records.artefact import open_record
+        from thermofit.records.result import description_of
 
         if artefact.is_dir():
             raise StudyError(f"'{artefact}' is a folder: expected one artefact in it, such as {artefact / 'identify-elastic.h5'}")

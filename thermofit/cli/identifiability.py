@@ -52,7 +52,7 @@ def identifiability(common: Common, **asked: Any) -> None:
     import time
 
     from thermofit.cli import printing
-    from thermofit.core.result import is_trustworthy, result_of
+    from thermofit.records.result import is_trustworthy, result_of
 
     programmes, compare = asked.pop("programmes") or (), asked.pop("compare")
     jobs, scheduler = asked.pop("jobs"), asked.pop("scheduler")

@@ -18,8 +18,8 @@ from thermofit.cli.failure import UNTRUSTWORTHY
 from thermofit.cli.options import Common, on_study
 
 if TYPE_CHECKING:
-    from thermofit.core.staging import Outcome
-    from thermofit.core.study import Study
+    from thermofit.records.staging import Outcome
+    from thermofit.study.study import Study
 
 RAW = ("simulate", "calibrate-ir", "interpolate")
 """Stages that make the record of a held-out experiment, in their order."""
@@ -29,7 +29,7 @@ StageFunction = Callable[[str], Callable[..., Any]]
 def _show(name: str, common: Common, call: Callable[[], Outcome]) -> None:
     """Run one stage and print its result, as every command does."""
     from thermofit.cli import printing
-    from thermofit.core.result import is_trustworthy, result_of
+    from thermofit.records.result import is_trustworthy, result_of
 
     begin = time.perf_counter()
     with contextlib.redirect_stdout(sys.stderr) if common.json else contextlib.nullcontext():
@@ -59,7 +59,7 @@ def register(app: typer.Typer, stage_function: StageFunction, announce: Callable
             typer.Option("--experiment", metavar="FOLDER", help="Raw folder to predict; may be repeated.", show_default=False),
         ] = None,
     ) -> None:
-        from thermofit.core.study_links import make_record
+        from thermofit.study.links import make_record
 
         study = replace(common, settings=(*common.settings, *_held_out(experiment or []))).load()
         announce("validate", study, common.json)

@@ -14,8 +14,8 @@ import typer
 from thermofit.cli.failure import reporting
 
 if TYPE_CHECKING:
-    from thermofit.core.executor import Executor
-    from thermofit.core.study import Study
+    from thermofit.records.executor import Executor
+    from thermofit.study.study import Study
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Local processes that work side by side.")]
@@ -41,7 +41,7 @@ class Common:
 
     def load(self) -> Study:
         """The study file with the settings of the command line."""
-        from thermofit.core.study import load_study
+        from thermofit.study.study import load_study
 
         # A path is text whatever it looks like, and JSON's quotes are YAML's.
         folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
@@ -54,7 +54,7 @@ class Common:
 
 def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:
     """Where the independent problems of a stage are solved; processes share the threads that the study allows, a Dask worker has one."""
-    from thermofit.core.executor import Executor
+    from thermofit.records.executor import Executor
 
     return Executor(jobs, scheduler, 1 if scheduler is not None else max(1, study.numerics.threads // max(1, jobs)))
 

@@ -18,15 +18,13 @@ from thermofit.core.errors import DataError
 PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package thermofit."""
 
-KERNEL_ROOMS = ("effects", "material", "fem", "point")
+KERNEL_ROOMS = ("effects", "law", "point", "body")
 """Rooms whose every source may be compiled into a kernel."""
 
 _NO_KERNEL = b"from thermofit.core.jit import set_threads\n"
 """A module that asks for no more of `core.jit` than this compiles nothing."""
 
-_OUTSIDE_KERNELS = tuple(
-    f"core/{name}" for name in ("artefact", "atomic", "checkpoint", "digest", "errors", "executor", "jsonable", "progress", "study")
-)
+_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "jsonable"))
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 
 EFFECTS_VARIABLE = "THERMOFIT_EFFECTS"

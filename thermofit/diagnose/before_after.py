@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.elsewhere import unseen_rms
 from thermofit.diagnose.held_out import rms_with_error
 from thermofit.diagnose.trace import Traced
+from thermofit.records.artefact import Dataset
 
 WORDS = ("before", "after")
 ERRORS = ("fit", "fit_sigma", "held_out", "held_out_sigma", "numerical")

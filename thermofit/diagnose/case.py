@@ -19,8 +19,8 @@ from thermofit.identify.channels import field_of
 from thermofit.identify.flow_conditions import ONE_RATE, FlowConditions
 from thermofit.identify.known_motion import Direction, acts_in_heat
 from thermofit.identify.model import StageModel
-from thermofit.material.composition import FACTORS, POINT_ONLY, SUMS, capacity_effects
-from thermofit.material.law import law_of
+from thermofit.law.composition import FACTORS, POINT_ONLY, SUMS, capacity_effects
+from thermofit.law.page import law_of
 from thermofit.point.driver import air_effects
 
 if TYPE_CHECKING:

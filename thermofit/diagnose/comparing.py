@@ -10,10 +10,6 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
-from thermofit.core.study_literature import Candidate
-from thermofit.core.study_stages import StageSettings
 from thermofit.diagnose.case import Case, rows_of
 from thermofit.diagnose.experiments import joined_rows, spans_of, stacked
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held_out_residual
@@ -35,6 +31,10 @@ from thermofit.identify.joint_several import JointSeveral, joint_several
 from thermofit.identify.model import StageModel, needs_drive
 from thermofit.identify.several import Several, expanded
 from thermofit.identify.stage import Data, data_of, start_of
+from thermofit.records.staging import Job
+from thermofit.study.literature import Candidate
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 _FIRST = 0.1
 """Share of its probe at which an effect starts that a candidate adds."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from thermofit.core.artefact import Record
-from thermofit.core.study import Study
 from thermofit.diagnose.tables import parameter_rows, phase_rows, remark_lines, stale_lines, table
+from thermofit.records.artefact import Record
+from thermofit.study.study import Study
 
 
 def coupon_report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:

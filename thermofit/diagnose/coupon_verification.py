@@ -9,10 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Made
-from thermofit.core.study import Study
 from thermofit.diagnose.literature import literature_remarks, literature_rows
 from thermofit.diagnose.structure import ResidualField, Span, named_phases, residual_field, statistics
 from thermofit.diagnose.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_table
@@ -20,8 +17,11 @@ from thermofit.fit.memory import memories
 from thermofit.identify.coupon_inputs import UNITS, CouponData
 from thermofit.identify.coupon_model import HISTORY, comparison, coupon_run, observations, offsets, segments
 from thermofit.identify.inputs import TestPhase, field_datasets
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
 from thermofit.point.driver import PointHistory
+from thermofit.records.artefact import Dataset
+from thermofit.records.staging import Made
+from thermofit.study.study import Study
 
 _CURVES = (("strain", "1"), ("stress", "MPa"), ("theta", "K"), ("theta_sensor", "K"), ("lateral_x", "1"), ("accumulated", "1"))
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.diagnose.structure import ResidualField, Span
 from thermofit.diagnose.verification import Verification
 from thermofit.identify.forward import Sampler
 from thermofit.identify.inputs import LoadSteps, Measured
 from thermofit.identify.window import axial_strain
-from thermofit.measure.observation import FieldObservation, face_operator
+from thermofit.observe.observation import FieldObservation, face_operator
+from thermofit.records.artefact import Dataset
 
 
 def stress_stretch(verified: Verification, data: Measured) -> dict[str, Dataset]:

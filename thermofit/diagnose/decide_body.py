@@ -14,7 +14,6 @@ import numpy as np
 
 from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import TINY, feels_rate
 from thermofit.diagnose.decide_told import Family
 from thermofit.diagnose.score import Columns
@@ -22,7 +21,8 @@ from thermofit.effects.catalogue import effect
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.identify.joint import Joint, joint_settings
 from thermofit.identify.known_motion import acts_in_heat
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.section import MeshSize
 
 STRIP = MeshSize(n_x=2, n_y=14, n_z=1)
 """Mesh of the programmes, where that of the study is not coarser."""

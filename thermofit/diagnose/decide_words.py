@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, MEASUREMENT, Effect, effect
-from thermofit.measure.stations import CAMERA
+from thermofit.observe.stations import CAMERA
 
 DISPLACEMENT, TEMPERATURE = "the field of displacement", "the field of temperature"
 FORCE, MACHINE = "the channel of force", "the machine between crosshead and specimen"

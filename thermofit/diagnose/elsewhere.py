@@ -21,7 +21,7 @@ from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, sc
 from thermofit.diagnose.experiments import stacked
 from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual, rms_with_error
 from thermofit.effects.catalogue import effect
-from thermofit.measure.comparison import NoiseOperator
+from thermofit.observe.comparison import NoiseOperator
 
 if TYPE_CHECKING:
     from thermofit.diagnose.trace import Traced

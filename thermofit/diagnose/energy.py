@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
-from thermofit.fem.march import Balance, History
+from thermofit.body.solve.march import Balance, History
+from thermofit.records.artefact import Dataset
 
 
 def energy_totals(history: History) -> dict[str, float]:

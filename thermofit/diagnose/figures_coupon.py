@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Record
 from thermofit.diagnose.figures import MODEL, NOISE, legend_below, new_figure, with_residual
 from thermofit.diagnose.figures_search import correlation_figure, objective_figure
 from thermofit.diagnose.verification import IDENTIFY
+from thermofit.records.artefact import Record
 
 _SHOWN = 6
 """So many records have panels of their own; of more, those are drawn that the model misses most, over their noise."""

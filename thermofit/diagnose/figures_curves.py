@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from thermofit.core.artefact import Record
 from thermofit.diagnose.figures import MEASURED, MODEL, NOISE, legend_below, new_figure, shade_phases, with_residual
 from thermofit.diagnose.structure import Span
+from thermofit.records.artefact import Record
 
 _ZOOM = 2.5
 """The detail of the elastic range shows this many times its stretch."""

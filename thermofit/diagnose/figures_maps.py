@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Record
 from thermofit.diagnose.figures import new_figure, symmetric_limit
+from thermofit.records.artefact import Record
 
 _COLUMN, _ROW = 1.9, 2.9
 """Size of one map in inches."""

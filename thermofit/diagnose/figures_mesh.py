@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from thermofit.body.mesh.mesh import Mesh, boundary_facets
+from thermofit.body.mesh.sets import facets_within
 from thermofit.diagnose.figures import new_figure
-from thermofit.fem.mesh import Mesh, boundary_facets
-from thermofit.fem.mesh_sets import facets_within
 
 _FILMS = ("#9ecae1", "#fdae6b", "#a1d99b", "#bcbddc", "#fdd0a2", "#c7e9c0")
 """Colours of the facet sets in the order of their names."""

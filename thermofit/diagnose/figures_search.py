@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from thermofit.core.artefact import Record
 from thermofit.diagnose.figures import new_figure
+from thermofit.records.artefact import Record
 
 _COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple")
 

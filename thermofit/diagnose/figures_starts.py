@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from thermofit.core.artefact import Record
 from thermofit.core.parameters import is_known, param
 from thermofit.diagnose.figures import new_figure
+from thermofit.records.artefact import Record
 
 _COLUMNS = 4
 _WIDE = 30.0

@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, ParameterResult
 from thermofit.core.parameters import param
-from thermofit.core.study import Study
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import held_out_words
@@ -25,6 +23,8 @@ from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
 from thermofit.identify.channels import field_of
 from thermofit.identify.solve import merged_counts
+from thermofit.records.artefact import Dataset, ParameterResult
+from thermofit.study.study import Study
 
 
 def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, ParameterResult]:

@@ -12,14 +12,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, fresh, of_parameters, open_record
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, units_of
-from thermofit.core.staging import Job
 from thermofit.diagnose.refit import Ends
 from thermofit.fit.covariance import Covariance, NullDirection
 from thermofit.fit.evaluate import Counts, Evaluation
 from thermofit.fit.result import FitResult, Optimality
+from thermofit.records.artefact import Dataset, Record, fresh, of_parameters, open_record
+from thermofit.records.staging import Job
 
 _ROOM = "joint"
 """Group of the datasets."""

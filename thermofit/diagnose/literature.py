@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from thermofit.core.artefact import ParameterResult
 from thermofit.core.parameters import AT, bare_name, param
-from thermofit.core.study import Study
-from thermofit.core.study_literature import PRESSURE, published
+from thermofit.records.artefact import ParameterResult
+from thermofit.study.literature import PRESSURE, published
+from thermofit.study.study import Study
 
 Row = dict[str, Any]
 

@@ -8,14 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.artefact import open_record
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
-from thermofit.core.staging import Job, artefact_path, job
-from thermofit.core.study import Study
-from thermofit.core.study_key import read_of
-from thermofit.core.study_section import PRESETS, MeshSize, mesh_size
-from thermofit.core.study_stages import ChannelSettings, Stages, StageSettings
 from thermofit.diagnose.case import Case, Sharper, slots_of, untold
 from thermofit.diagnose.elsewhere import Elsewhere
 from thermofit.diagnose.errors_told import Told, told, too_far
@@ -41,7 +35,13 @@ from thermofit.identify.model import Prior, StageModel, needs_drive
 from thermofit.identify.priors import effect_priors
 from thermofit.identify.several import Several, expanded, interpolate_paths, several, several_start
 from thermofit.identify.stage import data_paths
-from thermofit.measure.stations import INFRARED
+from thermofit.observe.stations import INFRARED
+from thermofit.records.artefact import open_record
+from thermofit.records.key import read_of
+from thermofit.records.staging import Job, artefact_path, job
+from thermofit.study.section import PRESETS, MeshSize, mesh_size
+from thermofit.study.stages import ChannelSettings, Stages, StageSettings
+from thermofit.study.study import Study
 
 SECTIONS = (
     *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),

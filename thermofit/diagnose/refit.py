@@ -8,18 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from thermofit.core.checkpoint import Checkpoint
+from thermofit.body.solve.history import History
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, param
-from thermofit.core.progress import progress
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
-from thermofit.core.study_models import start_of
-from thermofit.core.study_stages import StageSettings
 from thermofit.diagnose.case import HeatFit
 from thermofit.effects.catalogue import effect, effect_of_param
-from thermofit.fem.history import History
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
@@ -28,8 +22,14 @@ from thermofit.identify.joint_several import JointSeveral
 from thermofit.identify.known_motion import felt_by_temperatures
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, method_of, remembering, stage_problem
-from thermofit.material.composition import FACTORS, SUMS
-from thermofit.material.law import law_of
+from thermofit.law.composition import FACTORS, SUMS
+from thermofit.law.page import law_of
+from thermofit.records.checkpoint import Checkpoint
+from thermofit.records.progress import progress
+from thermofit.records.staging import Job
+from thermofit.study.models import start_of
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 EXPONENTS = " exponents"
 """Ending of the label of a refit with exponents free."""

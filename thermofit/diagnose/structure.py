@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from thermofit.identify.inputs import TestPhase
-from thermofit.measure.comparison import Comparison
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import Comparison
+from thermofit.observe.observation import FieldObservation
 
 AXES = "xy"
 

@@ -8,10 +8,10 @@ from typing import Any
 import yaml
 
 from thermofit.core.parameters import AT, param
-from thermofit.core.study import Study, set_key
 from thermofit.diagnose.loop import Closed
 from thermofit.effects.catalogue import effect
 from thermofit.identify.several import own_names
+from thermofit.study.study import Study, set_key
 
 _FILES = (("experiment",), ("effects",), ("experiments", "*", "experiment"), ("geometry", "file"), ("necking", "file"))
 _RECORDS = (

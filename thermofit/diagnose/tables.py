@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.artefact import Record
 from thermofit.core.parameters import param
-from thermofit.core.study import Study
-from thermofit.core.study_section import PRESETS, MeshSize
+from thermofit.records.artefact import Record
+from thermofit.study.section import PRESETS, MeshSize
+from thermofit.study.study import Study
 
 
 def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:

@@ -9,9 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.core.atomic import replacing
-from thermofit.core.study import Study
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_unlisted import unlisted_figure
 from thermofit.diagnose.held_out import Proof
@@ -22,6 +20,8 @@ from thermofit.diagnose.unlisted_field import Field, basis_of
 from thermofit.identify.missing import Grid
 from thermofit.identify.missing_body import BodyMissing
 from thermofit.identify.missing_coupon import CouponMissing
+from thermofit.records.artefact import Dataset
+from thermofit.study.study import Study
 
 NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress"}
 WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress"}

@@ -7,10 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.artefact import ParameterResult
 from thermofit.core.parameters import AT, Parameters, bare_name
-from thermofit.core.study import Study
-from thermofit.core.study_section import MeshSize
 from thermofit.diagnose.case import Case, rows_of, slots_of
 from thermofit.diagnose.elsewhere import Carried, Elsewhere
 from thermofit.diagnose.experiments import stacked
@@ -22,7 +19,10 @@ from thermofit.identify.inputs import start_parameters
 from thermofit.identify.joint import Joint, joint_settings, station_names
 from thermofit.identify.model import StageModel, needs_drive
 from thermofit.identify.several import Part, own_names, part_of
-from thermofit.measure.stations import INFRARED
+from thermofit.observe.stations import INFRARED
+from thermofit.records.artefact import ParameterResult
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study
 
 _OWN_TEMPERATURES = ("theta_air", "theta_clamp", "theta_ref")
 

@@ -8,24 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import ParameterResult, Record, open_record
+from thermofit.body.body import Body
+from thermofit.body.solve.march import History, Watch
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param, physical_bounds
-from thermofit.core.progress import progress
-from thermofit.core.staging import artefact_path
-from thermofit.core.stale import other_sources
-from thermofit.core.study import Study
-from thermofit.core.study_key import drifted
 from thermofit.diagnose.structure import ResidualField, Span, Statistics, residual_field, span_of, statistics
 from thermofit.diagnose.trust import above_floor, level
-from thermofit.fem.body import Body
-from thermofit.fem.march import History, Watch
 from thermofit.identify.channels import reference_times
 from thermofit.identify.forward import Run, march_settings, run_of, sampler
 from thermofit.identify.inputs import INTERPOLATE, LoadSteps, Measured, read_field
 from thermofit.identify.instruments import Instruments
-from thermofit.measure.comparison import plain, rigid_free, temperature_change
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import plain, rigid_free, temperature_change
+from thermofit.observe.observation import FieldObservation
+from thermofit.records.artefact import ParameterResult, Record, open_record
+from thermofit.records.key import drifted
+from thermofit.records.progress import progress
+from thermofit.records.staging import artefact_path
+from thermofit.records.stale import other_sources
+from thermofit.study.study import Study
 
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
 """The identification stages in their order."""

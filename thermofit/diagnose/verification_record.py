@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from thermofit.core.artefact import Dataset, ParameterResult, Record, open_record
 from thermofit.core.parameters import AT, Parameters
-from thermofit.core.staging import artefact_path
-from thermofit.core.study import Study
 from thermofit.diagnose.curves import moments, snapshots, stress_stretch, temperature_curves
 from thermofit.diagnose.energy import energy_curves, energy_totals
 from thermofit.diagnose.literature import literature_remarks, literature_rows
@@ -26,6 +23,9 @@ from thermofit.diagnose.verification import (
 )
 from thermofit.identify.inputs import Measured, field_datasets
 from thermofit.identify.several import free_in
+from thermofit.records.artefact import Dataset, ParameterResult, Record, open_record
+from thermofit.records.staging import artefact_path
+from thermofit.study.study import Study
 
 Summary = dict[str, Any]
 

@@ -15,8 +15,8 @@ from scipy.spatial.distance import pdist, squareform
 from thermofit.fit.memory import memories
 from thermofit.identify.channels import field_of
 from thermofit.identify.model import StageModel
-from thermofit.measure.comparison import Comparison
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import Comparison
+from thermofit.observe.observation import FieldObservation
 
 _GONE = 0.02
 """Correlation below which values count as independent."""

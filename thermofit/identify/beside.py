@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
-from thermofit.core.study_stages import ChannelSettings, ElasticStage, RelativeDisplacement
 from thermofit.identify.channels import field_of
 from thermofit.identify.solve import ModelOn, Solved, solve
+from thermofit.records.staging import Job
+from thermofit.study.stages import ChannelSettings, ElasticStage, RelativeDisplacement
+from thermofit.study.study import Study
 
 Widen = Callable[[Solved], tuple[Solved, str]]
 """Standard errors of a solved stage made honest, and a remark."""

@@ -9,8 +9,8 @@ from thermofit.fit.memory import tapered_correlation
 from thermofit.identify.channels import field_of
 from thermofit.identify.correlated import correlogram
 from thermofit.identify.model import StageModel
-from thermofit.measure.comparison import Comparison
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import Comparison
+from thermofit.observe.observation import FieldObservation
 
 LONGER = 6.0
 """Length of a block in units of the correlation time or length."""

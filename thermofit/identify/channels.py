@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermofit.core.study import Study
-from thermofit.core.study_stages import ChannelSettings, StageSettings
 from thermofit.identify.inputs import Measured
-from thermofit.measure.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.selection import selected
-from thermofit.measure.strain import StrainScheme, strains
+from thermofit.observe.comparison import Comparison, RelativeScheme, Weight, plain, relative_displacements, temperature_change
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.selection import selected
+from thermofit.observe.strain import StrainScheme, strains
+from thermofit.study.stages import ChannelSettings, StageSettings
+from thermofit.study.study import Study
 
 FIELDS = {"u": "u", "du": "u", "strain": "u", "force": "force", "stress": "force", "theta": "theta", "dtheta": "theta"}
 """The observed field behind a channel of a body; stress is force over the area, strain is made of displacements on both sides."""

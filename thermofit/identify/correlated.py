@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from thermofit.fit.covariance import covariance
 from thermofit.identify.solve import Solved
-from thermofit.measure.triangles import point_spacing
+from thermofit.observe.triangles import point_spacing
 
 _REACH = 0.1
 """Largest distance of a pair in units of the field's size."""

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
-from thermofit.core.staging import Made, artefact_path
-from thermofit.core.stale import read_current
-from thermofit.core.study import Study
-from thermofit.core.study_coupon import Coupon
-from thermofit.core.study_section import ParameterStart
 from thermofit.identify.coupon_elastic import ElasticLine, elastic_line
 from thermofit.identify.inputs import INTERPOLATE, TestPhase
-from thermofit.measure.coupon import read_coupon
-from thermofit.measure.noise import robust_sigma, second_differences
+from thermofit.observe.noise import robust_sigma, second_differences
+from thermofit.read.coupon import read_coupon
+from thermofit.records.artefact import Dataset, Record
+from thermofit.records.staging import Made, artefact_path
+from thermofit.records.stale import read_current
+from thermofit.study.coupon import Coupon
+from thermofit.study.section import ParameterStart
+from thermofit.study.study import Study
 
 LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4, "lateral": 1e-8}
 """Noise of a record without noise: sigma must not vanish, because it divides the residual."""

@@ -14,8 +14,6 @@ import numpy as np
 
 from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import effects
 from thermofit.fit.memory import memories
 from thermofit.identify.channels import balanced, field_of, weight_of
@@ -27,10 +25,12 @@ from thermofit.identify.missing_coupon import CouponMissing
 from thermofit.identify.model import Prior, StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.identify.priors import priors_of
-from thermofit.measure.comparison import Comparison, Weight, plain
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.selection import selected
+from thermofit.observe.comparison import Comparison, Weight, plain
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 HISTORY = {"stress": "stress", "strain": "strain", "lateral": "lateral_x", "theta": "theta_sensor"}
 """Channel of a PointHistory behind an observed field; the strain across the load is that along the width, axis 1 of the law."""

@@ -11,7 +11,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import Effect
 from thermofit.effects.scene import Scene
 from thermofit.identify.coupon_inputs import CouponTest
-from thermofit.measure.stations import chain, scene_of, seen, seen_along
+from thermofit.observe.stations import chain, scene_of, seen, seen_along
 
 SENSOR = ("sensor",)
 

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.core.study_section import MeshSize
-from thermofit.fem.history import History
 from thermofit.identify.force_error import with_force_error
 from thermofit.identify.inputs import Measured, temperature_of
 from thermofit.identify.joint import Joint, beyond
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.section import MeshSize
 
 FINER = 1.5
 """Refinement r of the mesh that tells the error."""

@@ -13,8 +13,8 @@ from scipy.stats import qmc
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_search import DrawnStarts
+from thermofit.study.search import DrawnStarts
+from thermofit.study.study import Study
 
 DECADES = 100.0
 """Upper over lower end from which a range is drawn by its logarithm."""

@@ -18,7 +18,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, Effect
 from thermofit.effects.scene import Scene
-from thermofit.measure.stations import CAMERA, scene_of
+from thermofit.observe.stations import CAMERA, scene_of
 
 _STEP = 1e-30
 _NUDGE = 1e-4

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from thermofit.identify.coupon_inputs import CouponTest
-from thermofit.measure.coupon_phases import turning_points
 from thermofit.point.driver import PointHistory
+from thermofit.read.coupon_phases import turning_points
 
 TAIL = 0.05
 """Share of the rows at either end that does not count: what fewer rows show, no held-out block of a fifth of the record can judge."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.fem.history import History
 from thermofit.identify.forward import Sampler
 from thermofit.identify.inputs import LoadSteps
 from thermofit.identify.joint import ForceModes, Joint

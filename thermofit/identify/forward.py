@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermofit.body.body import Body, tension_body
+from thermofit.body.mesh.quality import symmetry_of
+from thermofit.body.mesh.specimen import specimen_mesh
+from thermofit.body.sensitivity.march import Sensitivity
+from thermofit.body.solve.history import NOBODY, Watch
+from thermofit.body.solve.march import History, Loading, MarchSettings, march
+from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_section import MeshSize
-from thermofit.fem.body import Body, tension_body
-from thermofit.fem.history import NOBODY, Watch
-from thermofit.fem.march import History, Loading, MarchSettings, march
-from thermofit.fem.mesh_quality import symmetry_of
-from thermofit.fem.newton import NewtonSettings
-from thermofit.fem.sensitivity import Sensitivity
-from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.inputs import LoadSteps, Measured
-from thermofit.measure.observation import FaceOperator, FieldObservation, face_operator
+from thermofit.observe.observation import FaceOperator, FieldObservation, face_operator
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study
 
 
 def specimen_body(study: Study, data: Measured, size: MeshSize, control: str = "force") -> Body:

@@ -11,12 +11,12 @@ from typing import Protocol
 
 import numpy as np
 
+from thermofit.body.body import Body
+from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
+from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.solve.history import NOBODY, History, MarchSettings, Watch
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import HEATING, effects
-from thermofit.fem.body import Body
-from thermofit.fem.history import NOBODY, History, MarchSettings, Watch
-from thermofit.fem.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
-from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 
 _IN_HEAT_EQUATION = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 """Of the base law. alpha_exp is in both fields: its thermoelastic heat follows it here, its thermal strain stays that of the history."""

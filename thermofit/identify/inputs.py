@@ -9,14 +9,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import artefact_path
-from thermofit.core.stale import read_current
-from thermofit.core.study import Study
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
+from thermofit.records.artefact import Dataset, Record
+from thermofit.records.staging import artefact_path
+from thermofit.records.stale import read_current
+from thermofit.study.study import Study
 
 INTERPOLATE = "interpolate"
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.solve.history import History, Watch
+from thermofit.body.solve.loading import felt_force, felt_force_rate
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import KINEMATICS, effects
 from thermofit.effects.scene import Scene
-from thermofit.fem.history import History, Watch
-from thermofit.fem.loading import felt_force, felt_force_rate
-from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 from thermofit.identify.forward import Sampler
 from thermofit.identify.held import AnyRun
 from thermofit.identify.prediction import Errors
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.stations import CAMERA, INFRARED, chain, scene_of, seen, seen_along
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.stations import CAMERA, INFRARED, chain, scene_of, seen, seen_along
 
 SLOTS = {"u": (*KINEMATICS, *CAMERA), "theta": INFRARED}
 """Slots between the run and an observed field, in their order."""

@@ -13,9 +13,6 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import norm, t
 
-from thermofit.core.checkpoint import Checkpoint
-from thermofit.core.executor import Executor, Task, run_all
-from thermofit.core.progress import progress
 from thermofit.fit.bootstrap import (
     Blocks,
     drawn_residual,
@@ -36,6 +33,9 @@ from thermofit.identify.linear import Linear
 from thermofit.identify.reciprocal import Reciprocal
 from thermofit.identify.solve import DIFFERENCE_STEP, stage_problem
 from thermofit.identify.subject import Subject, linear_subject, prepared
+from thermofit.records.checkpoint import Checkpoint
+from thermofit.records.executor import Executor, Task, run_all
+from thermofit.records.progress import progress
 
 LEVEL = 0.95
 F_TOLERANCE = 1e-3

@@ -13,12 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
+from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_diagnosis import THERMOCOUPLES
-from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import Channel, ChannelSettings, StageSettings
-from thermofit.fem.history import History
 from thermofit.identify.channels import FIELDS, comparisons_of, field_of
 from thermofit.identify.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run
@@ -30,8 +26,12 @@ from thermofit.identify.model import Prior, StageModel, needs_drive, steps_for
 from thermofit.identify.prediction import Errors
 from thermofit.identify.priors import THERMOCOUPLE, priors_of
 from thermofit.identify.shared_noise import Modes, shared
-from thermofit.measure.comparison import Comparison
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import Comparison
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.diagnosis import THERMOCOUPLES
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import Channel, ChannelSettings, StageSettings
+from thermofit.study.study import Study
 
 __all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_model", "joint_settings", "station_names"]
 NUISANCES = THERMOCOUPLES

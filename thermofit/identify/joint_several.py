@@ -8,15 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
+from thermofit.body.solve.history import History
 from thermofit.core.parameters import AT, Parameters, bare_name
-from thermofit.core.study import Study
-from thermofit.core.study_section import MeshSize
 from thermofit.effects.catalogue import Effect, effect
-from thermofit.fem.history import History
 from thermofit.identify.joint import Joint, joint_settings
 from thermofit.identify.known_motion import Direction
 from thermofit.identify.model import StageModel
 from thermofit.identify.several import Several, free_in, joined, seen_by
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermofit.body.heat.one_way import heat_problem, heat_run_rates
+from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, bare_name
 from thermofit.effects.catalogue import HEATING, Effect, effects
-from thermofit.fem.history import History
-from thermofit.fem.one_way import heat_problem, heat_run_rates
 from thermofit.identify.forward import Run
 from thermofit.identify.held import thermal_names
 from thermofit.identify.instruments import SLOTS, Instruments
-from thermofit.measure.stations import INFRARED, chain, seen_along
+from thermofit.observe.stations import INFRARED, chain, seen_along
 
 Direction = tuple[str, Mapping[str, float]]
 """A Param along which a derivative is taken, and values of the other Params of its effect, which is off."""

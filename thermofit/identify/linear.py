@@ -7,10 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.parameters import Parameters, param
-from thermofit.core.study import Study
-from thermofit.core.study_stages import StageSettings
 from thermofit.fit.bootstrap import outside_residual
 from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
 from thermofit.fit.evaluate import Evaluations
@@ -23,6 +20,9 @@ from thermofit.identify.channels import field_of
 from thermofit.identify.joint import THERMOCOUPLE
 from thermofit.identify.model import StageModel
 from thermofit.identify.solve import DIFFERENCE_STEP, noise_of, stage_problem
+from thermofit.records.checkpoint import Checkpoint
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 PRESCRIBED = ("theta_clamp", "theta_air")
 """Temperatures that a body's stage prescribes and a thermocouple reads."""

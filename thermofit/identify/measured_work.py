@@ -22,8 +22,8 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import effects
-from thermofit.material.composition import number_of
-from thermofit.material.law_rates import NUMBERS, STEP
+from thermofit.law.composition import number_of
+from thermofit.law.page_rates import NUMBERS, STEP
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, run_numbers
 from thermofit.point.solve import AIR, LAG, START, TAU
 from thermofit.point.step import STATE

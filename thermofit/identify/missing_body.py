@@ -9,18 +9,18 @@ from typing import cast
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from thermofit.body.body import Body, thermal_geometry
+from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
+from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
+from thermofit.body.heat.films import conditions_of
+from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.fem.body import Body, thermal_geometry
-from thermofit.fem.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
-from thermofit.fem.films import conditions_of
-from thermofit.fem.heat_effects import INSTANTS, about_middle, at_points, nodal_heat
-from thermofit.fem.history import History
 from thermofit.identify.forward import Run
 from thermofit.identify.instruments import SLOTS, Instruments
 from thermofit.identify.missing import Grid, place_hats, time_hats
-from thermofit.material.law import law_of
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.stations import chain, seen_along
+from thermofit.law.page import law_of
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.stations import chain, seen_along
 
 FIELDS = {"theta": "heat", "u": "displacement"}
 

@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.identify.coupon_inputs import CouponTest
 from thermofit.identify.coupon_sensor import SENSOR, sensor_scene
 from thermofit.identify.missing import Grid, time_hats
-from thermofit.measure.stations import chain, seen_along
+from thermofit.observe.stations import chain, seen_along
 from thermofit.point.driver import PointHistory
 
 FIELDS = {"theta": "heat", "stress": "stress"}

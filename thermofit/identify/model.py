@@ -9,9 +9,6 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters, bare_name
-from thermofit.core.study import Study
-from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import StageSettings
 from thermofit.identify.channels import FIELDS, comparisons_of, field_of
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.held import AnyRun, LastRun, held_run, thermal_names
@@ -20,8 +17,11 @@ from thermofit.identify.instruments import Instruments, JointPrediction, looks_t
 from thermofit.identify.missing import Missing
 from thermofit.identify.prediction import Errors, Linearise, PlainPrediction
 from thermofit.identify.shared_noise import SharedNoise
-from thermofit.measure.comparison import Comparison
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.comparison import Comparison
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 
 @dataclass(frozen=True)

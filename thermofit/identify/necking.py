@@ -19,7 +19,7 @@ from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
 from thermofit.identify.necking_law import HardeningLaw, held_strain, section_states
-from thermofit.measure.section_strain import SectionStrain
+from thermofit.read.section_strain import SectionStrain
 
 LAW = ("considere_strain", "H_exp")
 BOUNDS = {"considere_strain": (0.005, 0.9), "H_exp": (0.05, 300.0)}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.identify.necking import NeckingFit, Sections, fit_sections, predicted
-from thermofit.measure.section_strain import NORMAL
+from thermofit.read.section_strain import NORMAL
 
 FACTORS = (0.5, 2.0, 4.0)
 """The law is identified again with rates whose excess over 1 is this many times the prescribed one."""

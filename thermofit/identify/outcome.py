@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, ParameterResult, of_parameters
 from thermofit.core.parameters import Parameters, param, physical_bounds, units_of
-from thermofit.core.staging import Made
-from thermofit.core.study import Study
 from thermofit.identify.channels import field_of
 from thermofit.identify.inputs import field_datasets
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.identify.solve import Solved, merged_counts
-from thermofit.measure.comparison import Comparison
+from thermofit.observe.comparison import Comparison
+from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
+from thermofit.records.staging import Made
+from thermofit.study.study import Study
 
 MISFIT = 1.5
 """Error of a channel over its noise above which a fit is remarked on; the same limit as that of `verify`."""

@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_section import mesh_size
-from thermofit.core.study_virtual import Simulate
-from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.forward import march_settings, run_of, sampler
 from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.material.law import in_model_axes
-from thermofit.measure.machine import LoadHistory, Step, bar_of, load_history, uniaxial_law
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.observation_points import observation_points
-from thermofit.measure.virtual_setup import VirtualInstruments, instrument_times, instruments_of, rigid_motion, solution_times
+from thermofit.law.page import in_model_axes
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.observation_points import observation_points
+from thermofit.study.section import mesh_size
+from thermofit.study.study import Study
+from thermofit.study.virtual import Simulate
+from thermofit.virtual.machine import LoadHistory, Step, bar_of, load_history, uniaxial_law
+from thermofit.virtual.setup import VirtualInstruments, instrument_times, instruments_of, rigid_motion, solution_times
 
 INTERPOLATED = 0.5**0.5
 """Noise of a value that is linear in a triangle of measured ones, in units of theirs: root of the mean of the squared weights."""

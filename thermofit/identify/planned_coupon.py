@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import artefact_path
-from thermofit.core.study import Study
 from thermofit.identify.coupon_inputs import CouponData, CouponTest, coupon_data, coupon_section, read_tests, whole
 from thermofit.identify.coupon_model import coupon_run, point_settings
 from thermofit.identify.inputs import INTERPOLATE, start_parameters
 from thermofit.identify.programmes import OWN
 from thermofit.point.driver import PointHistory, simulate
 from thermofit.point.programmes import Usual, programme
+from thermofit.records.staging import artefact_path
+from thermofit.study.study import Study
 
 
 def records_of(study: Study) -> CouponData:

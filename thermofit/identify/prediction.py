@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.solve.history import Watch
 from thermofit.core.parameters import Parameters
-from thermofit.fem.history import Watch
-from thermofit.fem.sensitivity import Sensitivities, Sensitivity
 from thermofit.identify.forward import Sampler
 from thermofit.identify.held import AnyRun
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
 
 Errors = dict[str, np.ndarray]
 """Error field prediction - observation (n_t, n_s, n_c) of "u", "theta" and "force"."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from thermofit.core.parameters import Parameters, bare_name, param
-from thermofit.core.study import Study
-from thermofit.core.study_diagnosis import THERMOCOUPLES
 from thermofit.effects.catalogue import effects
 from thermofit.identify.model import Prior
+from thermofit.study.diagnosis import THERMOCOUPLES
+from thermofit.study.study import Study
 
 THERMOCOUPLE = 0.1
 """Standard error of a declared temperature of air or jaws, K."""

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from thermofit.core.errors import StudyError
-from thermofit.core.study_virtual import Simulate
-from thermofit.measure.machine import Step, programme_of
+from thermofit.study.virtual import Simulate
+from thermofit.virtual.machine import Step, programme_of
 
 OWN = "own"
 """The programme that the study itself describes."""

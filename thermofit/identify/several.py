@@ -13,10 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.parameters import AT, Parameters, bare_name
-from thermofit.core.staging import artefact_path
-from thermofit.core.stale import read_current
-from thermofit.core.study import Study
-from thermofit.core.study_stages import StageSettings
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, ON_FACETS, effects
 from thermofit.identify.channels import field_of
 from thermofit.identify.coupon_inputs import CouponData
@@ -24,6 +20,10 @@ from thermofit.identify.inputs import INTERPOLATE, Measured, measured_of, start_
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.identify.start import feasible_start
+from thermofit.records.staging import artefact_path
+from thermofit.records.stale import read_current
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 BOUNDARY = ("alpha_air", "alpha_clamp", "theta_air", "theta_clamp", "theta_ref")
 """Parameters of the base law that belong to a test and not to the material."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.measure.comparison import Comparison
+from thermofit.observe.comparison import Comparison
 
 _TELLS = 1e-3
 """Size of a mode in units of the noise below which it is left out."""

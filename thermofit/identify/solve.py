@@ -9,16 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
-from thermofit.core.progress import progress
-from thermofit.core.staging import Job
-from thermofit.core.study import Study
-from thermofit.core.study_section import PRESETS, MeshSize
-from thermofit.core.study_stages import StageSettings
 from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
 from thermofit.fit.memory import memories, noise_operator
 from thermofit.fit.minimise import minimise
@@ -28,6 +22,12 @@ from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.model import StageModel
 from thermofit.identify.prediction import Errors
 from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
+from thermofit.records.checkpoint import Checkpoint
+from thermofit.records.progress import progress
+from thermofit.records.staging import Job
+from thermofit.study.section import PRESETS, MeshSize
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 DIFFERENCE_STEP = 5e-6
 """Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""

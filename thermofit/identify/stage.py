@@ -9,11 +9,6 @@ from typing import Any
 
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_key import stage_key
-from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import ElasticStage, StageSettings
 from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.coupon_inputs import CouponData, coupon_data
@@ -24,7 +19,12 @@ from thermofit.identify.outcome import made, nothing_identified
 from thermofit.identify.several import Part, Several, expanded, feasible, interpolate_paths, seen_by, several, several_model, several_start
 from thermofit.identify.solve import Solved, discard_checkpoints, solve
 from thermofit.identify.window import window_times
-from thermofit.material.bounds import beta_warning
+from thermofit.law.bounds import beta_warning
+from thermofit.records.key import stage_key
+from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import ElasticStage, StageSettings
+from thermofit.study.study import Study
 
 Data = Measured | CouponData | Several
 """What was measured: fields of one specimen or of several, or records of coupons."""

@@ -12,12 +12,12 @@ from scipy.optimize import least_squares
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
 from thermofit.identify.coupon_inputs import CouponData
 from thermofit.identify.inputs import Measured
-from thermofit.material.law import in_model_axes
-from thermofit.measure.machine import bar_of, uniaxial_law
-from thermofit.measure.observation import FieldObservation
+from thermofit.law.page import in_model_axes
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.study import Study
+from thermofit.virtual.machine import bar_of, uniaxial_law
 
 HARDENING = ("M_y0", "M_yinf", "H_exp")
 _MARGIN = 1.005

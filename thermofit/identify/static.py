@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
+from thermofit.body.mesh.specimen import imported, specimen_mesh
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import Specimen
-from thermofit.core.staging import Made
-from thermofit.core.study import Study
-from thermofit.core.study_geometry import StaticTest
-from thermofit.core.study_section import mesh_size
-from thermofit.fem.specimen_mesh import imported, specimen_mesh
 from thermofit.identify.inputs import field_datasets, specimen_dict
-from thermofit.measure.face_quads import FaceQuads, distance_to_edge, face_quads
-from thermofit.measure.local_scatter import local_scatter
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.selection import masked
-from thermofit.measure.static_points import static_points
+from thermofit.observe.face_quads import FaceQuads, distance_to_edge, face_quads
+from thermofit.observe.local_scatter import local_scatter
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.selection import masked
+from thermofit.read.static_points import static_points
+from thermofit.records.artefact import Dataset
+from thermofit.records.staging import Made
+from thermofit.study.geometry import StaticTest
+from thermofit.study.section import mesh_size
+from thermofit.study.study import Study
 
 LOADED = 1.0
 """s; time of the load step; the specimen rests at 0."""

@@ -9,10 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from thermofit.core.checkpoint import Checkpoint
 from thermofit.core.parameters import Parameters
-from thermofit.core.study import Study
-from thermofit.core.study_stages import StageSettings
 from thermofit.identify.inputs import with_identified
 from thermofit.identify.linear import MOTION, Linear, Shift, linear_of, motion_shift
 from thermofit.identify.model import StageModel
@@ -23,6 +20,9 @@ from thermofit.identify.programmes import OWN, programme_named
 from thermofit.identify.solve import remembering
 from thermofit.identify.stage import Ready, model_maker, ready
 from thermofit.point.programmes import NAMES as COUPON_NAMES
+from thermofit.records.checkpoint import Checkpoint
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
 
 
 @dataclass(frozen=True)

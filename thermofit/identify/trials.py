@@ -16,23 +16,23 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, RecordContent, fresh, of_parameters, open_record, write_record
 from thermofit.core.digest import path_digest
 from thermofit.core.errors import DataError, NumericsError
-from thermofit.core.executor import Executor, Task, run_all
 from thermofit.core.jit import set_threads
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, units_of
-from thermofit.core.progress import progress
-from thermofit.core.staging import Job, Made
-from thermofit.core.study import Study
-from thermofit.core.study_section import MeshSize
 from thermofit.identify.model import StageModel
 from thermofit.identify.outcome import made
 from thermofit.identify.several import feasible
 from thermofit.identify.solve import COMPARED, ModelOn, Solved, merged_counts, solve
 from thermofit.identify.stage import Ready, model_maker
 from thermofit.identify.variation import Change, response, varied
+from thermofit.records.artefact import Dataset, Record, RecordContent, fresh, of_parameters, open_record, write_record
+from thermofit.records.executor import Executor, Task, run_all
+from thermofit.records.progress import progress
+from thermofit.records.staging import Job, Made
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study
 
 COUNTS = ("forward", "linearised", "failed", "replayed", "wall_s")
 _prepared: dict[str, ModelOn] = {}

@@ -46,8 +46,8 @@ def in_the_law(slot: str) -> Trial:
 
 def _try_in_the_law(found: Effect, path: Path) -> None:
     from thermofit.core.parameters import Parameters
-    from thermofit.material.law import law_of
-    from thermofit.material.law_rates import moved_law
+    from thermofit.law.page import law_of
+    from thermofit.law.page_rates import moved_law
 
     law = law_of(Parameters.of({"theta_ref": 297.0}))
     state = state_of(found.slot)

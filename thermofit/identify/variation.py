@@ -14,17 +14,17 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import is_known
-from thermofit.core.study import Study
-from thermofit.core.study_search import CLOCK, THICKNESS, weight_of
-from thermofit.core.study_section import MeshSize
-from thermofit.core.study_stages import ComponentWeights, StageSettings
 from thermofit.identify.held import thermal_names
 from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
 from thermofit.identify.model import StageModel
 from thermofit.identify.several import spread
 from thermofit.identify.solve import ModelOn, Solved
 from thermofit.identify.stage import Ready, model_maker
-from thermofit.measure.comparison import Comparison
+from thermofit.observe.comparison import Comparison
+from thermofit.study.search import CLOCK, THICKNESS, weight_of
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import ComponentWeights, StageSettings
+from thermofit.study.study import Study
 
 Change = tuple[str, Mapping[str, float], float]
 """A prescribed quantity, its direction in named values per unit of it, and a step of it for differences."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.identify.inputs import LoadSteps, Measured
-from thermofit.measure.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation
 
 _FORCE_SHARE = 0.9
 """The elastic window ends at this share of the force at which the strain leaves the straight line."""

@@ -10,10 +10,10 @@ import numpy as np
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.catalogue import Effect, effects
-from thermofit.material.bounds import check_beta
-from thermofit.material.composition import CAPACITIES
-from thermofit.material.law import law_of
-from thermofit.material.law_rates import N_NUMBERS, NUMBERS, STEP, number_rates
+from thermofit.law.bounds import check_beta
+from thermofit.law.composition import CAPACITIES
+from thermofit.law.page import law_of
+from thermofit.law.page_rates import N_NUMBERS, NUMBERS, STEP, number_rates
 from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
 

@@ -12,9 +12,9 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from thermofit.core.jit import kernel
-from thermofit.material.composition import EFFECT_NUMBERS, effect_numbers, no_effects
-from thermofit.material.law import Law
-from thermofit.material.law_rates import N_NUMBERS, STEP, Complex
+from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, no_effects
+from thermofit.law.page import Law
+from thermofit.law.page_rates import N_NUMBERS, STEP, Complex
 from thermofit.point.step import (
     ACROSS,
     ALONG,
@@ -54,7 +54,7 @@ FARTHEST = 5.0
 MAX_RETREATS = 6
 """How often an iteration may come back from a negative plastic increment, where effects are on."""
 YIELD_TOLERANCE = 1e-9
-"""Relative excess over the yield stress that still counts as elastic, as in `material.point`."""
+"""Relative excess over the yield stress that still counts as elastic, as in `point.update`."""
 CONVERGED, FAILED = 0, -1
 
 
@@ -66,7 +66,7 @@ class Limits(NamedTuple):
 
 
 class Flags(NamedTuple):
-    """What the law is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `material.law.BaseLaw`)."""
+    """What the law is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
 
     model: int
     closed_form: int

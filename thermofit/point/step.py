@@ -3,7 +3,7 @@
 The load acts along y, axis 2 of the law; lateral contraction is free, and all tensors are diagonal in these axes. Elasticity is
 isotropic, so that free lateral faces make both lateral elastic stretches equal. Unknowns of a step are the logarithms a and b of the
 elastic stretch across and along the load, the plastic increment dLambda, and theta; with D = dLambda N at the end of the step
-(`material.point`):
+(`point.update`):
 
     mu C_el,x + k = 0                                              free lateral faces (4.8)
     lambda_y = lambda_rest + strain,  or  (mu C_el,y + k) / lambda_y = stress
@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.material.backstress import decay_share, recall_over
-from thermofit.material.composition import (
+from thermofit.law.backstress import decay_share, recall_over
+from thermofit.law.composition import (
     BACKSTRESSES,
     asymmetry_factor,
     backstress_terms,
@@ -33,7 +33,7 @@ from thermofit.material.composition import (
     dissipation_factor,
     modulus_factor,
 )
-from thermofit.material.law import (
+from thermofit.law.page import (
     Law,
     elastic_energy,
     hardening_variable,

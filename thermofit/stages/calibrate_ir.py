@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, Experiment, InfraredSequence, Landmarks
-from thermofit.core.staging import Made, Outcome, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_each import each
-from thermofit.core.study_models import LandmarkOverride
-from thermofit.measure.camera import CameraPose, landmark_checks, make_pose, pixel_coordinates, pose_from_landmarks, pose_uncertainty
-from thermofit.measure.camera_edges import EdgeRefinement, pixel_noise, refine_pose
-from thermofit.measure.check_picture import draw_check_picture
-from thermofit.measure.force import find_phases
-from thermofit.measure.raw import read_experiment
+from thermofit.observe.camera import CameraPose, landmark_checks, make_pose, pixel_coordinates, pose_from_landmarks, pose_uncertainty
+from thermofit.observe.camera_edges import EdgeRefinement, pixel_noise, refine_pose
+from thermofit.observe.check_picture import draw_check_picture
+from thermofit.observe.force import find_phases
+from thermofit.read.raw import read_experiment
+from thermofit.records.artefact import Dataset
+from thermofit.records.each import each
+from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.study.models import LandmarkOverride
+from thermofit.study.study import Study
 
 NAME = "calibrate-ir"
 PICKING_ERROR = 0.15

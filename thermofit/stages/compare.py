@@ -6,13 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
-from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_key import read_of
-from thermofit.core.study_literature import Candidate
 from thermofit.diagnose.comparing import Contender, fitted, judged, parameter_table, table, verdict
 from thermofit.diagnose.prepared import SECTIONS
 from thermofit.diagnose.refit import failed_in_words
@@ -20,6 +15,11 @@ from thermofit.diagnose.verification import identified_stages
 from thermofit.identify.several import interpolate_paths
 from thermofit.identify.solve import discard_checkpoints, merged_counts
 from thermofit.identify.stage import data_paths
+from thermofit.records.artefact import Dataset
+from thermofit.records.key import read_of
+from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.study.literature import Candidate
+from thermofit.study.study import Study
 
 NAME = "compare"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from thermofit.core.errors import StudyError
-from thermofit.measure.data_sets import (
+from thermofit.read.data_sets import (
     DATA_VARIABLE,
     SETS_FOLDER,
     DataSet,

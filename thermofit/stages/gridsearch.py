@@ -8,13 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, of_parameters
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.executor import SERIAL, Executor
 from thermofit.core.parameters import Parameters, units_of
-from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_search import GridSearch
 from thermofit.diagnose.figures import drawn
 from thermofit.diagnose.figures_starts import basin_figure
 from thermofit.identify.draws import drawn_starts
@@ -23,6 +18,11 @@ from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, ready
 from thermofit.identify.trials import Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.uniqueness import Uniqueness, uniqueness
+from thermofit.records.artefact import Dataset, of_parameters
+from thermofit.records.executor import SERIAL, Executor
+from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.study.search import GridSearch
+from thermofit.study.study import Study
 
 NAME = "gridsearch"
 FIGURE = "gridsearch-basins"

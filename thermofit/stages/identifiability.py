@@ -11,15 +11,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Dataset, ParameterResult, of_parameters
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.executor import SERIAL, Executor, Task, run_all
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param, units_of
-from thermofit.core.progress import progress
-from thermofit.core.staging import Job, Made, Outcome, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_key import read_of
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_identifiability import correlations_figure, profile_figure, programmes_figure, spectrum_figure
 from thermofit.diagnose.tables_identifiability import (
@@ -42,7 +36,13 @@ from thermofit.identify.linear import Linear
 from thermofit.identify.programmes import OWN
 from thermofit.identify.solve import discard_checkpoints, evaluation_key
 from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared, programme_names
-from thermofit.measure.coupon import coupon_files
+from thermofit.read.coupon import coupon_files
+from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
+from thermofit.records.executor import SERIAL, Executor, Task, run_all
+from thermofit.records.key import read_of
+from thermofit.records.progress import progress
+from thermofit.records.staging import Job, Made, Outcome, job, produce
+from thermofit.study.study import Study
 
 NAME = "identifiability"
 _SECTIONS = (

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.core.staging import Outcome
-from thermofit.core.study import Study
 from thermofit.identify.forward import march_settings, run_of
 from thermofit.identify.inputs import Measured
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
 from thermofit.identify.window import window_times
+from thermofit.records.staging import Outcome
+from thermofit.study.study import Study
 
 
 def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from thermofit.core.staging import Outcome
-from thermofit.core.study import Study
 from thermofit.identify.inputs import Measured
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
+from thermofit.records.staging import Outcome
+from thermofit.study.study import Study
 
 
 def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:

@@ -6,19 +6,19 @@ import os
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.artefact import open_record
 from thermofit.core.errors import DataError
 from thermofit.core.jsonable import jsonable
-from thermofit.measure.file_groups import UNKNOWN, FileGroup, group_files, visible_files
-from thermofit.measure.findings import Part
-from thermofit.measure.formats.registry import head_of, read_native
-from thermofit.measure.formats.text import SEPARATOR_WORDS
-from thermofit.measure.look import look_at
-from thermofit.measure.look_group import look_at_group
-from thermofit.measure.look_raw import look_at_raw
-from thermofit.measure.own_files import ARTEFACT, Known, own_file
-from thermofit.measure.raw_description import DESCRIPTION
-from thermofit.measure.study_lines import field_lines, joined_lines
+from thermofit.read.file_groups import UNKNOWN, FileGroup, group_files, visible_files
+from thermofit.read.findings import Part
+from thermofit.read.formats.registry import head_of, read_native
+from thermofit.read.formats.text import SEPARATOR_WORDS
+from thermofit.read.look import look_at
+from thermofit.read.look_group import look_at_group
+from thermofit.read.look_raw import look_at_raw
+from thermofit.read.own_files import ARTEFACT, Known, own_file
+from thermofit.read.raw_description import DESCRIPTION
+from thermofit.read.study_lines import field_lines, joined_lines
+from thermofit.records.artefact import open_record
 
 NAME = "inspect"
 

@@ -10,24 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, Record, read_record
+from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
-from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
-from thermofit.core.stale import read_current
-from thermofit.core.study import Study
-from thermofit.core.study_each import each
-from thermofit.core.study_key import key_of
-from thermofit.core.study_section import mesh_size
-from thermofit.fem.specimen_mesh import specimen_mesh
 from thermofit.identify.coupon_inputs import interpolated
 from thermofit.identify.inputs import TestPhase, field_datasets, specimen_dict
 from thermofit.identify.static import static_record
-from thermofit.measure.camera import CameraPose
-from thermofit.measure.coupon import coupon_files
-from thermofit.measure.end_motion import EndMotion, end_motion
-from thermofit.measure.force import SmoothForce, smooth_force, step_times
-from thermofit.measure.interpolation import (
+from thermofit.observe.camera import CameraPose
+from thermofit.observe.end_motion import EndMotion, end_motion
+from thermofit.observe.force import SmoothForce, smooth_force, step_times
+from thermofit.observe.interpolation import (
     NodalDisplacement,
     displacements_at,
     edge_distance,
@@ -35,11 +27,19 @@ from thermofit.measure.interpolation import (
     interpolate_temperatures,
     pixel_map,
 )
-from thermofit.measure.noise import LEAST_AT_REST, LEAST_VALUES, NoiseEstimate, displacement_noise, temperature_noise
-from thermofit.measure.observation import FieldObservation
-from thermofit.measure.observation_points import ObservationPoints, observation_points
-from thermofit.measure.raw import read_experiment
-from thermofit.measure.selection import masked
+from thermofit.observe.noise import LEAST_AT_REST, LEAST_VALUES, NoiseEstimate, displacement_noise, temperature_noise
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.observation_points import ObservationPoints, observation_points
+from thermofit.observe.selection import masked
+from thermofit.read.coupon import coupon_files
+from thermofit.read.raw import read_experiment
+from thermofit.records.artefact import Dataset, Record, read_record
+from thermofit.records.each import each
+from thermofit.records.key import key_of
+from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.records.stale import read_current
+from thermofit.study.section import mesh_size
+from thermofit.study.study import Study
 
 NAME = "interpolate"
 CALIBRATE = "calibrate-ir"

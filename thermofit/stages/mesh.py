@@ -7,18 +7,18 @@ from pathlib import Path
 
 import matplotlib
 
-from thermofit.core.artefact import Dataset
+from thermofit.body.mesh.mesh import Mesh
+from thermofit.body.mesh.quality import quality, symmetry_of
+from thermofit.body.mesh.specimen import imported, specimen_mesh
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
-from thermofit.core.staging import Made, Outcome, job, produce
-from thermofit.core.study import Study
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_mesh import mesh_figure
-from thermofit.fem.mesh import Mesh
-from thermofit.fem.mesh_quality import quality, symmetry_of
-from thermofit.fem.specimen_mesh import imported, specimen_mesh
 from thermofit.identify.static import static_specimen
-from thermofit.measure.raw_description import read_description
+from thermofit.read.raw_description import read_description
+from thermofit.records.artefact import Dataset
+from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.study.study import Study
 
 NAME = "mesh"
 

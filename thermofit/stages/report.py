@@ -7,13 +7,8 @@ from pathlib import Path
 import matplotlib
 from matplotlib.figure import Figure
 
-from thermofit.core.artefact import Record, open_record, read_record
 from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
-from thermofit.core.staging import Made, Outcome, artefact_path, job, produce
-from thermofit.core.stale import stale
-from thermofit.core.study import Study
-from thermofit.core.study_key import drifted
 from thermofit.diagnose.coupon_tables import coupon_report_text
 from thermofit.diagnose.figures import STYLE, save_figures
 from thermofit.diagnose.figures_coupon import coupon_figures
@@ -25,6 +20,11 @@ from thermofit.diagnose.tables import report_text
 from thermofit.diagnose.verification import IDENTIFY, identified_stages
 from thermofit.identify.inputs import INTERPOLATE, measured_of
 from thermofit.identify.window import window_times
+from thermofit.records.artefact import Record, open_record, read_record
+from thermofit.records.key import drifted
+from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.records.stale import stale
+from thermofit.study.study import Study
 
 NAME = "report"
 VERIFY = "verify"

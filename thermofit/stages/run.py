@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from thermofit.core.artefact import ParameterResult, Record, open_record
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import bare_name
-from thermofit.core.result import is_trustworthy, result_of
-from thermofit.core.staging import Outcome, artefact_path
-from thermofit.core.study import Study
-from thermofit.core.study_errors import near_miss
+from thermofit.records.artefact import ParameterResult, Record, open_record
+from thermofit.records.result import is_trustworthy, result_of
+from thermofit.records.staging import Outcome, artefact_path
+from thermofit.study.errors import near_miss
+from thermofit.study.study import Study
 
 NAME = "run"
 OPTIONAL = ("gridsearch", "sensitivity")

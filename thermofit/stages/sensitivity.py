@@ -8,13 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.executor import SERIAL, Executor
 from thermofit.core.parameters import is_known, param
-from thermofit.core.staging import Job, Made, Outcome, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_search import CLOCK, THICKNESS, Sensitivity, weight_of
 from thermofit.diagnose.figures import drawn
 from thermofit.diagnose.figures_starts import change_figure
 from thermofit.identify.held import thermal_names
@@ -24,6 +19,11 @@ from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, ready
 from thermofit.identify.trials import Setup, Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.variation import nominal
+from thermofit.records.artefact import Dataset
+from thermofit.records.executor import SERIAL, Executor
+from thermofit.records.staging import Job, Made, Outcome, job, produce
+from thermofit.study.search import CLOCK, THICKNESS, Sensitivity, weight_of
+from thermofit.study.study import Study
 
 NAME = "sensitivity"
 FIGURE = "sensitivity-change"

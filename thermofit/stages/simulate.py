@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.core.artefact import Dataset, ParameterResult
+from thermofit.body.body import Body, tension_body
+from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.solve.loading import felt_force
+from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
+from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.digest import path_digest
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CELSIUS, Specimen
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import NAMES, Parameters, param, physical_bounds
-from thermofit.core.progress import progress
-from thermofit.core.staging import Made, Outcome, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_each import each
-from thermofit.core.study_key import read_of
-from thermofit.core.study_section import MeshSize, mesh_size
-from thermofit.core.study_virtual import Simulate
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, effects
-from thermofit.fem.body import Body, tension_body
-from thermofit.fem.dogbone import dogbone_mesh
-from thermofit.fem.loading import felt_force
-from thermofit.fem.march import History, Loading, MarchSettings, Watch, march
-from thermofit.fem.newton import NewtonSettings
-from thermofit.material.law import in_model_axes
-from thermofit.measure.machine import LoadHistory, bar_of, describe_programme, load_history, programme_of, uniaxial_law
-from thermofit.measure.virtual import RawSummary, write_raw
-from thermofit.measure.virtual_setup import VirtualFields, instrument_times, instruments_of, solution_times
+from thermofit.law.page import in_model_axes
+from thermofit.records.artefact import Dataset, ParameterResult
+from thermofit.records.each import each
+from thermofit.records.key import read_of
+from thermofit.records.progress import progress
+from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.study.section import MeshSize, mesh_size
+from thermofit.study.study import Study
+from thermofit.study.virtual import Simulate
+from thermofit.virtual.laboratory import RawSummary, write_raw
+from thermofit.virtual.machine import LoadHistory, bar_of, describe_programme, load_history, programme_of, uniaxial_law
+from thermofit.virtual.setup import VirtualFields, instrument_times, instruments_of, solution_times
 
 NAME = "simulate"
 _FORCES = np.concatenate([[0.0], np.geomspace(1.0, 1e7, 36)])

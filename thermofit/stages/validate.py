@@ -7,13 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from thermofit.core.artefact import Dataset
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import AT, Parameters
-from thermofit.core.staging import Job, Made, Outcome, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_key import SOLVED, read_of
 from thermofit.diagnose.coupon_verification import verified_coupons
 from thermofit.diagnose.unseen import predicting
 from thermofit.diagnose.verification import fitted_parameters, identified_stages
@@ -24,6 +20,10 @@ from thermofit.identify.joint import joint_model, joint_settings
 from thermofit.identify.several import Part, interpolate_paths, part_of
 from thermofit.identify.solve import discard_checkpoints, solve
 from thermofit.identify.stage import data_of, data_paths, start_of
+from thermofit.records.artefact import Dataset
+from thermofit.records.key import SOLVED, read_of
+from thermofit.records.staging import Job, Made, Outcome, job, produce
+from thermofit.study.study import Study
 
 NAME = "validate"
 Prepare = Callable[[Study], None]

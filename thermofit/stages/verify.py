@@ -6,12 +6,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from thermofit.core.artefact import open_record
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.core.staging import Job, Made, Outcome, artefact_path, job, produce
-from thermofit.core.study import Study
-from thermofit.core.study_key import key_of
 from thermofit.diagnose.coupon_verification import verified_coupons
 from thermofit.diagnose.verification import fitted_parameters, identified_stages, made_otherwise
 from thermofit.diagnose.verification_record import checked, results_in, stages_remarks, thermal_record, together, with_remarks
@@ -19,6 +15,10 @@ from thermofit.identify.coupon_inputs import CouponData
 from thermofit.identify.inputs import Measured, with_identified
 from thermofit.identify.several import Part, Several, interpolate_paths, seen_by
 from thermofit.identify.stage import data_of, data_paths, start_of
+from thermofit.records.artefact import open_record
+from thermofit.records.key import key_of
+from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.study.study import Study
 
 NAME = "verify"
 

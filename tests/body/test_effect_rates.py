@@ -1,0 +1,87 @@
+"""Effects in whole runs of a body: exactly off at neutral, and their influence by direct differentiation, both on and dormant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_bodies import NOMINAL, SPECIMEN
+
+from thermofit.body.body import Body, tension_body
+from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
+from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
+from thermofit.body.solve.newton import NewtonSettings
+from thermofit.law.composition import body_effects
+
+BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
+PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in body_effects() for p in e.params}
+AMPLITUDES = tuple(p.name for e in body_effects() for p in e.amplitudes)
+EFFECT_PARAMS = tuple(name for e in body_effects() for name in e.names)
+FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
+TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
+SETTINGS = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8)
+
+
+def body() -> Body:
+    return tension_body(dogbone_mesh(SPECIMEN, 1, 8, 1))
+
+
+def run(names: tuple[str, ...] = (), **changes: float) -> tuple[History, dict[str, np.ndarray]]:
+    """A run and the derivatives of its fields (n_t, ..., n_p)."""
+    kept: dict[str, list[np.ndarray]] = {"u": [], "theta": []}
+
+    def collect(n: int, at: Sensitivity) -> None:
+        for field, values in kept.items():
+            values.append(np.array(getattr(at, field)))
+
+    watch = Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-9)) if names else Watch()
+    history = march(body(), BASE.replace(**changes), FORCE, TIMES, SETTINGS, watch)
+    return history, {field: np.stack(values) for field, values in kept.items() if values}
+
+
+def test_every_effect_of_the_law_acts_and_is_differentiated_in_a_coupled_run() -> None:
+    """All effects on at once; derivatives by every amplitude, of displacement and temperature, are those of differences."""
+    history, rates = run(AMPLITUDES, **PROBES)
+    plain, _ = run()
+    assert np.abs(history.u - plain.u).max() > 1e-3
+    for k, name in enumerate(AMPLITUDES):
+        h = 2e-3 * PROBES[name]
+        there, back = (run(**{**PROBES, name: PROBES[name] + x})[0] for x in (h, -h))
+        for field in ("u", "theta"):
+            expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
+            noise = 2e-8 * np.abs(getattr(there, field)).max() / h
+            assert np.abs(rates[field][..., k] - expected).max() < 1e-4 * np.abs(expected).max() + noise, (name, field)
+
+
+@pytest.mark.parametrize("name", AMPLITUDES)
+def test_a_dormant_effect_is_exactly_off_and_its_influence_is_known(name: str) -> None:
+    """The influence is asked for at a tiny amplitude: at neutral itself a point that rests on the yield surface during a hold
+    does not flow, with the least overstress it does."""
+    others = {p: PROBES[p] for p in EFFECT_PARAMS if p not in AMPLITUDES}
+    (off, _), (plain, _) = run(**others), run()
+    assert np.array_equal(off.u, plain.u) and np.array_equal(off.theta, plain.theta)
+    h = 0.01 * PROBES[name]
+    _, rates = run((name,), **others, **{name: h})
+    more, less = run(**others, **{name: 1.2 * h})[0], run(**others, **{name: 0.8 * h})[0]
+    for field in ("u", "theta"):
+        expected = (getattr(more, field) - getattr(less, field)) / (0.4 * h)
+        size = np.abs(expected).max()
+        assert size > 0.0
+        noise = 4e-8 * np.abs(getattr(plain, field)).max() / (0.4 * h)
+        assert np.abs(rates[field][..., 0] - expected).max() < 3e-3 * size + noise, field
+
+
+def test_one_way_heat_run_with_effects_and_their_derivatives() -> None:
+    settings = MarchSettings(newton=SETTINGS.newton, coupling_tolerance=1e-8, keep_points=True)
+    parameters = BASE.replace(**PROBES)
+    history = march(body(), parameters, FORCE, TIMES, settings)
+    problem = heat_problem(body(), history, settings)
+    names, collected = ("stored_energy.slope", "rate_power.K", "thermal_softening.slope"), []
+    assert np.abs(heat_run(problem, parameters) - history.theta).max() < 0.01
+    heat_run_rates(problem, parameters, names, lambda n, theta, rates: collected.append(np.array(rates[:, : len(names)])))
+    for k, name in enumerate(names):
+        h = 1e-2 * PROBES[name]
+        there, back = (heat_run(problem, parameters.replace(**{name: PROBES[name] + x})) for x in (h, -h))
+        expected = (there - back) / (2.0 * h)
+        assert np.abs(np.stack(collected)[..., k] - expected).max() < 1e-5 * np.abs(expected).max() + 1e-9 / h, name

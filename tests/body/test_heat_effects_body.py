@@ -1,0 +1,355 @@
+"""Effects of the heat problem in a body: closed forms, order in time, balance of heat, and their rates in the march and the heat run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
+
+from thermofit.body.body import Body, tension_body, thermal_geometry
+from thermofit.body.heat.conduction import heat_conditions, heat_step, steady_temperature
+from thermofit.body.heat.effects import HeatEffects
+from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
+from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.sensitivity.march import Sensitivities
+from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
+from thermofit.body.solve.newton import NewtonSettings
+from thermofit.core import parameters as declared
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.effects import catalogue
+from thermofit.effects.catalogue import HEAT, effects, load_effect
+from thermofit.effects.radiation import SIGMA
+
+SIDES = ("x0", "x1", "z0", "z1")
+A, LENGTH, B = 2.0, 60.0, 1.0
+VOLUME, SKIN = A * LENGTH * B, 2.0 * (A + B) * LENGTH
+STIFF = ADIABATIC.replace(alpha_exp=0.0, theta_clamp=400.0, theta_air=290.0)
+"""No films and no expansion: a body at 400 K that only effects cool or heat."""
+
+
+def bar(clamp: tuple[str, ...] = ("y0", "y1")) -> Body:
+    return tension_body(bar_mesh((1, 6, 1), (A, LENGTH, B), air=SIDES, clamp=clamp), symmetry=1.0)
+
+
+def resting(parameters: Parameters, times: np.ndarray, clamp: tuple[str, ...] = ("y0", "y1")) -> tuple[History, np.ndarray]:
+    """A body without load: the march, and the temperatures (n_t, n_np) of the heat run on it."""
+    settings = MarchSettings(coupling_tolerance=1e-10, keep_points=True)
+    idle = Loading(np.array([times[0], times[-1]]), np.zeros(2))
+    history = march(bar(clamp), parameters, idle, times, settings)
+    return history, heat_run(heat_problem(bar(clamp), history, settings), parameters)
+
+
+def exact(rate: Callable[[float, float], float], start: float, times: np.ndarray) -> np.ndarray:
+    """Temperature (n_t,) of a lumped body with the given rate(t, theta) in K/s."""
+    found = solve_ivp(lambda t, y: [rate(t, y[0])], (times[0], times[-1]), [start], t_eval=times, rtol=1e-11, atol=1e-11, max_step=1.0)
+    return np.asarray(found.y[0])
+
+
+def check_order_2(parameters: Parameters, rate: Callable[[float, float], float], end: float, tolerance: float) -> None:
+    """March and heat run against the lumped body, and their order in the step."""
+    errors = []
+    for steps in (10, 20, 40):
+        times = np.linspace(0.0, end, steps + 1)
+        history, one_way = resting(parameters, times)
+        assert np.ptp(history.theta, axis=1).max() < 1e-8
+        expected = exact(rate, history.theta[0, 0], times)[:, None]
+        errors.append((np.abs(history.theta - expected).max(), np.abs(one_way - expected).max()))
+    assert max(errors[-1]) < tolerance
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert np.all(orders > 1.7), (errors, orders)
+
+
+def test_radiating_body_with_order_2() -> None:
+    """c0 V dtheta/dt = -sigma emissivity A (theta^4 - theta_air^4)."""
+    p = STIFF.replace(**{"radiation.emissivity": 0.8})
+    check_order_2(p, lambda t, x: -0.8 * SIGMA * SKIN / (p["c0"] * VOLUME) * (x**4 - 290.0**4), 600.0, 0.04)
+
+
+def test_radiating_body_whose_heat_capacity_changes_with_order_2() -> None:
+    """c0 (1 + slope (theta - theta_0)) V dtheta/dt = -sigma emissivity A (theta^4 - theta_air^4)."""
+    p, slope = STIFF.replace(**{"radiation.emissivity": 0.8, "capacity_by_temperature.slope": 5e-3}), 5e-3
+
+    def rate(t: float, x: float) -> float:
+        return -0.8 * SIGMA * SKIN / (p["c0"] * (1.0 + slope * (x - p["theta_ref"])) * VOLUME) * (x**4 - 290.0**4)
+
+    check_order_2(p, rate, 600.0, 0.2)
+
+
+def test_drift_of_the_air_with_order_2() -> None:
+    """c0 V dtheta/dt = -alpha A (theta - theta_air - rate time (1 - exp(-t / time)))."""
+    p = STIFF.replace(**{"alpha_air": 40.0, "air_drift.rate": 0.05, "air_drift.time": 80.0})
+
+    def rate(t: float, x: float) -> float:
+        return -1e-3 * 40.0 * SKIN / (p["c0"] * VOLUME) * (x - 290.0 - 0.05 * 80.0 * (1.0 - np.exp(-t / 80.0)))
+
+    check_order_2(p, rate, 300.0, 3e-3)
+
+
+def test_ends_follow_jaws_that_drift_without_delay() -> None:
+    """Ideal contact: the ends have the temperature of the jaws at that very time; below the upper half, the difference apart."""
+    p = STIFF.replace(**{"alpha_clamp": 1e8, "clamp_drift.rate": 0.02, "clamp_drift.time": 1e7, "clamp_difference.difference": 3.0})
+    mesh = bar().mesh
+    for coupling in (0, 1):
+        theta = (lambda r: (r[0].theta, r[1]))(resting(p, np.linspace(10.0, 110.0, 11)))[coupling]
+        for name, half in (("bottom", -1.5), ("top", 1.5)):
+            wanted = 400.0 + half + 0.02 * np.linspace(0.0, 100.0, 11)
+            assert theta[:, mesh.node_sets[name]] == pytest.approx(np.tile(wanted, (len(mesh.node_sets[name]), 1)).T, abs=2e-3)
+
+
+def test_lamp_heats_at_its_rate_from_its_start_on() -> None:
+    """theta = theta_0 + absorbed A / (c0 V) (t - start), however long the steps are in which it starts."""
+    p = STIFF.replace(**{"lamp.absorbed": 0.1, "lamp.start": 40.0})
+    history, one_way = resting(p, np.array([0.0, 30.0, 37.0, 45.0, 60.0, 100.0]))
+    for theta in (history.theta, one_way):
+        rise = theta[-1] - 400.0
+        assert rise == pytest.approx(np.full(len(rise), 0.1 * SKIN / (p["c0"] * VOLUME) * 60.0), rel=1e-2)
+        assert np.abs(theta[1] - 400.0).max() < 1e-6
+    assert sum(b.outflow["air"] for b in history.balance) == pytest.approx(-0.1 * SKIN * 60.0, rel=1e-2)
+
+
+def test_heat_capacity_that_rises_takes_the_heat_of_the_lamp() -> None:
+    """c0 (theta - theta_1) (1 + slope ((theta + theta_1)/2 - theta_0)) V = Q, exactly, with the balance."""
+    p = STIFF.replace(**{"lamp.absorbed": 0.5, "lamp.start": 10.0, "capacity_by_temperature.slope": 5e-3})
+    history, _ = resting(p, np.linspace(0.0, 60.0, 13))
+    heat, x = -sum(b.outflow["air"] for b in history.balance), history.theta[-1, 0]
+    enthalpy = p["c0"] * VOLUME * (x - 400.0) * (1.0 + 5e-3 * (0.5 * (x + 400.0) - p["theta_ref"]))
+    assert x > 410.0 and enthalpy == pytest.approx(heat, rel=1e-7)
+    assert sum(b.stored for b in history.balance) == pytest.approx(heat, rel=1e-9)
+    assert sum(b.stored_by_effects for b in history.balance) == pytest.approx(enthalpy - p["c0"] * VOLUME * (x - 400.0), rel=1e-7)
+
+
+def test_latent_heat_of_a_bar_that_passes_its_window() -> None:
+    """Homogeneous flow to Lambda beyond the window: heat x width x V in total, and the rise that belongs to it."""
+    p = STIFF.replace(**{"latent_heat.heat": 50.0, "latent_heat.centre": 0.01, "latent_heat.width": 0.01, "theta_clamp": 296.7})
+    loading = Loading(np.array([0.0, 20.0]), np.array([0.0, 180.0 * A * B]))
+    times = np.linspace(0.0, 20.0, 81)
+    settings = MarchSettings(keep_points=True)
+    history = march(bar(), p, loading, times, settings)
+    assert history.largest_multiplier[-1] > 0.02
+    assert history.total("source") == pytest.approx(50.0 * 0.01 * VOLUME, rel=2e-3)
+    plain = march(bar(), p.replace(**{"latent_heat.heat": 0.0}), loading, times, settings)
+    rise = history.theta[-1] - plain.theta[-1]
+    assert rise == pytest.approx(np.full(len(rise), 0.5 / p["c0"]), rel=2e-3)
+    assert heat_run(heat_problem(bar(), history, settings), p)[-1] == pytest.approx(history.theta[-1], abs=1e-6)
+
+
+def test_conductivity_that_changes_bends_the_profile_between_two_jaws() -> None:
+    """Kirchhoff: theta + slope/2 (theta - theta_0)^2 is linear between the ends; exact at the nodes, in steady state and after long."""
+    p = STIFF.replace(alpha_clamp=1e8, theta_clamp=300.0, theta_ref=296.0)
+    p = p.replace(**{"conductivity_by_temperature.slope": 8e-3, "clamp_difference.difference": 60.0})
+    history, one_way = resting(p, np.linspace(0.0, 100.0, 6))
+    y = bar().mesh.nodes[:, 1] / LENGTH
+    for theta in (history.theta[0], history.theta[-1], one_way[-1]):
+        potential = theta + 4e-3 * (theta - 296.0) ** 2
+        low, high = (x + 4e-3 * (x - 296.0) ** 2 for x in (270.0, 330.0))
+        assert potential == pytest.approx(low + (high - low) * y, abs=5e-3)
+    assert np.abs(history.theta[0] - (270.0 + 60.0 * y)).max() > 2.0
+
+
+def test_steady_state_with_radiation_is_in_balance() -> None:
+    """Film and radiation against each other: alpha (theta_air - theta) = sigma emissivity (theta^4 - theta_air^4) needs theta_air."""
+    p = STIFF.replace(**{"alpha_clamp": 200.0, "radiation.emissivity": 0.9})
+    body = bar()
+    rest = thermal_geometry(body, np.zeros((body.mesh.n_nodes, 3)))
+    theta = steady_temperature(body, rest, heat_conditions(p))
+    in_at_jaws = 1e-3 * 200.0 * float(rest.film_area["clamp"] @ (400.0 - theta))
+    out = 0.9 * SIGMA * float(rest.film_area["air"] @ (theta**4 - 290.0**4))
+    assert in_at_jaws == pytest.approx(out, rel=1e-10) and out > 50.0
+
+
+def test_initial_excess_is_that_of_the_file() -> None:
+    p = STIFF.replace(**{"initial_gradient.amplitude": 2.0, "initial_gradient.tilt": 0.5})
+    history, one_way = resting(p, np.array([0.0, 1.0]))
+    y = bar().mesh.nodes[:, 1] - 0.5 * LENGTH
+    for theta in (history.theta, one_way):
+        assert theta[0] == pytest.approx(400.0 + 2.0 * (np.cos(np.pi * y / LENGTH) + y / LENGTH), abs=1e-9)
+
+
+def test_a_factor_that_is_not_positive_is_told() -> None:
+    with pytest.raises(NumericsError, match="capacity_by_temperature"):
+        resting(STIFF.replace(**{"capacity_by_temperature.slope": -0.02}), np.array([0.0, 1.0]))
+
+
+def test_effects_without_a_time_are_told() -> None:
+    body = bar()
+    rest = thermal_geometry(body, np.zeros((body.mesh.n_nodes, 3)))
+    conditions = heat_conditions(STIFF.replace(**{"radiation.emissivity": 0.5}))
+    theta = np.full(body.mesh.n_nodes, 300.0)
+    with pytest.raises(NumericsError, match="time"):
+        heat_step(body, rest, conditions, theta, 0.0 * theta, (1.0, "sdirk2"))
+
+
+# Whole runs of a dogbone: loading into plastic flow, hold, unloading, cooling.
+
+BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
+ON = {
+    **{"radiation.emissivity": 0.8, "lamp.absorbed": 0.3, "lamp.start": 20.0, "clamp_difference.difference": 1.5},
+    **{"clamp_drift.rate": 0.02, "clamp_drift.time": 40.0, "air_drift.rate": -0.03, "air_drift.time": 100.0},
+    **{"latent_heat.heat": 40.0, "latent_heat.centre": 0.01, "latent_heat.width": 0.008},
+    **{"capacity_by_temperature.slope": 4e-3, "conductivity_by_temperature.slope": -6e-3},
+    **{"initial_gradient.amplitude": 1.3, "initial_gradient.tilt": 0.6},
+}
+NAMES = tuple(name for name in ON)
+AMPLITUDES = tuple(e.amplitude.name for e in effects(HEAT))
+BESIDES = ("theta_air", "theta_clamp", "theta_ref", "kappa", "c0", "alpha_air", "alpha_clamp")
+FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
+TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
+SETTINGS = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8, keep_points=True)
+
+
+@lru_cache(maxsize=1)
+def dogbone() -> Body:
+    return tension_body(dogbone_mesh(SPECIMEN, 1, 8, 1))
+
+
+def run(names: tuple[str, ...] = (), settings: MarchSettings = SETTINGS, **values: float) -> tuple[History, np.ndarray]:
+    """A run, and the derivatives (n_t, n_np, n_p) of its temperatures."""
+    kept: list[np.ndarray] = []
+    asked = Sensitivities(names, lambda n, at: kept.append(np.array(at.theta)), tolerance=1e-9)
+    history = march(dogbone(), BASE.replace(**values), FORCE, TIMES, settings, Watch(sensitivities=asked) if names else Watch())
+    return history, np.array(kept)
+
+
+def step_of(name: str) -> float:
+    return 0.02 if name.startswith("theta") else 2e-3 * {**BASE.values, **ON}[name]
+
+
+def check_rates(theta: Callable[..., np.ndarray], rates: np.ndarray, names: tuple[str, ...], tolerance: float) -> None:
+    """Central differences for every Param, and the Taylor remainder of order 2 for those that do not act linearly."""
+    here = theta()
+    for k, name in enumerate(names):
+        h, value = abs(step_of(name)), {**BASE.values, **ON}[name]
+        ahead, back = (theta(**{name: value + s * h}) for s in (1.0, -1.0))
+        slope = (ahead - back) / (2.0 * h)
+        size, curvature = np.abs(slope).max(), np.abs(ahead + back - 2.0 * here).max()
+        noise = 1e-8 / (h * size) if size > 0.0 else 0.0
+        assert size > 0.0, name
+        assert np.abs(rates[..., k] - slope).max() < (tolerance + noise) * size + 0.05 * curvature / h, name
+        far, near = (np.abs(theta(**{name: value + s * h}) - here - s * h * rates[..., k]).max() for s in (20.0, 10.0))
+        assert far < 4.6 * near + 2e-6, (name, far, near)
+
+
+def test_rates_in_the_coupled_march_are_those_of_differences() -> None:
+    """All effects on at once, by all their Params and by those of the base that meet them; heat in balance to 1e-8."""
+    names = NAMES + BESIDES
+    history, rates = run(names, **ON)
+    involved = sum(abs(b.stored) + abs(b.source) + b.dissipated for b in history.balance)
+    assert max(abs(b.heat_defect) for b in history.balance) < 1e-8 * involved
+    assert history.total("source") > 100.0 and history.total("stored_by_effects") > 100.0
+    check_rates(lambda **moved: run(**{**ON, **moved})[0].theta, rates, names, 1e-3)
+
+
+def test_rates_of_the_one_way_march_are_those_of_differences() -> None:
+    settings = replace(SETTINGS, coupling="one-way")
+    names = NAMES + BESIDES
+    _, rates = run(names, settings, **ON)
+    check_rates(lambda **moved: run((), settings, **{**ON, **moved})[0].theta, rates, names, 1e-4)
+
+
+@pytest.mark.parametrize("scheme", ["sdirk2", "backward-euler"])
+def test_rates_of_the_heat_run_are_those_of_differences(scheme: str) -> None:
+    settings = replace(SETTINGS, heat_scheme=scheme)
+    history, _ = run((), settings, **ON)
+    problem, names, rates = heat_problem(dogbone(), history, settings), NAMES + BESIDES, []
+    heat_run_rates(problem, BASE.replace(**ON), names, lambda n, theta, at: rates.append(np.array(at[:, : len(names)])))
+    check_rates(lambda **moved: heat_run(problem, BASE.replace(**{**ON, **moved})), np.array(rates), names, 1e-5)
+
+
+def test_heat_run_follows_the_coupled_march() -> None:
+    history, _ = run(**ON)
+    plain, _ = run()
+    there = heat_run(heat_problem(dogbone(), history, SETTINGS), BASE.replace(**ON))
+    assert np.abs(there - history.theta).max() < 0.02 * np.abs(history.theta - plain.theta).max()
+
+
+@pytest.mark.parametrize("name", AMPLITUDES)
+def test_dormant_is_exactly_off_and_its_influence_is_known(name: str) -> None:
+    """At neutral itself: the derivative by the amplitude against differences from one side, coupled and in the heat run."""
+    others = {p: value for p, value in ON.items() if p not in AMPLITUDES}
+    (off, rates), (plain, _) = run((name,), **others), run()
+    assert np.array_equal(run(**others)[0].theta, plain.theta) and np.array_equal(run(**others)[0].u, plain.u)
+    problem, kept = heat_problem(dogbone(), plain, SETTINGS), []
+    heat_run_rates(problem, BASE.replace(**others), (name,), lambda n, theta, at: kept.append(np.array(at[:, 0])))
+    h = 0.05 * ON[name]
+    for which, theta in ((rates[..., 0], lambda x: run(**others, **{name: x})[0].theta), (np.array(kept), None)):
+        at = theta or (lambda x: heat_run(problem, BASE.replace(**others, **{name: x})))
+        expected = (4.0 * at(h) - 3.0 * at(0.0) - at(2.0 * h)) / (2.0 * h)
+        assert np.abs(expected).max() > 0.0
+        assert np.abs(which - expected).max() < 2e-4 * np.abs(expected).max() + 4e-8 / abs(h)
+    assert np.abs(off.theta - plain.theta).max() < 1e-6
+
+
+def test_nothing_is_evaluated_while_all_are_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    def told(*_: Any) -> None:
+        raise AssertionError("an effect was evaluated")
+
+    for method in ("factor", "flux", "medium_change", "source", "initial"):
+        monkeypatch.setattr(HeatEffects, method, told)
+    history, _ = run(("kappa", "theta_air"))
+    heat_run(heat_problem(dogbone(), history, SETTINGS), BASE)
+
+
+USER = {
+    "surface_flux": ("time, surroundings, ", "theta", "a * (theta - surroundings) ** 2 * 1e-4", 9.0),
+    "boundary_temperature": ("time, elapsed, ", "y", "a * np.sin(0.1 * elapsed) + 0.0 * y", 1.0),
+    "heat_source": ("accumulated, rate, time, x, y, ", "theta", "a * np.exp(-((y / 10.0) ** 2)) * (theta - 290.0) * time / 60.0", 0.1),
+    "capacity": ("theta_ref, ", "theta", "np.exp(a * (theta - theta_ref))", 3e-3),
+    "conductivity": ("theta_ref, ", "theta", "np.exp(a * (theta - theta_ref))", 3e-3),
+    "initial_temperature": ("y, length, ", "x", "a * (y / length) ** 2 + 0.0 * x", 1.0),
+}
+
+
+@pytest.mark.parametrize("slot", USER)
+def test_an_effect_of_a_user_acts_in_every_slot(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Off, on, and its derivative, as for those of the package."""
+    monkeypatch.setattr(catalogue, "_EFFECTS", dict(catalogue._EFFECTS))
+    monkeypatch.setattr(declared, "_OF_EFFECTS", dict(declared._OF_EFFECTS))
+    rest, first, formula, probe = USER[slot]
+    path, name = tmp_path / f"user_{slot}.py", f"user_{slot}.a"
+    path.write_text(
+        "import numpy as np\nfrom thermofit.core.parameters import Param\n"
+        f"SLOT, FORMULA, SOURCE, ON = '{slot}', 'made up', 'made up', ('air', 'clamp')\n"
+        f"PARAMS = (Param('{name}', '1', 0.0, -10.0, 10.0, 1.0, 'made up', probe={probe}),)\n"
+        f"def {slot}({first}, {rest}a):\n    return {formula}\n"
+    )
+    load_effect(path)
+    history, rates = run((name,), **{name: probe})
+    ahead, back = (run(**{name: s * probe})[0].theta for s in (1.01, 0.99))
+    expected = (ahead - back) / (0.02 * probe)
+    assert np.abs(history.theta - run()[0].theta).max() > 1e-3
+    assert np.abs(rates[..., 0] - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+# Coefficients of films where they are held: no convection, ideal contact.
+
+
+def test_rates_by_a_film_that_is_off() -> None:
+    _, rates = run(("alpha_air",), alpha_air=0.0)
+    at = [run(alpha_air=x)[0].theta for x in (0.0, 1e-2, 2e-2)]
+    expected = (4.0 * at[1] - 3.0 * at[0] - at[2]) / 2e-2
+    assert np.abs(rates[..., 0] - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("resistance", [1e-8, 1e-5])
+def test_rates_by_the_resistance_of_the_contact(resistance: float) -> None:
+    """By 1 / alpha_clamp, down to ideal contact: -alpha^2 d/dalpha is the limit of differences, and that of the march the same.
+
+    At the edge of the jaws the answer to a resistance soon bends: the steps are small.
+    """
+    held = BASE.replace(alpha_clamp=1.0 / resistance)
+    history, coupled = run(("alpha_clamp",), alpha_clamp=1.0 / resistance)
+    problem, rates, h = heat_problem(dogbone(), history, SETTINGS), [], 0.1 * resistance
+    heat_run_rates(problem, held, ("alpha_clamp",), lambda n, theta, at: rates.append(np.array(at[:, 0])))
+    at = [heat_run(problem, held.replace(alpha_clamp=1.0 / (resistance + s * h))) for s in (0.0, 1.0, 2.0)]
+    expected = (4.0 * at[1] - 3.0 * at[0] - at[2]) / (2.0 * h)
+    found = -np.array(rates) / resistance**2
+    assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()
+    assert np.abs(-coupled[..., 0] / resistance**2 - found).max() < 0.1 * np.abs(expected).max()

@@ -1,0 +1,107 @@
+"""One material point in tests: update, stress and tangent in one call, nominal law, uniaxial driver."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.core.parameters import Parameters
+from thermofit.law.composition import law_effects
+from thermofit.law.page import Law, law_in_step, law_of
+from thermofit.point.update import local_tangent, local_update, piola_stress, point_work
+
+NOMINAL = Parameters.of(
+    {
+        **{"E": 68396.66, "nu": 0.34, "M_y0": 128.92, "M_yinf": 292.73, "H_exp": 10.87, "H_lin": 0.0},
+        **{"F": 0.35, "G": 0.5, "H": 0.5, "L": 1.5, "M": 1.5, "N": 1.5, "alpha_exp": 20.21e-6, "kappa": 133.45, "c0": 2.22, "beta": 0.79},
+        **{"alpha_air": 14.72, "alpha_clamp": 236.3, "theta_air": 297.4, "theta_clamp": 296.7, "theta_ref": 296.7},
+    }
+)
+ANISOTROPIC = NOMINAL.replace(F=0.31, G=0.62, H=0.45, L=1.2, M=1.9, N=1.45)
+PROBES = {p.name: p.probe if p.probe is not None else p.neutral for effect in law_effects() for p in effect.params}
+"""Every effect of the law at its probe."""
+VIRGIN = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0])
+WORK = point_work()
+"""Scratch: filled anew by every update."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one update returns: status, P (3, 3) MPa, new state (11,), A = dP/dF (9, 9) MPa."""
+
+    status: int
+    stress: np.ndarray
+    state: np.ndarray
+    tangent: np.ndarray
+
+    @property
+    def fp_inv(self) -> np.ndarray:
+        """F_p^-1."""
+        return self.state[:9].reshape(3, 3)
+
+
+def update(f: np.ndarray, law: Law, state: np.ndarray = VIRGIN, theta: float = 296.7) -> Answer:
+    """Update of one point; the old state stays as it was."""
+    f = np.ascontiguousarray(f, dtype=float)
+    new, p, a = np.empty(11), np.full((3, 3), np.nan), np.full((9, 9), np.nan)
+    status = local_update(f, theta, state, law, WORK, new)
+    if status >= 0:
+        piola_stress(f, law, WORK, p)
+        local_tangent(status, law, WORK, a)
+    return Answer(status, p, new, a)
+
+
+def laws(parameters: Parameters = ANISOTROPIC) -> list[Any]:
+    """Both models, and model 2 with backward Euler, as pytest parameters."""
+    return [
+        pytest.param(law_of(parameters.replace(H_lin=35.0), 1), id="model1"),
+        pytest.param(law_of(parameters, 2), id="model2"),
+        pytest.param(law_of(parameters, 2, closed_form=False), id="model2-euler"),
+        pytest.param(law_in_step(law_of(parameters.replace(**PROBES), 2), 2.5), id="model2-effects"),
+    ]
+
+
+def random_gradient(seed: int, size: float) -> np.ndarray:
+    """I + size * random (3, 3), volume change reduced to a twentieth: mostly isochoric, as plastic strain is."""
+    f = np.eye(3) + size * np.random.default_rng(seed).uniform(-1.0, 1.0, (3, 3))
+    j = float(np.linalg.det(f))
+    assert j > 0.0
+    return f * j ** (-0.95 / 3.0)
+
+
+def deformed_state(law: Law, seed: int = 5) -> np.ndarray:
+    """A state after plastic shear: F_p not symmetric, not the identity."""
+    answer = update(random_gradient(seed, 0.06), law)
+    assert answer.status == 1
+    return answer.state
+
+
+def uniaxial(stretch: float, law: Law, state: np.ndarray, theta: float, lateral: tuple[float, float]) -> tuple[Answer, np.ndarray]:
+    """Stress along 2 only: the lateral stretches that make P_11 = P_33 = 0, by Newton with the tangent."""
+    x = np.array(lateral)
+    for _ in range(30):
+        f = np.diag([x[0], stretch, x[1]])
+        answer = update(f, law, state, theta)
+        assert answer.status >= 0
+        residual = answer.stress[[0, 2], [0, 2]]
+        if np.abs(residual).max() < 1e-9:
+            return answer, f
+        x = x - np.linalg.solve(answer.tangent[np.ix_([0, 8], [0, 8])], residual)
+    raise AssertionError("no lateral equilibrium")
+
+
+def reference_table(name: str) -> dict[str, np.ndarray]:
+    """Columns of a table of the reference solution, which lies beside the data folder."""
+    data = os.environ.get("THERMOFIT_DATA")
+    if not data:
+        pytest.skip("THERMOFIT_DATA is not set: the reference numbers of the kernel lie beside that folder")
+    path = Path(data).resolve().parent / "reference" / "kernel" / name
+    if not path.is_file():
+        pytest.skip(f"no reference numbers at {path}")
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {column: table[column] for column in table.dtype.names}

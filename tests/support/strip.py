@@ -1,0 +1,219 @@
+"""A thin strip that conducts heat in its plane, in numpy: a body without mechanics for tests of missing heat sources.
+
+The heat capacity is known: without mechanics nothing else says how much a kelvin is worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import lu_factor, lu_solve
+
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.structure import Span
+from thermofit.effects.catalogue import Effect, effect
+from thermofit.fit.covariance import covariance
+from thermofit.fit.minimise import minimise
+from thermofit.fit.problem import Problem
+from thermofit.fit.result import FitResult
+from thermofit.fit.settings import Settings
+from thermofit.identify.missing import Grid, place_hats, time_hats
+from thermofit.identify.model import StageModel
+from thermofit.identify.prediction import Errors
+from thermofit.observe.comparison import plain
+from thermofit.observe.observation import FieldObservation
+
+WIDTH, LENGTH, THICK = 24.0, 60.0, 1.2
+SIGMA = 0.02
+BASE = Parameters.of({"kappa": 30.0, "c0": 3.6, "beta": 0.8})
+KNOWN = tuple(effect(name) for name in ("ir_drift", "ir_gain", "ir_emissivity", "stored_energy"))
+SPANS = (Span("loading", 0.0, 70.0), Span("cooling", 70.0, 120.0))
+Source = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+"""Power in mW/mm^3 of points x, y (n,) mm at a time s."""
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Cells of a strip: n_x by n_y of them, at their midpoints; ends at zero, sides insulated; n_t steps of backward Euler."""
+
+    n_x: int
+    n_y: int
+    n_t: int
+
+    @property
+    def time(self) -> np.ndarray:
+        return np.linspace(0.0, 120.0, self.n_t + 1)
+
+    @property
+    def x(self) -> np.ndarray:
+        return np.tile((np.arange(self.n_x) + 0.5) * WIDTH / self.n_x - 0.5 * WIDTH, self.n_y)
+
+    @property
+    def y(self) -> np.ndarray:
+        return np.repeat((np.arange(self.n_y) + 0.5) * LENGTH / self.n_y - 0.5 * LENGTH, self.n_x)
+
+    @property
+    def cell(self) -> float:
+        """Volume of a cell in mm^3."""
+        return WIDTH * LENGTH * THICK / (self.n_x * self.n_y)
+
+    def conduction(self) -> np.ndarray:
+        """Laplace operator (n, n) in 1/mm^2."""
+
+        def line(n: int, h: float, open_ends: bool) -> np.ndarray:
+            a = np.diag(np.full(n, 2.0)) - np.eye(n, k=1) - np.eye(n, k=-1)
+            a[0, 0] = a[-1, -1] = 3.0 if open_ends else 1.0
+            return a / h**2
+
+        a_x, a_y = line(self.n_x, WIDTH / self.n_x, False), line(self.n_y, LENGTH / self.n_y, True)
+        return np.kron(np.eye(self.n_y), a_x) + np.kron(a_y, np.eye(self.n_x))
+
+    def run(self, p: Parameters, power: np.ndarray) -> np.ndarray:
+        """Temperature (n_t + 1, n, m) over the ends for powers (n_t, n, m) in mW/mm^3 of the steps."""
+        factor = _factor(self, p["kappa"], p["c0"])
+        out, dt = np.zeros((self.n_t + 1, *power.shape[1:])), 120.0 / self.n_t
+        for k in range(self.n_t):
+            out[k + 1] = lu_solve(factor, p["c0"] / dt * out[k] + power[k])
+        return out
+
+    def plastic(self, p: Parameters) -> np.ndarray:
+        """Power (n_t, n, 1) of plastic flow up to 70 s, stronger towards the middle."""
+        middle = 0.5 * (self.time[1:] + self.time[:-1])
+        share = 1.0 - 0.5 * (self.y / (0.5 * LENGTH)) ** 2
+        factor = 1.0 + p["stored_energy.slope"] * middle / 70.0 if "stored_energy.slope" in p.values else np.ones(len(middle))
+        return (p["beta"] * 0.5 * factor * (middle < 70.0))[:, None, None] * share[None, :, None]
+
+    def sourced(self, source: Source) -> np.ndarray:
+        """Power (n_t, n, 1) of a source."""
+        middle = 0.5 * (self.time[1:] + self.time[:-1])
+        return np.stack([source(self.x, self.y, float(t)) for t in middle])[:, :, None]
+
+
+@lru_cache(maxsize=64)
+def _factor(strip: Strip, kappa: float, c0: float) -> tuple[np.ndarray, np.ndarray]:
+    dt = 120.0 / strip.n_t
+    return lu_factor(c0 / dt * np.eye(strip.n_x * strip.n_y) + kappa * strip.conduction())
+
+
+MODEL = Strip(6, 18, 60)
+
+
+def seen(p: Parameters, theta: np.ndarray) -> np.ndarray:
+    """What a camera shows (n_t, n) of temperatures (n_t, n)."""
+    t, y = MODEL.time[:, None], MODEL.y[None, :]
+    shown = 297.0 + theta * (1.0 + p["ir_gain.gain"]) + p["ir_drift.rate"] * t
+    return np.asarray(shown + p["ir_emissivity.slope"] * 0.002 * (t / 120.0) ** 3 * (1.0 + y / 60.0) * theta)
+
+
+@dataclass(frozen=True)
+class StripMissing:
+    """Heat sources of the strip."""
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        return {"theta": "heat"}
+
+    def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
+        x, y = (np.linspace(v.min(), v.max(), n) for v, n in ((MODEL.x, counts[2] + 2), (MODEL.y, counts[1])))
+        return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), x, y)
+
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
+        k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
+        strength = time_hats(grid, middle, np.zeros(len(middle), dtype=int))[:, k]
+        theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place])
+        return theta[:, :, None, :]
+
+    def volumes(self, grid: Grid) -> np.ndarray:
+        return MODEL.cell * place_hats(grid, MODEL.x, MODEL.y).sum(axis=0)
+
+    def states(self, parameters: Parameters, grid: Grid) -> Mapping[str, np.ndarray]:
+        middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
+        power = np.interp(grid.time, middle, MODEL.plastic(parameters)[:, 0, 0])
+        x, y = np.tile(grid.x, len(grid.y)), np.repeat(grid.y, len(grid.x))
+        n = len(grid.time)
+        return {"plastic power": np.repeat(power[:, None], grid.places, axis=1), "x": np.tile(x, (n, 1)), "y": np.tile(y, (n, 1))}
+
+
+FINE = Strip(12, 36, 180)
+
+
+def on_cells(theta: np.ndarray) -> np.ndarray:
+    """Temperatures (180 + 1, n) of the fine strip at the times and cells of the model."""
+    return np.asarray(theta[::3].reshape(MODEL.n_t + 1, 18, 2, 6, 2).mean(axis=(2, 4)).reshape(MODEL.n_t + 1, -1))
+
+
+def numerical() -> np.ndarray:
+    """Error (n,) of the discretisation in the residual."""
+    coarse, fine = (strip.run(BASE, strip.plastic(BASE))[:, :, 0] for strip in (MODEL, FINE))
+    return np.asarray((coarse - on_cells(fine)).ravel() / SIGMA)
+
+
+def strip_case(seed: int, source: Source | None = None, known: tuple[Effect, ...] = KNOWN, **planted: float) -> Case:
+    """A case whose data come from a finer strip, with a source that the model does not have and planted effects of the camera."""
+    fine = FINE
+    truth = BASE.replace(**planted)
+    power = fine.plastic(truth) + (0.0 if source is None else fine.sourced(source))
+    theta = on_cells(fine.run(truth, power)[:, :, 0])
+    value = seen(truth, theta) + SIGMA * np.random.default_rng(seed).normal(size=theta.shape)
+    shape = (*value.shape, 1)
+    xy = np.stack([MODEL.x, MODEL.y], axis=1)
+    observed = FieldObservation("theta", MODEL.time, xy, value[:, :, None], np.full(shape, SIGMA), np.ones(shape[:2], dtype=bool), "K")
+
+    def field(p: Parameters) -> np.ndarray:
+        return seen(p, MODEL.run(p, MODEL.plastic(p))[:, :, 0])
+
+    def errors(p: Parameters) -> Errors:
+        return {"theta": field(p)[:, :, None] - observed.value}
+
+    def linearise(p: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        columns = []
+        for name in names:
+            h = 1e-4 * param(name).scale
+            columns.append((field(p.replace(**{name: p[name] + h})) - field(p.replace(**{name: p[name] - h}))) / (2.0 * h))
+        return errors(p), {"theta": np.stack(columns, axis=-1)[:, :, None, :]}
+
+    model = StageModel(errors, (plain(observed),), {"theta": observed}, "", linearise=linearise, missing=StripMissing())
+    instruments = frozenset(name for e in known for name in e.names if not name.startswith("stored"))
+    return Case(model, BASE.with_free(("kappa", "beta")), known, SPANS, instruments)
+
+
+def refitting(model: StageModel) -> Callable[[Parameters, str], tuple[Parameters, FitResult]]:
+    """Least squares of the model."""
+
+    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        names = start.free
+        limits = [np.array([getattr(param(n), word) for n in names]) for word in ("lower", "upper", "scale")]
+        problem = Problem(
+            lambda x: model.residual(start.with_vector(x)),
+            start.vector(),
+            *limits,
+            names,
+            lambda x: model.linearised(start.with_vector(x), names),
+        )
+        fit = minimise(problem, "least-squares", Settings(f_tolerance=0.01))
+        spread = covariance(fit.jacobian, fit.residual, names, fit.at_bound)
+        return start.with_vector(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
+
+    return refit
+
+
+def fitted(case: Case) -> tuple[Case, FitResult]:
+    """The case at its optimum."""
+    parameters, fit = refitting(case.model)(case.parameters, "joint")
+    return replace(case, parameters=parameters), fit
+
+
+def spot(power: float, x0: float, y0: float, when: tuple[float, float], size: float = 3.0) -> Source:
+    """A Gaussian spot of that power in mW through the thickness, on between two times."""
+    density = power / (2.0 * np.pi * size**2 * THICK)
+
+    def source(x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
+        on = float(when[0] <= time < when[1])
+        return np.asarray(on * density * np.exp(-0.5 * ((x - x0) ** 2 + (y - y0) ** 2) / size**2))
+
+    return source

@@ -1,0 +1,1 @@
+"""The hex8 element: kinematics, internal forces, stiffness, energy."""

@@ -1,0 +1,214 @@
+"""Heat equation on the deformed body: capacity, conduction, film exchange and sources as nodal quantities.
+
+Balance of energy (4.20) in the reference configuration, weak form with test function w:
+
+    int w c0 theta_dot dV + int grad w . kappa J C^-1 . grad theta dV + int w alpha_con (theta - theta_M) da
+        = int w [D_mech - 3 alpha_exp K theta d(ln J / J)/dt] dV.
+
+Conduction follows the deformation of the body (Fourier's law 4.12 in space), film exchange the current area.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from thermofit.body.element.hex8 import ElementData
+from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
+from thermofit.core.jit import kernel
+from thermofit.law.page import Law, released_energy, thermoelastic_heat
+from thermofit.law.tensor import determinant, inverse_transpose
+
+_P = 1.0 / np.sqrt(3.0)
+_FACET_POINTS = np.array([[-_P, -_P], [_P, -_P], [_P, _P], [-_P, _P]])
+_FACET_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
+
+
+class FacetData(NamedTuple):
+    """Facets of one film boundary: nodes (n_f, 4), shape functions and their derivatives at the 2 x 2 points."""
+
+    facets: np.ndarray
+    shape: np.ndarray
+    derivative: np.ndarray
+
+
+def facet_data(facets: np.ndarray) -> FacetData:
+    """FacetData of (n_f, 4) facets."""
+    factor = 1.0 + _FACET_POINTS[:, None, :] * _FACET_CORNERS
+    shape = factor.prod(axis=2) / 4.0
+    derivative = _FACET_CORNERS * factor[:, :, ::-1] / 4.0
+    return FacetData(np.ascontiguousarray(facets), np.ascontiguousarray(shape), np.ascontiguousarray(derivative))
+
+
+@kernel
+def capacity_matrices(data: ElementData) -> np.ndarray:
+    """int N_a N_b dV of every element, (n_el, 8, 8) in mm^3: the capacity matrix for unit c0."""
+    n_el = data.hexes.shape[0]
+    out = np.zeros((n_el, 8, 8))
+    for e in range(n_el):
+        for q in range(8):
+            for a in range(8):
+                for b in range(8):
+                    out[e, a, b] += data.volume[e, q] * data.shape[q, a] * data.shape[q, b]
+    return out
+
+
+def swelling_matrices(data: ElementData) -> np.ndarray:
+    """int N_a dV int N_b dV / V of every element, (n_el, 8, 8) in mm^3: with F_bar its volume feels the mean of its temperature alone, and
+    what it takes for that is spread evenly. Without F_bar the capacity matrix."""
+    if data.f_bar != 1:
+        return capacity_matrices(data)
+    share = data.volume @ data.shape
+    return np.asarray(share[:, :, None] * share[:, None, :] / data.volume.sum(axis=1)[:, None, None])
+
+
+@kernel(parallel=True)
+def conduction_matrices(data: ElementData, u: np.ndarray, out: np.ndarray) -> None:
+    """int grad N_a . J C^-1 . grad N_b dV of every element into out (n_el, 8, 8), mm: conduction for unit kappa."""
+    n_el = data.hexes.shape[0]
+    for chunk in prange(16):
+        f, fit, g = np.empty((3, 3)), np.empty((3, 3)), np.empty((8, 3))
+        for e in range(chunk * n_el // 16, (chunk + 1) * n_el // 16):
+            out[e, :, :] = 0.0
+            for q in range(8):
+                for i in range(3):
+                    for j in range(3):
+                        f[i, j] = 1.0 if i == j else 0.0
+                for a in range(8):
+                    node = data.hexes[e, a]
+                    for i in range(3):
+                        for j in range(3):
+                            f[i, j] += u[node, i] * data.gradient[e, q, a, j]
+                det = determinant(f)
+                inverse_transpose(f, det, fit)
+                weight = data.volume[e, q] * det
+                for a in range(8):
+                    for i in range(3):
+                        s = 0.0
+                        for j in range(3):
+                            s += fit[i, j] * data.gradient[e, q, a, j]
+                        g[a, i] = s
+                for a in range(8):
+                    for b in range(a + 1):
+                        s = g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2]
+                        out[e, a, b] += weight * s
+            for a in range(8):
+                for b in range(a):
+                    out[e, b, a] = out[e, a, b]
+
+
+@kernel
+def film_matrices(data: FacetData, x: np.ndarray, out: np.ndarray) -> None:
+    """int N_a N_b da of every facet at current positions x (n_np, 3) into out (n_f, 4, 4), mm^2."""
+    t = np.empty((2, 3))
+    for n in range(data.facets.shape[0]):
+        out[n, :, :] = 0.0
+        for q in range(4):
+            t[:] = 0.0
+            for a in range(4):
+                node = data.facets[n, a]
+                for i in range(3):
+                    t[0, i] += data.derivative[q, a, 0] * x[node, i]
+                    t[1, i] += data.derivative[q, a, 1] * x[node, i]
+            c0 = t[0, 1] * t[1, 2] - t[0, 2] * t[1, 1]
+            c1 = t[0, 2] * t[1, 0] - t[0, 0] * t[1, 2]
+            c2 = t[0, 0] * t[1, 1] - t[0, 1] * t[1, 0]
+            area = np.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
+            for a in range(4):
+                for b in range(4):
+                    out[n, a, b] += area * data.shape[q, a] * data.shape[q, b]
+
+
+class PointHistory(NamedTuple):
+    """State of all points at one time as the heat sources need it, each (n_el, 8): J, alpha, Lambda."""
+
+    dilatation: np.ndarray
+    alpha: np.ndarray
+    accumulated: np.ndarray
+
+
+@kernel
+def heat_of_increment(
+    data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, law: Law, out: np.ndarray
+) -> tuple[float, float]:
+    """Nodal heat of one increment int N_a (dissipated + thermoelastic) dV added to out (n_np,), mJ.
+
+    theta (n_np,) K is the temperature in the thermoelastic term. Returns the totals (dissipated, thermoelastic) in mJ.
+    """
+    total_dissipated = 0.0
+    total_elastic = 0.0
+    for e in range(data.hexes.shape[0]):
+        for q in range(8):
+            weight = data.volume[e, q]
+            t = 0.0
+            for a in range(8):
+                t += data.shape[q, a] * theta[data.hexes[e, a]]
+            j_n, j = start.dilatation[e, q], end.dilatation[e, q]
+            elastic = weight * thermoelastic_heat(t, np.log(j_n) / j_n, np.log(j) / j, law)
+            heat = elastic
+            d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
+            if d_lambda > 0.0:
+                dissipated = weight * released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], t, law)
+                total_dissipated += dissipated
+                heat += dissipated
+            total_elastic += elastic
+            for a in range(8):
+                out[data.hexes[e, a]] += data.shape[q, a] * heat
+    return total_dissipated, total_elastic
+
+
+class Increment(NamedTuple):
+    """Change of all points over one increment as the heat sources need it, each (n_el, 8): ln J / J and alpha at both ends, dLambda, and
+    Lambda at the end."""
+
+    g_n: np.ndarray
+    g: np.ndarray
+    alpha_n: np.ndarray
+    alpha: np.ndarray
+    d_lambda: np.ndarray
+    accumulated: np.ndarray
+
+
+def increment_between(start: PointHistory, end: PointHistory) -> Increment:
+    """Increment from one state of all points to another."""
+    g_n, g = np.log(start.dilatation) / start.dilatation, np.log(end.dilatation) / end.dilatation
+    return Increment(g_n, g, start.alpha, end.alpha, end.accumulated - start.accumulated, end.accumulated)
+
+
+@kernel
+def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
+    """`heat_of_increment` of a prepared increment, without the totals: for many sets of parameters on one mechanical history.
+
+    The 8 points of an element, and then its 8 nodes, take the lanes.
+    """
+    shape, transposed = data.shape.reshape(-1), data.shape.T.copy().reshape(-1)
+    t, heat, nodal, zero = np.zeros(8), np.zeros(8), np.zeros(8), np.zeros(8)
+    for e in range(data.hexes.shape[0]):
+        copy_lanes(t, 0, zero, 0)
+        for a in range(8):
+            add_lanes(t, 0, theta[data.hexes[e, a]], transposed, 8 * a)
+        for q in range(8):
+            heat[q] = thermoelastic_heat(t[q], increment.g_n[e, q], increment.g[e, q], law)
+            if increment.d_lambda[e, q] > 0.0:
+                alpha_n, alpha, d_lambda = increment.alpha_n[e, q], increment.alpha[e, q], increment.d_lambda[e, q]
+                heat[q] += released_energy(alpha_n, alpha, d_lambda, increment.accumulated[e, q], t[q], law)
+        copy_lanes(nodal, 0, zero, 0)
+        for q in range(8):
+            add_lanes(nodal, 0, data.volume[e, q] * heat[q], shape, 8 * q)
+        for a in range(8):
+            out[data.hexes[e, a]] += nodal[a]
+
+
+@kernel
+def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, law: Law) -> float:
+    """Smallest dissipation of one increment over all points at about theta K, mJ/mm^3; negative violates the second law."""
+    smallest = 0.0
+    for e in range(start.alpha.shape[0]):
+        for q in range(8):
+            d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
+            if d_lambda != 0.0:
+                released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], theta, law)
+                smallest = min(smallest, released)
+    return smallest

@@ -1,0 +1,1 @@
+"""Meshes: shapes of specimens, files of others, named sets, quality."""

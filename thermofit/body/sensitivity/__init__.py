@@ -1,0 +1,1 @@
+"""Direct differentiation of a march."""

@@ -1,0 +1,1 @@
+"""Equilibrium of a load step, linear algebra, and the march in time."""

@@ -1,0 +1,276 @@
+"""March in time: mechanics and heat, step by step; the only place where state is committed.
+
+`coupling` "full" lets both fields of a step converge together; "one-way" solves the mechanics at the initial temperature and the
+heat equation, with the heat capacity of constant stress, on the deformation and dissipation that follow from it. With
+`sensitivities` every step is differentiated after it has converged (fem.sensitivity), in either coupling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import reduce
+
+import numpy as np
+
+from thermofit.body.body import Body, check_axes, thermal_geometry
+from thermofit.body.element.energy import internal_energy_of
+from thermofit.body.heat.conduction import HeatConditions, at_constant_stress, steady_temperature
+from thermofit.body.heat.coupling import HeatOfStep
+from thermofit.body.heat.films import conditions_of
+from thermofit.body.sensitivity.conduction_rates import condition_rates
+from thermofit.body.sensitivity.march import Differentiator, Linearised, Sensitivities, volume_mean
+from thermofit.body.solve.arc import PathFollower, PathPoint
+from thermofit.body.solve.history import DEFAULTS, NOBODY, State, added, history, recorded
+from thermofit.body.solve.history import Balance as Balance
+from thermofit.body.solve.history import History as History
+from thermofit.body.solve.history import MarchSettings as MarchSettings
+from thermofit.body.solve.history import Watch as Watch
+from thermofit.body.solve.linear import Factor
+from thermofit.body.solve.loading import Loading as Loading
+from thermofit.body.solve.loading import moving, solution_times
+from thermofit.body.solve.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
+from thermofit.body.solve.predictor import Passed, passed, predicted
+from thermofit.core.errors import NumericsError, StudyError
+from thermofit.core.parameters import Parameters
+from thermofit.law.bounds import check_beta, check_body_effects
+from thermofit.law.page import Law, law_in_step, law_of
+from thermofit.point.update import LAMBDA
+
+
+def march(
+    body: Body,
+    parameters: Parameters,
+    loading: Loading,
+    times: np.ndarray,
+    settings: MarchSettings = DEFAULTS,
+    watch: Watch = NOBODY,
+) -> History:
+    """Solve the coupled boundary value problem at the increasing `times` s (n_t,); the first is the state at rest.
+
+    Only these are recorded; solution steps between them (`max_step`) add up to one Balance. `watch` follows the run and may have it
+    differentiated. Effects of the machine (slot load) stand between the loading and the specimen. NumericsError where a step fails even
+    after `max_cuts` bisections; the message names the time. StudyError where times, loading, body and parameters do not fit together.
+    """
+    if len(times) < 2 or np.any(np.diff(times) <= 0.0):
+        raise StudyError("march: at least two increasing times are needed; check the evaluation times of the study")
+    loading.check(body, times)
+    check_axes(body, settings.material_angle)
+    check_beta(parameters)
+    check_body_effects(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
+    law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
+    conditions = conditions_of(body, parameters, settings.films)
+    if settings.coupling == "one-way":
+        conditions = at_constant_stress(conditions, law)
+    conditions = conditions.at(float(times[0]), float(times[0]), np.empty(0))
+    run = _Run(body, law, conditions, loading.acting(parameters), settings)
+    if watch.sensitivities is not None:
+        run.differentiate(parameters, watch.sensitivities, loading.rates(parameters, watch.sensitivities.names))
+    start = run.initial(float(times[0]))
+    past: tuple[Passed, ...] = ()
+    records, balances, energy = [recorded(body, start, settings)], [], run.energy(start)
+    run.collect(0, start)
+    for n, t in enumerate(times[1:], start=1):
+        parts = []
+        for middle in solution_times(start.time, float(t), settings.max_step):
+            state, balance = run.advance(start, past, middle, 0)
+            past, start = (passed(start), *past[:1]), state
+            parts.append(balance)
+        records.append(recorded(body, start, settings))
+        before, energy = energy, run.energy(start)
+        balances.append(replace(reduce(added, parts), internal=energy - before))
+        run.collect(n, start)
+        if watch.step is not None:
+            watch.step(n)
+    return history(body, records, tuple(balances), run.counts(len(times) - 1))
+
+
+class _Run:
+    """One march: body, law, conditions and the solver with its buffers."""
+
+    def __init__(self, body: Body, law: Law, conditions: HeatConditions, loading: Loading, settings: MarchSettings) -> None:
+        self.body, self.law, self.conditions, self.loading, self.settings = body, law, conditions, loading, settings
+        self.follower = PathFollower(body, law, settings.newton) if loading.control == "arc" else None
+        self.solver = self.follower or Equilibrator(body, law, settings.newton)
+        self.factor = body.symmetry if loading.control == "force" else 1.0
+        self.length = float(np.ptp(body.mesh.nodes[:, 1]))
+        self.iterations = 0
+        self.fallbacks = body.mechanical.fallbacks.total() + body.thermal.fallbacks.total()
+        self.cuts = 0
+        self.resting_temperature = np.empty(0)
+        self.rest_displacement = 0.0
+        self.rates: Differentiator | None = None
+        self.load_rates = np.empty((0, 0))
+        self.elastic: Factor | None = None
+
+    def differentiate(self, parameters: Parameters, asked: Sensitivities, load_rates: np.ndarray) -> None:
+        """Differentiate every step from now on; load_rates (n, n_p) are those of the loading at its times. What moves nothing (slip of jaws
+        where a force is prescribed) takes no part.
+
+        StudyError under arc control, where no load is given that could be held.
+        """
+        if self.follower is not None:
+            raise StudyError("sensitivities: under arc control the load is an unknown; prescribe the displacement of the end instead")
+        one_way, places = self.settings.coupling == "one-way", moving(asked.names, load_rates)
+        if 0 < len(places) < len(asked.names):
+            asked, load_rates = asked.of(places), load_rates[:, places]
+        rates = condition_rates(parameters, asked.names, self.law if one_way else None)
+        rates = rates.on_sets(tuple(self.body.films), tuple(self.settings.films))
+        self.rates = Differentiator(self.body, self.law, parameters, rates, asked, one_way=one_way)
+        self.load_rates = np.zeros((len(load_rates), self.rates.m))
+        self.load_rates[:, : load_rates.shape[1]] = load_rates / self.factor
+
+    def load(self, t: float) -> float:
+        """Load of the model at time t: its share of the force, the displacement, or the arc length."""
+        return self.loading.at(t) / self.factor + self.rest_displacement
+
+    def initial(self, t: float) -> State:
+        """Equilibrium at the steady temperature of the resting specimen (5.2.2)."""
+        body = self.body
+        u = np.zeros((body.mesh.n_nodes, 3))
+        geometry = thermal_geometry(body, u)
+        theta = steady_temperature(body, geometry, self.conditions)
+        self.resting_temperature = theta
+        from_rest = self.loading.control == "displacement" and self.loading.from_rest
+        if from_rest:
+            self.rest_displacement = self.law.alpha_exp * float(volume_mean(body, theta - self.law.theta_ref)) * self.length
+        load = self.load(t)
+        virgin = virgin_state(body.mesh.n_elements, axes_about_z(self.settings.material_angle))
+        found = self.solver.solve(u, theta, virgin, load if self.follower is None else 0.0)
+        state = State(t, load, found.u, theta, found.state, found.dilatation, thermal_geometry(body, found.u), found.top_force)
+        if self.rates is None:
+            return state
+        self.rates.rest(theta, geometry, self.conditions, self.length, from_rest)
+        load_rates = self.loading.between(self.load_rates, t)
+        return replace(state, rates=self.rates.initial(self._linearised(found, theta, virgin), load_rates))
+
+    def advance(self, start: State, past: tuple[Passed, ...], t: float, depth: int) -> tuple[State, Balance]:
+        """One step to time t; bisected where it fails."""
+        try:
+            return self._step(start, past, t)
+        except NumericsError as err:
+            self.solver.forget()
+            if depth >= self.settings.max_cuts:
+                advice = self._advice(start, t)
+                raise NumericsError(f"time step to t = {t:.4g} s failed after {depth} bisections ({err}); {advice}") from err
+        self.cuts += 1
+        middle, first = self.advance(start, (), 0.5 * (start.time + t), depth + 1)
+        end, second = self.advance(middle, (), t, depth + 1)
+        return end, added(first, second)
+
+    def _advice(self, start: State, t: float) -> str:
+        """What to do about a step from `start` to t that fails however short it is."""
+        if self.loading.control != "force" or abs(self.load(t)) <= abs(start.top_force) or not np.any(start.points[:, :, LAMBDA]):
+            return "check loads and starts, or allow smaller steps"
+        return (
+            f"the maximum force reached is {start.top_force * self.body.symmetry:.5g} N: if that is the load maximum of the specimen, no "
+            "larger force is in equilibrium; prescribe the displacement of the end (or the arc length) instead"
+        )
+
+    def energy(self, state: State) -> float:
+        """Internal energy of the specimen, mJ; the heat capacity is that of the heat equation."""
+        law = self.law._replace(c0=self.conditions.c0)
+        return self.body.symmetry * internal_energy_of(self.body.data, state.u, state.theta, state.points, state.dilatation, law)
+
+    def collect(self, n: int, state: State) -> None:
+        """Hand the derivatives of recorded time n to whoever asked for them."""
+        if self.rates is not None and state.rates is not None:
+            self.rates.collect(n, state.rates)
+
+    def counts(self, steps: int) -> dict[str, int]:
+        """What the run cost."""
+        return {
+            "steps": steps,
+            "newton_iterations": self.iterations,
+            "factorisations": self.solver.factorisations,
+            "element_passes": self.solver.passes,
+            "bisections": self.cuts,
+            "solver_changes": self.body.mechanical.fallbacks.total() + self.body.thermal.fallbacks.total() - self.fallbacks,
+            **({} if self.rates is None else {"sensitivity_sweeps": self.rates.sweeps}),
+        }
+
+    def _step(self, start: State, past: tuple[Passed, ...], t: float) -> tuple[State, Balance]:
+        load = self.load(t)
+        self.solver.law = law_in_step(self.law, t - start.time)
+        u, theta, fresh = predicted(self.body, start, past, t, load)
+        heat = HeatOfStep(self.body, self.law, self.conditions, start, (t, self.settings.heat_scheme))
+        if self.follower is not None:
+            found = self._along_path(self.follower, theta, start, load, heat)
+        elif self.settings.coupling == "one-way":
+            theta = self.resting_temperature
+            found = self._mechanics(u, theta, start, load, fresh)
+            heat.solve(found.u, found.state, found.dilatation, start.theta)
+        else:
+            found = self._mechanics(u, theta, start, load, fresh, heat)
+        state, balance = heat.finish(found, load)
+        if self.rates is None or start.rates is None:
+            return state, balance
+        theta = self.resting_temperature if self.settings.coupling == "one-way" else state.theta
+        load_rates = self.loading.between(self.load_rates, t)
+        rates = self.rates.step(start.rates, self._linearised(found, theta, start.points), heat.ends(found), load_rates)
+        return replace(state, rates=rates), balance
+
+    def _mechanics(
+        self, u: np.ndarray, theta: np.ndarray, start: State, load: float, fresh: bool, heat: HeatOfStep | None = None
+    ) -> Equilibrium:
+        """Equilibrium from the guess u, where that leads nowhere from the start of the step, or from the elastic answer to the load.
+
+        The last helps where overstress relaxes as the load turns: the tangent is then that of flow, the answer elastic. Coupled if `heat`
+        is given.
+        """
+        thermal = None if heat is None else (heat, self.settings.coupling_tolerance)
+        before = start.theta if heat is not None else theta
+        guesses = [] if fresh and u is start.u else ["given"]
+        guesses += ["start", "elastic"] if self.law.effective == 1 else ["start"]
+        for guess in guesses:
+            guessed, warm = (u, theta) if guess == "given" else (start.u, before)
+            try:
+                if guess == "elastic":
+                    guessed = self._elastic_answer(start, before, load)
+                found = self.solver.solve(guessed, warm, start.points, load, fresh=fresh or guess != "given", thermal=thermal)
+                break
+            except NumericsError:
+                if guess == guesses[-1]:
+                    raise
+        self.iterations += found.iterations
+        return found
+
+    def _elastic_answer(self, start: State, theta: np.ndarray, load: float) -> np.ndarray:
+        """Displacement (n_np, 3) mm under the load if nothing flowed from the start of the step on."""
+        law = self.solver.law
+        self.solver.law = law._replace(plastic=0)
+        try:
+            return self.solver.solve(start.u, theta, start.points, load, fresh=True).u
+        finally:
+            self.solver.law = law
+            self.solver.forget()
+
+    def _along_path(self, follower: PathFollower, theta: np.ndarray, start: State, load: float, heat: HeatOfStep) -> Equilibrium:
+        """Equilibrium at an arc length from the start of the step; both fields in turn until the temperature stands still."""
+        here = PathPoint(start.u, start.top_force, start.direction)
+        one_way = self.settings.coupling == "one-way"
+        theta = self.resting_temperature if one_way else theta
+        for _ in range(self.settings.max_coupling):
+            found = follower.follow(here, theta, start.points, load - start.load)
+            self.iterations += found.iterations
+            after = heat.solve(found.u, found.state, found.dilatation, start.theta if one_way else theta)
+            change = float(np.max(np.abs(after - theta)))
+            if one_way or change <= self.settings.coupling_tolerance:
+                return found
+            theta = after
+        raise NumericsError(f"coupling: temperature still changes by {change:.1e} K after {self.settings.max_coupling} sweeps")
+
+    def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> Linearised:
+        """The tangent of a converged step under force control: elastic steps in a row share one factor, since their stiffness hardly
+        changes, until one of them had to mend its answers; a factor with which equilibrium was just found at once is good enough; otherwise
+        a fresh one.
+        """
+        flows = bool(np.any(found.state[:, :, LAMBDA] > before[:, :, LAMBDA]))
+        here = Linearised(found.u, theta, before, found.state)
+        if self.body.top >= 0:
+            worn = self.rates is not None and self.rates.mended
+            kept = self.solver.good_factor() if flows else None if worn else self.elastic
+            if kept is not None:
+                return replace(here, factor=kept, kept=True)
+        factor, stiffness = self.solver.linearise(found.u, theta, before)
+        self.elastic = None if flows else factor
+        return replace(here, factor=factor, stiffness=stiffness)

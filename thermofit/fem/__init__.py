@@ -1,1 +1,0 @@
-"""Geometry and equilibrium: mesh, elements, boundary, linear algebra, march in time."""

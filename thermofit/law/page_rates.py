@@ -1,0 +1,217 @@
+"""Derivatives of the law page by its arguments and by the numbers of the law, made by complex step.
+
+No derivative is written by hand: a scalar function f of the law page is called with one of its arguments or one number of the law
+moved by i h; then Im f / h is the derivative to roundoff (h far below the last digit). What a function of the law page does not
+depend on costs nothing: `directions` asks once which numbers it feels.
+
+A direction is one parameter whose influence is followed, or any combination of them: `Directions.numbers` holds, for each
+direction, the rates of all numbers of the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from thermofit.core.jit import kernel
+from thermofit.core.parameters import Parameters, param
+from thermofit.law.composition import EFFECT_NUMBERS
+from thermofit.law.page import Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
+
+LANES = 8
+"""Directions that are treated side by side; their number is filled up to a multiple of it with zero directions."""
+
+_FLAGS = ("model", "closed_form", "plastic", "effective", "per_second")
+NUMBERS: tuple[str, ...] = tuple(name for name in Law._fields if name not in _FLAGS)
+"""Names of the real numbers of a Law, in the order of its fields."""
+N_NUMBERS = len(NUMBERS)
+MU, BULK = NUMBERS.index("mu"), NUMBERS.index("bulk")
+ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
+ALPHA_EXP, THETA_REF = NUMBERS.index("alpha_exp"), NUMBERS.index("theta_ref")
+HILL = NUMBERS.index("F")
+"""Place of F among the numbers; G, H, L, M, N follow."""
+
+STEP = 1e-30
+
+
+class Directions(NamedTuple):
+    """Rates of the law's numbers and of parameters outside it, for n directions filled up to m, a multiple of LANES.
+
+    `numbers` (N_NUMBERS, m); `in_yield`, `in_heat`, `in_pressure`: which numbers the yield stress with its hardening variable, the
+    dissipation and the pressure factor depend on.
+    """
+
+    numbers: np.ndarray
+    in_yield: np.ndarray
+    in_heat: np.ndarray
+    in_pressure: np.ndarray
+
+
+def padded(n: int) -> int:
+    """n filled up to a multiple of LANES."""
+    return -(-n // LANES) * LANES
+
+
+def number_rates(parameters: Parameters, names: Sequence[str], law: Law) -> np.ndarray:
+    """d number / d parameter (N_NUMBERS, len(names)) at given parameters, by complex step of `law_of`."""
+    out = np.zeros((N_NUMBERS, len(names)))
+    for column, name in enumerate(names):
+        param(name)
+        moved = Parameters({**parameters.values, name: complex(parameters[name], STEP)}, parameters.free)  # type: ignore[dict-item]
+        there = law_of(moved, law.model, closed_form=bool(law.closed_form), plastic=bool(law.plastic))
+        out[:, column] = [np.imag(getattr(there, number)) / STEP for number in NUMBERS]
+    return out
+
+
+def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Directions:
+    """Directions along the named parameters."""
+    numbers = np.zeros((N_NUMBERS, padded(len(names))))
+    numbers[:, : len(names)] = number_rates(parameters, names, law)
+    moved = np.any(numbers != 0.0, axis=1)
+    return Directions(
+        numbers,
+        _felt(yield_gradients, (0.031, 0.017, 0.007, 297.3), law, moved),
+        _felt(dissipation_gradients, (0.031, 0.036, 0.007, 0.017, 297.3), law, moved),
+        _felt(pressure_gradients, (0.003, 297.3), law, moved),
+    )
+
+
+def moved_law(law: Law, which: int) -> Law:
+    """The law with all numbers complex and one of them moved by i h (none for a negative `which`).
+
+    One of an effect is looked at although the law may have none.
+    """
+    moved: dict[str, Any] = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
+    asked = which >= 0 and NUMBERS[which] in EFFECT_NUMBERS
+    return law._replace(effective=1 if asked else law.effective, **moved)
+
+
+Complex = Any
+"""A complex number where the law page, written for real ones, says float."""
+Gradients = Callable[[tuple[np.ndarray, ...], Law, np.ndarray], np.ndarray]
+
+
+def _felt(gradients: Gradients, arguments: tuple[float, ...], law: Law, moved: np.ndarray) -> np.ndarray:
+    """Numbers that a function of the law page depends on at a general point, of those that any direction moves."""
+    generic = law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == arguments[-1] else law.theta_ref, per_second=0.3)
+    found = gradients(tuple(np.array([x]) for x in arguments), generic, np.arange(N_NUMBERS))
+    felt = np.any(found[..., len(arguments) :, 0].reshape(-1, N_NUMBERS) != 0.0, axis=0)
+    return np.flatnonzero(moved & felt).astype(np.int64)
+
+
+def _moves(n: int, law: Law, active: np.ndarray) -> list[tuple[Any, Law]]:
+    """Steps h of n arguments and the law: each argument moved alone, then each active number alone."""
+    still, none = moved_law(law, -1), (0.0,) * n
+    one = [(*none[:k], STEP, *none[k + 1 :]) for k in range(n)]
+    return [*((h, still) for h in one), *((none, moved_law(law, int(which))) for which in active)]
+
+
+def yield_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    """Gradients of yield stress and alpha after an increment, (2, 4 + n_active, n): by alpha_n, Lambda_n, dLambda, theta, then by `active`.
+
+    points = (alpha_n, Lambda_n, dLambda, theta), each (n,); zero where dLambda = 0.
+    """
+    out = np.zeros((2, 4 + len(active), 1, len(points[0])))
+    set_yield_gradients(tuple(x.reshape(1, -1) for x in points), law, active, (out[0], out[1]))
+    return out[:, :, 0]
+
+
+def set_yield_gradients(
+    points: tuple[np.ndarray, ...], law: Law, active: np.ndarray, out: tuple[Sequence[np.ndarray | None], Sequence[np.ndarray | None]]
+) -> None:
+    """`yield_gradients` of points (n_el, 8) into arrays (n_el, 8), one for each derivative; None for one that is not wanted."""
+    unwanted = np.empty(points[0].shape)
+    arguments = (points[0], points[1], points[2], points[3])
+    for k, (h, moved) in enumerate(_moves(4, law, active)):
+        sigma, alpha = out[0][k], out[1][k]
+        if k == 3 and law.effective == 0:
+            for target in (sigma, alpha):
+                if target is not None:
+                    target[:] = 0.0
+            continue
+        _yield_derivative(arguments, h, moved, unwanted if sigma is None else sigma, unwanted if alpha is None else alpha)
+
+
+def pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    """Gradient of the pressure factor k (4.8), (2 + n_active, n): by ln J and theta (= points, each (n,)), then by `active`."""
+    out = np.empty((2 + len(active), 1, len(points[0])))
+    set_pressure_gradients(tuple(x.reshape(1, -1) for x in points), law, active, list(out))
+    return out[:, 0]
+
+
+def set_pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray, out: Sequence[np.ndarray]) -> None:
+    """`pressure_gradients` of points (n_el, 8) into arrays (n_el, 8), one for each derivative."""
+    for k, (h, moved) in enumerate(_moves(2, law, active)):
+        _pressure_derivative(points[0], points[1], h, moved, out[k])
+
+
+def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    """Gradient of the released energy of an increment, (5 + n_active, n): by alpha_n, alpha, dLambda, Lambda and theta at its end, then by
+    `active`. points = the first five, each (n,); zero where dLambda = 0."""
+    arguments = (points[0], points[1], points[2], points[3], points[4])
+    out = np.zeros((5 + len(active), len(points[0])))
+    for k, (h, moved) in enumerate(_moves(5, law, active)):
+        _dissipation_derivative(arguments, h, moved, out[k])
+    return out
+
+
+@kernel
+def set_pressure(log_j: np.ndarray, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
+    """k (4.8) of points (n_el, 8) into out (n_el, 8)."""
+    for e in range(log_j.shape[0]):
+        for q in range(log_j.shape[1]):
+            out[e, q] = pressure_factor(log_j[e, q], np.exp(log_j[e, q]), theta[e, q], law)[0]
+
+
+@kernel
+def _yield_derivative(
+    points: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    h: tuple[float, float, float, float],
+    law: Law,
+    sigma: np.ndarray,
+    alpha: np.ndarray,
+) -> None:
+    alpha_n, lambda_n, d_lambda, theta = points
+    for e in range(d_lambda.shape[0]):
+        for q in range(d_lambda.shape[1]):
+            sigma[e, q] = alpha[e, q] = 0.0
+            if d_lambda[e, q] > 0.0:
+                gamma: Complex = complex(d_lambda[e, q], h[2])
+                start: Complex = complex(alpha_n[e, q], h[0])
+                total: Complex = complex(lambda_n[e, q], h[1]) + gamma
+                after: Complex = hardening_variable(start, gamma, law)[0]
+                warm: Complex = complex(theta[e, q], h[3])
+                value: Complex = yield_stress_at_rate(after, total, gamma * law.per_second, warm, law)
+                sigma[e, q], alpha[e, q] = value.imag / STEP, after.imag / STEP
+
+
+@kernel
+def _pressure_derivative(log_j: np.ndarray, theta: np.ndarray, h: tuple[float, float], law: Law, out: np.ndarray) -> None:
+    for e in range(log_j.shape[0]):
+        for q in range(log_j.shape[1]):
+            j = np.exp(log_j[e, q])
+            log_j_moved: Complex = complex(log_j[e, q], h[0])
+            j_moved: Complex = complex(j, j * h[0])
+            theta_moved: Complex = complex(theta[e, q], h[1])
+            value: Complex = pressure_factor(log_j_moved, j_moved, theta_moved, law)[0]
+            out[e, q] = value.imag / STEP
+
+
+@kernel
+def _dissipation_derivative(
+    points: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    h: tuple[float, float, float, float, float],
+    law: Law,
+    out: np.ndarray,
+) -> None:
+    for i in range(len(points[0])):
+        if points[2][i] > 0.0:
+            start: Complex = complex(points[0][i], h[0])
+            end: Complex = complex(points[1][i], h[1])
+            gamma: Complex = complex(points[2][i], h[2])
+            total: Complex = complex(points[3][i], h[3])
+            warm: Complex = complex(points[4][i], h[4])
+            value: Complex = released_energy(start, end, gamma, total, warm, law)
+            out[i] = value.imag / STEP

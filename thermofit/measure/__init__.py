@@ -1,1 +1,0 @@
-"""Instruments: readers, infrared camera, image correlation, load cell, observation operators."""

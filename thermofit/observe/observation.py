@@ -1,0 +1,78 @@
+"""Observations at material points, and the same quantities predicted by a run of the model (History -> Prediction)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.body.mesh.mesh import Mesh
+from thermofit.core.errors import DataError
+from thermofit.observe.face import face_grid, is_face_grid, locate
+from thermofit.observe.face_quads import face_quads, quad_weights
+
+
+@dataclass(frozen=True)
+class FieldObservation:
+    """One measured field: `time` s (n_t,), `xy` mm (n_s, 2) reference positions, `value` and `sigma` (n_t, n_s, n_c), `mask` (n_t, n_s).
+
+    n_c is 2 for displacements (x, y) in mm and 1 for temperatures in K. `mask` is True where the value is measured; elsewhere value
+    and sigma are nan and never used.
+    """
+
+    name: str
+    time: np.ndarray
+    xy: np.ndarray
+    value: np.ndarray
+    sigma: np.ndarray
+    mask: np.ndarray
+    unit: str
+
+    def between(self, t0: float, t1: float) -> FieldObservation:
+        """The observations at t0 <= t <= t1; DataError where none is left."""
+        keep = (self.time >= t0 - 1e-9) & (self.time <= t1 + 1e-9)
+        if not self.mask[keep].any():
+            raise DataError(
+                f"{self.name}: no observation between {t0:g} s and {t1:g} s; the measured times run from {self.time[0]:g} s to "
+                f"{self.time[-1]:g} s, check the window of the stage"
+            )
+        return replace(self, time=self.time[keep], value=self.value[keep], sigma=self.sigma[keep], mask=self.mask[keep])
+
+
+@dataclass(frozen=True)
+class FaceOperator:
+    """Bilinear values at points of the measured face: nodes (n_s, 4), weights (n_s, 4), sign of x (n_s,).
+
+    A point at a node has weight one there, so that a prediction on the mesh of the observation points is the nodal value itself.
+    """
+
+    node: np.ndarray
+    weight: np.ndarray
+    sign: np.ndarray
+
+    def displacement(self, u: np.ndarray) -> np.ndarray:
+        """In-plane displacement (n_t, n_s, 2) mm from nodal u (n_t, n_np, 3); u_x changes sign with the mirror image."""
+        value = np.einsum("tsaj,sa->tsj", u[:, self.node, :2], self.weight)
+        value[:, :, 0] *= self.sign
+        return np.asarray(value)
+
+    def temperature(self, theta: np.ndarray) -> np.ndarray:
+        """Temperature (n_t, n_s, 1) K from nodal theta (n_t, n_np)."""
+        return np.asarray(np.einsum("tsa,sa->ts", theta[:, self.node], self.weight))[:, :, None]
+
+
+def face_operator(mesh: Mesh, xy: np.ndarray) -> FaceOperator:
+    """FaceOperator for reference points xy (n_s, 2) mm on the face of a mesh, by symmetry on its other half too.
+
+    StudyError where a point is not on the face.
+    """
+    face = mesh.node_sets["face"]
+    if not is_face_grid(mesh.nodes[face, :2]):
+        return FaceOperator(*quad_weights(face_quads(mesh), xy))
+    grid = face_grid(mesh.nodes[face, :2])
+    place = locate(grid, xy)
+    r, c = place.row, place.column
+    corners = np.stack([grid.order[r, c], grid.order[r, c + 1], grid.order[r + 1, c], grid.order[r + 1, c + 1]], axis=1)
+    xi, eta = place.xi, place.eta
+    weight = np.stack([(1 - xi) * (1 - eta), xi * (1 - eta), (1 - xi) * eta, xi * eta], axis=1)
+    return FaceOperator(face[corners], weight, place.sign)

@@ -1,0 +1,1 @@
+"""What a stage leaves behind: artefacts, checkpoints, when they are stale; tasks that run side by side, and progress."""

@@ -1,0 +1,110 @@
+"""What a stage reads of its study: the key by which its record is fresh.
+
+A key holds what the result depends on, and nothing else: of the parameters that a stage frees start, bounds and scale, of all others the
+value alone; of several experiments those that are fitted; never the number of threads, on which no result depends (measured: bit-equal).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from thermofit.core.parameters import AT, bare_name
+from thermofit.records.artefact import Record
+from thermofit.study.models import bounds_of, start_of
+from thermofit.study.section import ParameterStart
+from thermofit.study.study import Study
+
+_INTERPOLATE = (
+    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise"),
+    *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
+)
+"""Keys that `interpolate` reads of a full-field test."""
+SOLVED = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
+"""Sections that whatever runs the model reads."""
+
+
+_THREADS = "threads"
+
+
+def read_of(study: Study, *keys: str, free: Collection[str] | None = None) -> dict[str, Any]:
+    """The named sections ('mesh', 'stages.elastic') with defaults filled in, ready for JSON, without the number of threads.
+
+    `free`: names of the parameters that the stage frees; None: it may free any, and reads the bounds of all.
+    """
+    config = study.config_of(*keys)
+    if "numerics" in config:
+        config["numerics"] = {key: value for key, value in config["numerics"].items() if key != _THREADS}
+    if free is None:
+        return config
+    if "parameters" in config:
+        config["parameters"] = _read(study.parameters, free)
+    if "experiments" in config:
+        config["experiments"] = {name: _own(study, name, config["experiments"][name], free) for name in study.fitted}
+    return config
+
+
+def key_of(study: Study, stage: str) -> dict[str, Any]:
+    """The key of a stage of the chain by its command: `interpolate`, `identify-...` or `verify`.
+
+    StudyError where a parameter that the stage frees has no start.
+    """
+    if stage == "interpolate":
+        if study.coupon is None:
+            return read_of(study, *_INTERPOLATE)
+        # A prescribed E tells the elastic strain that is added to a flow curve, and what is no elastic line.
+        modulus = study.parameters.get("E")
+        return read_of(study, "coupon", *(("parameters.E",) if isinstance(modulus, float) else ()))
+    if stage == "verify":
+        return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
+    return stage_key(study, stage.removeprefix("identify-"))
+
+
+def stage_key(study: Study, key: str) -> dict[str, Any]:
+    """The key of the identification stage of that name under `stages`. StudyError where a free parameter has no start."""
+    several = ("experiments", "shared") if study.fitted else ()
+    return read_of(study, *SOLVED, *several, f"stages.{key}", free=study.stage(key).free)
+
+
+def differences(config: Mapping[str, Any], now: Mapping[str, Any], lead: str = "") -> tuple[str, ...]:
+    """Dotted keys at which two configurations differ; keys that only one of them has at all are another version's and no difference."""
+    found: list[str] = []
+    for key in [key for key in now if key in config] if not lead else sorted({*config, *now}):
+        before, after = config.get(key), now.get(key)
+        if before == after:
+            continue
+        if isinstance(before, Mapping) and isinstance(after, Mapping):
+            found += differences(before, after, f"{lead}{key}.")
+        else:
+            found.append(f"{lead}{key}")
+    return tuple(found)
+
+
+def drifted(study: Study, records: Mapping[str, Record]) -> tuple[str, ...]:
+    """Which settings of the study differ from those by which its artefacts, by stage, were made, in words; empty where none do."""
+    found = []
+    for stage, record in records.items():
+        if keys := differences(record.config, key_of(study, stage)):
+            found.append(f"{record.path.name} was made with other settings: {', '.join(keys)}")
+    return tuple(found)
+
+
+def _own(study: Study, name: str, section: Mapping[str, Any], free: Collection[str]) -> dict[str, Any]:
+    """What is read of one of several experiments."""
+    freed = {bare_name(n) for n in free if n.partition(AT)[2] in ("", name)}
+    return {**section, "parameters": _read(study.experiments[name].parameters, freed)}
+
+
+def _read(settings: Mapping[str, float | ParameterStart], free: Collection[str]) -> dict[str, Any]:
+    """Of a freed parameter start, bounds and scale, of any other the value."""
+    freed = {*free, *(bare_name(name) for name in free)}
+    out: dict[str, Any] = {}
+    for name, setting in settings.items():
+        value = start_of(setting)
+        if name in freed or bare_name(name) in free:
+            scale = setting.scale if isinstance(setting, ParameterStart) else None
+            given = "start" if isinstance(setting, ParameterStart) else "value"  # of coupons a plain number is prescribed
+            out[name] = {given: value, "bounds": list(bounds_of(name, setting)), "scale": scale}
+        else:
+            out[name] = value
+    return out

@@ -1,0 +1,1 @@
+"""The study file: its sections, its loader, its template."""

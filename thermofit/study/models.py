@@ -1,0 +1,362 @@
+"""The study file as pydantic models. Units: mm, s, N, K, MPa; every default is the one that a run uses."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, StrictBool, Tag, model_validator
+
+from thermofit.core.parameters import AT, bare_name, param
+from thermofit.study.coupon import Coupon
+from thermofit.study.diagnosis import Diagnosis
+from thermofit.study.errors import content_error
+from thermofit.study.experiments import Experiments, check_experiments
+from thermofit.study.geometry import Geometry, StaticTest
+from thermofit.study.literature import Candidates, LiteratureValues, check_literature
+from thermofit.study.necking import Necking
+from thermofit.study.search import GridSearch, Sensitivity
+from thermofit.study.section import (
+    Count,
+    Mesh,
+    ModelNumber,
+    NonNegative,
+    Number,
+    ParameterName,
+    ParameterSettings,
+    ParameterStart,
+    Positive,
+    Section,
+    SpecimenOverride,
+    Times,
+    Whole,
+    hardening_error,
+    no_repeats,
+    physical_error,
+    word_or,
+)
+from thermofit.study.stages import Stages, StageSettings
+from thermofit.study.virtual import Simulate
+from thermofit.study.windows import Mask
+
+FROM_EXPERIMENT = ("theta_air", "theta_clamp", "theta_ref")
+"""Parameters that need no start: thermocouples of the experiment give it."""
+
+
+class MaterialAxes(Section):
+    """How the sheet lies in the specimen; the Hill parameters (4.19) refer to its rolling direction as axis 2."""
+
+    angle: Number = 0.0
+    """Degrees from the load to the rolling direction about the thickness axis; a multiple of 90: the model is a quarter of the body."""
+
+    @model_validator(mode="after")
+    def _quarter_turns(self) -> MaterialAxes:
+        if self.angle % 90.0 != 0.0:
+            raise content_error(
+                f"is {self.angle:g} degrees; expected a multiple of 90, which alone leaves the quarter model symmetric", key="angle"
+            )
+        return self
+
+
+class EvaluationWindow(Section):
+    """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2)."""
+
+    abs_x_max: Positive = 11.0
+    abs_y_max: Positive = 20.0
+
+
+class Evaluation(Section):
+    """Where and when model and measurement are compared."""
+
+    window: EvaluationWindow = EvaluationWindow()
+    nodes: Mesh = "full"
+    """Mesh whose face nodes are compared; predictions on another mesh are interpolated to them by its shape functions."""
+    displacement_times: Annotated[Annotated[Literal["stages"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = (
+        "stages"
+    )
+    """`stages` (every DIC stage) or a list of times in s."""
+    temperature_times: Annotated[Annotated[Literal["frames"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = "frames"
+    """`frames` (every infrared frame) or a list of times in s."""
+    reference_time: NonNegative | None = None
+    """Time t_0 of dtheta and of du in s (2.22), (2.23); null: the first observation, which must be before loading."""
+    mask: Mask = ()
+    """Regions that no stage sees: a scratch, a glare, a stage that failed."""
+
+
+class Force(Section):
+    """The measured force is prescribed as a load."""
+
+    smoothing: Literal["phases", "none"] = "phases"
+    """`phases`: smoothed to its noise level, phase by phase; `none`: as measured."""
+    noise: Positive | None = None
+    """Standard deviation of the load cell in N; null: estimated from the data."""
+    drives: Literal["force", "crosshead", "dic"] = "force"
+    """What loads the model: the measured force; the crosshead less `compliance` times the force; or `dic`, the elongation that the
+    DIC points near the model's end sections show. Where it is not the force, compare channel force."""
+    compliance: NonNegative = 0.0
+    """Compliance of the machine in mm/N, where the crosshead drives."""
+    band: Positive = 2.0
+    """Where DIC drives: points within this many mm of the model's end sections give its elongation."""
+
+
+Pixel = tuple[Number, Number]
+
+
+class LengthMark(Section):
+    """Two pixels [row, col] that lie `length_mm` apart."""
+
+    p1: Pixel
+    p2: Pixel
+    length_mm: Positive
+    note: str = ""
+
+
+class EdgeMarks(Section):
+    """Two pixels on one edge."""
+
+    p1: Pixel
+    p2: Pixel
+    note: str = ""
+
+
+class EdgeMark(Section):
+    """One pixel on the other edge."""
+
+    p1: Pixel
+    note: str = ""
+
+
+class CircleMarks(Section):
+    """Three pixels on a circle around the specimen's centre."""
+
+    p1: Pixel
+    p2: Pixel
+    p3: Pixel
+    note: str = ""
+
+
+class LandmarkOverride(Section):
+    """Landmarks with the keys of experiment.yaml; all four are needed."""
+
+    length: LengthMark
+    edge_left: EdgeMarks
+    edge_right: EdgeMark
+    circle: CircleMarks
+    note: str = ""
+
+
+class Infrared(Section):
+    """What `calibrate-ir` takes instead of experiment.yaml, and how it reads the frames."""
+
+    landmarks: LandmarkOverride | None = None
+    landmarks_frame: Annotated[Whole, Field(ge=0)] | None = None
+    rotation_deg: Annotated[Number, Field(gt=-45, lt=45)] | None = None
+    """Roll of the camera in degrees; null: from the edge (Algorithm 1)."""
+    refine: StrictBool = True
+    """Refine centre and roll on the visible edges of the specimen after Algorithm 1, where their contrast suffices."""
+    edge_margin: NonNegative = 1.0
+    """Pixels nearer than this to the specimen's edge (mm) are blurred and left out."""
+
+
+class Noise(Section):
+    """Standard deviations of the raw data; null: estimated from the data."""
+
+    displacement: Positive | None = None
+    """In-plane noise of one DIC point, mm."""
+    temperature: Positive | None = None
+    """Noise of one pixel, K."""
+
+
+class Numerics(Section):
+    """How the forward model is solved."""
+
+    steps_per_interval: Count = 1
+    """Solution steps between two neighbouring required times."""
+    max_time_step: Positive = 5.0
+    """s"""
+    plastic_integration: Literal["closed-form", "backward-euler"] = "closed-form"
+    heat_integration: Literal["sdirk2", "backward-euler"] = "sdirk2"
+    newton_tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-9
+    coupling_tolerance: Positive = 1.0e-4
+    """Change of temperature at which the staggered coupling has converged, K."""
+    force_tolerance: Positive = 2.0
+    """Solution steps are set so that the force is straight between them within this many N."""
+    coarse_start: StrictBool = True
+    """On a finer mesh the optimum of the coarse mesh is the start."""
+    threads: Count = 2
+
+
+class Sections(Section):
+    """All sections whose values mean the same in the file and in the loaded study."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    """Name of the study; letters, digits and _ . -"""
+    model: ModelNumber = 2
+    """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
+    mesh: Mesh = "full"
+    geometry: Geometry = Geometry()
+    specimen: SpecimenOverride = SpecimenOverride()
+    static: StaticTest | None = None
+    material_axes: MaterialAxes = MaterialAxes()
+    parameters: ParameterSettings = Field(default={})
+    """Start (or fixed) values by name: a number, or {start: ..., bounds: [.., ..], scale: ...}."""
+    evaluation: Evaluation = Evaluation()
+    force: Force = Force()
+    ir: Infrared = Infrared()
+    noise: Noise = Noise()
+    numerics: Numerics = Numerics()
+    stages: Stages = Stages()
+    gridsearch: GridSearch | None = None
+    sensitivity: Sensitivity | None = None
+    diagnosis: Diagnosis = Diagnosis()
+    simulate: Simulate | None = None
+    coupon: Coupon | None = None
+    """Uniaxial records instead of, or besides, a full-field experiment."""
+    experiments: Experiments = Field(default={})
+    """Several tests that share the material parameters, by name; with held_out: true one that is predicted, not fitted."""
+    shared: Annotated[tuple[ParameterName, ...], AfterValidator(no_repeats)] = ()
+    """Boundary and measurement parameters that are the same in all experiments."""
+    literature: LiteratureValues
+    """Published values by parameter, or c_p: a number, a range [low, high], or {value: ..., sigma: ..., source: ...}."""
+    compare: Candidates
+    """Other models of the same data, by name, for `thermofit compare`."""
+    necking: Necking | None = None
+    """A necking test without force, alone in its study: the hardening law from equal force through all cross-sections."""
+
+    @model_validator(mode="after")
+    def _physics(self) -> Sections:
+        """Starts, truth and grid are physical, and every stage that the study lists has its starts."""
+        starts = {name: start_of(setting) for name, setting in self.parameters.items()}
+        _check_several(self)
+        check_literature(self.literature)
+        for name, setting in self.parameters.items():
+            _check_parameter(name, setting)
+        _check_hardening(starts, "parameters.M_yinf")
+        if self.simulate is not None and self.static is not None:
+            raise content_error("describes a measured field, but 'simulate' a virtual experiment; leave one of them out", "static")
+        if self.simulate is not None:
+            _check_hardening(self.simulate.truth, "simulate.truth.M_yinf")
+        for name in sorted(self.stages.model_fields_set):
+            stage = getattr(self.stages, name)
+            if self.coupon is not None and "free" not in stage.model_fields_set:
+                continue  # records of coupons have other defaults
+            if missing := check_starts(stage, starts):
+                raise content_error(f"is missing, but stage {name} identifies it: add its start", f"parameters.{missing}")
+        for index, trial in enumerate(self.gridsearch.starts if self.gridsearch else ()):
+            key = f"gridsearch.starts.{index}"
+            _check_hardening({**starts, **trial}, f"{key}.M_yinf")
+            for name, value in trial.items():
+                low, high = bounds_of(name, self.parameters.get(name))
+                if not low <= value <= high:
+                    raise content_error(f"is {value:g}; expected {low:g} to {high:g}, the bounds in parameters.{name}", f"{key}.{name}")
+        _check_coupon(self)
+        if self.sensitivity is not None and self.sensitivity.quantity in getattr(self.stages, self.sensitivity.stage).free:
+            quantity, stage = self.sensitivity.quantity, self.sensitivity.stage
+            raise content_error(f"is {quantity}, which stages.{stage}.free identifies; expected a prescribed one", "sensitivity.quantity")
+        return self
+
+
+class StudyFile(Sections):
+    """The study file as it is written. Paths may hold ${VARIABLES} of the environment."""
+
+    experiment: str | None = None
+    """Raw folder, relative to the study file. Absent: the virtual experiment of `simulate`, in <run_dir>/raw, or only `coupon` records."""
+    effects: tuple[str, ...] = ()
+    """Effect files of your own, relative to the study file; their Params are called <file>.<param>."""
+    run_dir: str | None = None
+    """Where artefacts and figures go, relative to the current directory; absent: runs/<name>."""
+
+    @model_validator(mode="after")
+    def _has_data(self) -> StudyFile:
+        others = [key for key in ("experiment", "simulate", "coupon", "static") if getattr(self, key) is not None]
+        if self.necking is not None and others:
+            raise content_error(f"is a study of its own, but '{others[0]}' is given too; leave one of them out", "necking")
+        if fitted := [name for name, own in self.experiments.items() if not own.held_out]:
+            if others := [key for key in ("experiment", "coupon", "static", "necking") if getattr(self, key) is not None]:
+                text = f"is given, and so is '{fitted[0]}' under 'experiments'; put all tests that are fitted under 'experiments'"
+                raise content_error(text, others[0])
+        elif self.experiment is None and self.simulate is None and self.coupon is None and self.necking is None:
+            raise content_error(
+                "is missing: name the raw folder, or describe a virtual experiment under 'simulate' or records under 'coupon'", "experiment"
+            )
+        if self.experiments and (self.coupon is not None or self.static is not None or self.necking is not None):
+            raise content_error("holds full-field tests beside another kind; give coupon records under 'coupon.records'", "experiments")
+        return self
+
+
+def _check_coupon(sections: Sections) -> None:
+    """Channels that only coupons have; flow curves over plastic strain, which know nothing of E."""
+    stages = {key: getattr(sections.stages, key) for key in ("elastic", "plastic", "thermal")}
+    if sections.coupon is None:
+        for key, stage in stages.items():
+            if "lateral" in stage.channels:
+                raise content_error("is a channel of coupon records; expected strain or du", f"stages.{key}.channels.lateral")
+        return
+    curves = [record.label for record in sections.coupon.records if record.over_plastic]
+    if not curves:
+        return
+    text = f"'{curves[0]}' is a flow curve over plastic strain, which knows nothing of E"
+    if not is_prescribed(sections.parameters, "E"):
+        raise content_error(f"is not prescribed, but record {text}; expected a number in MPa, without start and bounds", "parameters.E")
+    freed = {f"stages.{key}.free": stage.free for key, stage in stages.items() if "free" in stage.model_fields_set}
+    for key, free in {**freed, "diagnosis.free": sections.diagnosis.free or ()}.items():
+        if "E" in free:
+            raise content_error(f"holds E, but record {text}; leave it out", key)
+
+
+def _check_several(sections: Sections) -> None:
+    """Experiments have their data; parameters of one experiment are named where that experiment is known."""
+    named = {f"parameters.{name}": name for name in sections.parameters}
+    for key in ("elastic", "plastic", "thermal"):
+        named |= {f"stages.{key}.free": name for name in getattr(sections.stages, key).free if AT in name}
+    check_experiments(sections.experiments, sections.simulate, named)
+    for name, own in sections.experiments.items():
+        for parameter, setting in own.parameters.items():
+            _check_parameter(parameter, setting, f"experiments.{name}.parameters.{parameter}")
+    if sections.shared and not sections.experiments:
+        raise content_error("is given, but there is only one experiment; leave it out", "shared")
+
+
+def is_prescribed(parameters: Mapping[str, float | ParameterStart], name: str) -> bool:
+    """True where a study gives a parameter as a plain number; {start: ...} is one to be identified."""
+    return name in parameters and not isinstance(parameters[name], ParameterStart)
+
+
+def start_of(setting: float | ParameterStart) -> float:
+    """Start value of a parameter's setting."""
+    return setting.start if isinstance(setting, ParameterStart) else setting
+
+
+def bounds_of(name: str, setting: float | ParameterStart | None) -> tuple[float, float]:
+    """Bounds of a parameter: the study's, else the physical ones."""
+    if isinstance(setting, ParameterStart) and setting.bounds is not None:
+        return setting.bounds
+    return param(name).lower, param(name).upper
+
+
+def check_starts(settings: StageSettings, given: Container[str]) -> str | None:
+    """The first free parameter of a stage that has no start value in the study, None where all have one."""
+    names = (bare_name(name) for name in settings.free if name not in given)
+    return next((name for name in names if name not in given and name not in FROM_EXPERIMENT), None)
+
+
+def _check_parameter(name: str, setting: float | ParameterStart, key: str = "") -> None:
+    """Start inside the bounds, bounds in order and inside the physical ones."""
+    low, high = bounds_of(name, setting)
+    key = key or f"parameters.{name}"
+    if low >= high:
+        raise content_error(f"is [{low:g}, {high:g}]; expected the lower bound first, and below the upper one", f"{key}.bounds")
+    for bound in (low, high):
+        if text := physical_error(name, bound):
+            raise content_error(f"holds a bound that {text}; the study may narrow the physical bounds, not widen them", f"{key}.bounds")
+    start = start_of(setting)
+    if text := physical_error(name, start):
+        raise content_error(text, key if not isinstance(setting, ParameterStart) else f"{key}.start")
+    if not low <= start <= high:
+        raise content_error(f"is {start:g}, outside its bounds [{low:g}, {high:g}]; expected a start between them", f"{key}.start")
+
+
+def _check_hardening(values: Mapping[str, float], key: str) -> None:
+    """M_yinf > M_y0."""
+    if text := hardening_error(values):
+        raise content_error(text, key)

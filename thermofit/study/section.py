@@ -1,0 +1,184 @@
+"""What the sections of the study file share: the base class, kinds of numbers, and named values of parameters."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Strict, Tag, model_validator
+
+from thermofit.core.experiment import CELSIUS
+from thermofit.core.parameters import NAMES, is_known, known_names, param
+from thermofit.study.errors import content_error, near_miss, unknown_key
+
+Number = Annotated[float, Strict()]
+"""A number: neither a text that looks like one nor true."""
+Whole = Annotated[int, Strict()]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Count = Annotated[Whole, Field(ge=1)]
+
+
+class Section(BaseModel):
+    """A part of the study file: frozen; a key that it does not know is an error that names the near miss."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True, protected_namespaces=())
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        """An empty section means its defaults; the first unknown key is reported before anything else."""
+        if data is None and not any(field.is_required() for field in cls.model_fields.values()):
+            return {}
+        if isinstance(data, dict):
+            for key in data:
+                if key not in cls.model_fields:
+                    raise unknown_key(str(key), cls.model_fields)
+        return data
+
+
+def number_or(other: str) -> Discriminator:
+    """Discriminator of `number | word | other`: the union member's name is no part of the user's key."""
+
+    def form(value: Any) -> str:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return "~number"
+        return "~word" if isinstance(value, str) else other
+
+    return Discriminator(form)
+
+
+def word_or(other: str) -> Discriminator:
+    """Discriminator of `word | other`."""
+    return Discriminator(lambda value: "~word" if isinstance(value, str) else other)
+
+
+def section_or_number(value: Any) -> str:
+    """Union member of `number | section`: what is no number is taken for a section, whose error then says both."""
+    return "~number" if isinstance(value, int | float) and not isinstance(value, bool) else "~section"
+
+
+def _known_parameter(name: str) -> str:
+    if not is_known(name):
+        raise content_error(f"names no parameter: '{name}' is not known{near_miss(name, known_names())}")
+    return name
+
+
+_EFFECT_PARAM = r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)?(@[A-Za-z0-9_-]+)?$"
+ParameterName = Annotated[
+    str, AfterValidator(_known_parameter), Field(json_schema_extra={"anyOf": [{"enum": list(NAMES)}, {"pattern": _EFFECT_PARAM}]})
+]
+"""A name of `core.parameters.LAW`, or <effect>.<param> of an effect; with @<experiment> that of one experiment alone."""
+
+
+def physical_error(name: str, value: float) -> str | None:
+    """What is wrong with the value of a parameter (outside its physical bounds, degC for K), None where nothing is."""
+    law = param(name)
+    if law.lower <= value <= law.upper:
+        return None
+    unit = "" if law.unit == "1" else f" {law.unit}"
+    text = f"is {value:g}{unit}; expected {law.lower:g} to {law.upper:g}{unit} ({law.meaning})"
+    if name.startswith("theta_") and -CELSIUS < value < 150.0:
+        return f"{text}: temperatures are in K, was {value:g} degC = {value + CELSIUS:.2f} K meant?"
+    if name == "beta" and value < 0.0:
+        return f"{text}: with a negative beta plastic flow would absorb heat, against the second law (4.23), (4.24)"
+    return text
+
+
+def hardening_error(values: Mapping[str, float]) -> str | None:
+    """What is wrong with the hardening limits: M_yinf > M_y0 is needed, else h = b (M_yinf - M_y0) <= 0 (4.28)."""
+    yield_0, yield_inf = (values.get(name, param(name).neutral) for name in ("M_y0", "M_yinf"))
+    if yield_inf > yield_0:
+        return None
+    return f"is {yield_inf:g} MPa; expected more than M_y0 = {yield_0:g} MPa (the material must harden, 4.28)"
+
+
+def check_values(values: dict[str, float]) -> dict[str, float]:
+    """Named values inside the physical bounds, else the error that names the guilty one."""
+    for name, value in values.items():
+        if text := physical_error(name, value):
+            raise content_error(text, key=name)
+    return values
+
+
+def _no_truth_value(value: Any) -> Any:
+    """Python takes true for 1; the study must not."""
+    if isinstance(value, bool):
+        raise content_error(f"is {str(value).lower()}; expected 1 or 2")
+    return value
+
+
+ModelNumber = Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)]
+"""Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
+ParameterValues = Annotated[dict[ParameterName, Number], AfterValidator(check_values)]
+"""Named values, each inside the physical bounds."""
+
+
+class ParameterStart(Section):
+    """Start value of a parameter, narrower bounds and the size of a step (`scale`)."""
+
+    start: Number
+    bounds: tuple[Number, Number] | None = None
+    scale: Positive | None = None
+
+
+ParameterSettings = Annotated[
+    dict[
+        ParameterName,
+        Annotated[Annotated[Number, Tag("~number")] | Annotated[ParameterStart, Tag("~section")], Discriminator(section_or_number)],
+    ],
+    BeforeValidator(lambda value: {} if value is None else value),
+]
+
+
+def increasing(times: tuple[float, ...]) -> tuple[float, ...]:
+    """Times in s, each later than the one before."""
+    if any(b <= a for a, b in itertools.pairwise(times)):
+        raise content_error("is not increasing; expected times in s, each later than the one before")
+    return times
+
+
+def no_repeats(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names, each once."""
+    if repeated := {name for name in names if names.count(name) > 1}:
+        raise content_error(f"names {', '.join(sorted(repeated))} more than once; expected every parameter once")
+    return names
+
+
+Times = Annotated[tuple[Number, ...], Field(min_length=1), AfterValidator(increasing)]
+Interval = Annotated[tuple[Number, Number], AfterValidator(increasing)]
+
+
+class MeshSize(Section):
+    """Elements of the quarter model: across half the width, along the length, across half the thickness."""
+
+    n_x: Count
+    n_y: Count
+    n_z: Count
+
+
+PRESETS: Mapping[str, MeshSize] = {"coarse": MeshSize(n_x=6, n_y=40, n_z=2), "full": MeshSize(n_x=12, n_y=80, n_z=4)}
+
+Mesh = Annotated[
+    Annotated[Literal["coarse", "full"], Tag("~word")] | Annotated[MeshSize, Tag("~size")],
+    word_or("~size"),
+]
+"""`coarse` (6 x 40 x 2), `full` (12 x 80 x 4, the thesis), or {n_x: ..., n_y: ..., n_z: ...}."""
+
+
+def mesh_size(mesh: Literal["coarse", "full"] | MeshSize) -> MeshSize:
+    """Numbers of elements of a preset or of a given size."""
+    return PRESETS[mesh] if isinstance(mesh, str) else mesh
+
+
+class SpecimenOverride(Section):
+    """Lengths in mm that replace those of experiment.yaml."""
+
+    gauge_width: Positive | None = None
+    thickness: Positive | None = None
+    parallel_length: Positive | None = None
+    shoulder_radius: Positive | None = None
+    grip_width: Positive | None = None
+    total_length: Positive | None = None
+    gripped_length: Positive | None = None

@@ -1,0 +1,154 @@
+"""Section `stages` of the study file: what is identified from which channels, and how (thesis 5.1)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, Tag, model_validator
+
+from thermofit.study.errors import content_error
+from thermofit.study.section import (
+    Count,
+    Interval,
+    NonNegative,
+    Number,
+    ParameterName,
+    Positive,
+    Section,
+    no_repeats,
+    number_or,
+    word_or,
+)
+from thermofit.study.windows import ChannelWindow, Mask
+
+Channel = Literal["u", "du", "theta", "dtheta", "force", "stress", "strain", "lateral"]
+StageName = Literal["elastic", "plastic", "thermal"]
+Method = Literal["least-squares", "trust-region", "gauss-newton", "nelder-mead", "bobyqa", "sbplx", "cobyla"]
+
+Free = Annotated[tuple[ParameterName, ...], Field(min_length=1), AfterValidator(no_repeats)]
+Window = Annotated[Annotated[Literal["auto", "all"], Tag("~word")] | Annotated[Interval, Tag("~interval")], word_or("~interval")]
+
+
+class ComponentWeights(Section):
+    """Weights of the x and y components, in 1/mm^2 (manual selection, thesis 2.6.3)."""
+
+    x: NonNegative
+    y: NonNegative
+
+
+class ChannelSettings(Section):
+    """How one channel enters the objective (2.24)."""
+
+    weight: Annotated[
+        Annotated[Positive, Tag("~number")]
+        | Annotated[Literal["sigma", "balanced", "value", "max"], Tag("~word")]
+        | Annotated[ComponentWeights, Tag("~components")],
+        number_or("~components"),
+    ] = "sigma"
+    """`sigma`: 1/sigma^2; `balanced`: the same, then every balanced channel counts as much as any other, however many values it has;
+    `value`: (2.25); `max`: (2.26); a number or {x: ..., y: ...}: manual, 1/unit^2."""
+    window: ChannelWindow = ChannelWindow()
+    """Where and when this channel is compared."""
+    mask: Mask = ()
+    """Regions that this channel leaves out."""
+
+
+class RelativeDisplacement(Section):
+    """Measure du that rigid-body motion cannot reach (2.10) to (2.17)."""
+
+    scheme: Literal["rigid-body", "similarity", "neighbour", "gradient"] = "rigid-body"
+    """`rigid-body`: best translation and rotation removed; `similarity`: a uniform scale too (a specimen that moves towards one camera);
+    `neighbour`: (2.11) to (2.14); `gradient`: (2.15) to (2.17)."""
+    components: Annotated[tuple[Literal["xx", "yy", "xy", "yx"], ...], Field(min_length=1), AfterValidator(no_repeats)] = ("xx", "yy")
+    """Differences that `neighbour` and `gradient` use; xy of `gradient` is the mean of both shears (2.17)."""
+    distance: Positive | None = None
+    """Distance of the neighbour in mm; null: the next node."""
+    reach: Positive | None = None
+    """Largest distance of a neighbour in mm (the triangle of figure 2.12b); null: any."""
+
+    @model_validator(mode="after")
+    def _one_shear(self) -> RelativeDisplacement:
+        if self.scheme == "gradient" and "yx" in self.components:
+            raise content_error("holds yx, but the shear of 'gradient' is symmetric (2.17); expected xx, yy, xy", key="components")
+        return self
+
+
+class StrainMeasure(Section):
+    """Channel strain: both sides by one scheme, from the displacements of all points near a point (least squares plane)."""
+
+    measure: Literal["technical", "green-lagrange"] = "technical"
+    """`technical`: free of small rotations; `green-lagrange`: of any rotation."""
+    components: Annotated[tuple[Literal["xx", "yy", "xy"], ...], Field(min_length=1), AfterValidator(no_repeats)] = ("xx", "yy", "xy")
+    radius: Positive | None = None
+    """Points within this many mm take part; null: the next ring of points."""
+
+
+Channels = Annotated[dict[Channel, ChannelSettings], Field(min_length=1)]
+
+
+class StageSettings(Section):
+    """One stage of the identification (thesis 5.1.1)."""
+
+    free: Free
+    channels: Channels
+    window: Window
+    """`auto`: the elastic range, found from the data; `all`; or [t0, t1] in s."""
+    method: Method = "least-squares"
+    """`least-squares`: `gauss-newton`; `trust-region`: scipy's; the others are NLopt's, without derivatives."""
+    coupling: Literal["full", "one-way"] = "full"
+    max_evaluations: Count = 2000
+    tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-5
+    """Relative change of the parameters at which the search ends."""
+    du: RelativeDisplacement = RelativeDisplacement()
+    strain: StrainMeasure = StrainMeasure()
+
+    @model_validator(mode="after")
+    def _weights_fit_channels(self) -> StageSettings:
+        for channel, settings in self.channels.items():
+            if isinstance(settings.weight, ComponentWeights) and channel not in ("u", "du"):
+                raise content_error("is {x: ..., y: ...}; expected a number: this channel has no components", f"channels.{channel}.weight")
+            if isinstance(settings.weight, ComponentWeights) and settings.weight.x + settings.weight.y <= 0.0:
+                raise content_error("is zero for x and y; expected at least one positive weight", f"channels.{channel}.weight")
+        return self
+
+
+class ElasticStage(StageSettings):
+    """Elastic parameters from the elastic range of the displacements."""
+
+    free: Free = ("E", "nu")
+    channels: Channels = Field(default={"du": ChannelSettings()})
+    window: Window = "auto"
+    beside: Annotated[tuple[Literal["u", "rigid-body", "similarity", "neighbour", "gradient"], ...], AfterValidator(no_repeats)] = ()
+    """Other measures of the displacement whose answers are shown beside that of the stage (thesis Table 5.2)."""
+
+
+class PlasticStage(StageSettings):
+    """Plastic parameters from the displacements."""
+
+    free: Free = ("M_y0", "M_yinf", "H_exp", "F")
+    channels: Channels = Field(default={"du": ChannelSettings()})
+    window: Window = "all"
+
+
+class ThermalStage(StageSettings):
+    """Thermal parameters from the temperatures."""
+
+    free: Free = (
+        "alpha_exp",
+        "kappa",
+        "c0",
+        "beta",
+        "alpha_air",
+        "alpha_clamp",
+    )
+    channels: Channels = Field(default={"dtheta": ChannelSettings()})
+    window: Window = "all"
+    coupling: Literal["full", "one-way"] = "one-way"
+
+
+class Stages(Section):
+    """The three stages of the identification; one that is not listed has these defaults."""
+
+    elastic: ElasticStage = ElasticStage()
+    plastic: PlasticStage = PlasticStage()
+    thermal: ThermalStage = ThermalStage()

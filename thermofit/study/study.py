@@ -1,0 +1,303 @@
+"""The study file: read, checked and completed. Everything a user gets wrong becomes one sentence (StudyError)."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from thermofit.core.errors import StudyError
+from thermofit.core.experiment import Experiment, Specimen
+from thermofit.core.parameters import AT, Parameters, param
+from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
+from thermofit.study.effect_files import declare_effects
+from thermofit.study.errors import near_miss, sentence
+from thermofit.study.experiments import virtual_of
+from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
+from thermofit.study.paths import path_from
+from thermofit.study.section import MeshSize, ParameterStart, mesh_size
+from thermofit.study.series import with_series
+from thermofit.study.stages import StageSettings
+
+
+class Study(Sections):
+    """A loaded study: the sections of the file, defaults filled in, and its paths resolved."""
+
+    source: Path
+    """The study file, absolute."""
+    experiment: Path
+    """Raw folder, absolute; <run_dir>/raw for a virtual experiment and where there are only coupon records."""
+    run_dir: Path
+    """Folder of artefacts and figures, absolute."""
+    virtual: bool
+    """True where the raw folder is to be made by `simulate`."""
+    overrides: tuple[str, ...] = ()
+    """Keys that the command line has set, as key=value."""
+
+    @property
+    def mesh_size(self) -> MeshSize:
+        """Numbers of elements of the mesh."""
+        return mesh_size(self.mesh)
+
+    @property
+    def mesh_file(self) -> Path | None:
+        """The mesh file of the section `geometry`, None where the shape is built in. StudyError for an unset variable."""
+        if self.geometry.file is None:
+            return None
+        return path_from(self.source.parent, self.geometry.file, f"{self.source}: key 'geometry.file'")
+
+    @property
+    def necking_file(self) -> Path | None:
+        """The file of the section `necking`, None where there is none. StudyError for an unset variable."""
+        if self.necking is None:
+            return None
+        return path_from(self.source.parent, self.necking.file, f"{self.source}: key 'necking.file'")
+
+    def stage(self, name: str) -> StageSettings:
+        """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
+        if name not in type(self.stages).model_fields:
+            raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
+        settings: StageSettings = getattr(self.stages, name)
+        if self.coupon is not None:
+            lateral = any("lateral" in record.model_fields_set for record in self.coupon.records)
+            wanted = tuple(p for p in COUPON_CHOICES if not is_prescribed(self.parameters, p) and (p == "E" or p in self.parameters))
+            settings = coupon_stage(self.source.name, name, settings, self.coupon.control, wanted=wanted, lateral=lateral)
+        if missing := check_starts(settings, self.parameters):
+            raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
+        return settings
+
+    def setting(self, name: str) -> float | ParameterStart | None:
+        """What the study says of a parameter; of that of one experiment what that experiment says, else of the common one."""
+        bare, _, experiment = name.partition(AT)
+        own = self.experiments[experiment].parameters if experiment in self.experiments else {}
+        return self.parameters.get(name, own.get(bare, self.parameters.get(bare)))
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Lower and upper bound of a parameter: the study's, else the physical ones."""
+        param(name)
+        return bounds_of(name, self.setting(name))
+
+    def scale(self, name: str) -> float:
+        """Usual size of a parameter: the study's, else that of the law."""
+        setting = self.setting(name)
+        return setting.scale if isinstance(setting, ParameterStart) and setting.scale is not None else param(name).scale
+
+    def start_parameters(self, experiment: Experiment | None) -> Parameters:
+        """Start values; what the study leaves out is neutral, the temperatures of air and jaws are the experiment's (K).
+
+        theta_ref is theta_clamp where absent: the specimen rests in the closed jaws before the test. StudyError where
+        neither the study nor an experiment gives theta_air or theta_clamp.
+        """
+        values = {name: start_of(setting) for name, setting in self.parameters.items()}
+        measured = {} if experiment is None else {"theta_air": experiment.theta_air, "theta_clamp": experiment.theta_clamp}
+        return Parameters.of(_with_temperatures({**measured, **values}, f"{self.source.name}: key 'parameters"))
+
+    def truth_parameters(self) -> Parameters:
+        """Parameters of the virtual experiment; StudyError where the study has none."""
+        if self.simulate is None:
+            raise StudyError(f"{self.source.name}: key 'simulate' is missing: add it to make a virtual experiment, see `thermofit new`")
+        return Parameters.of(_with_temperatures(self.simulate.truth, f"{self.source.name}: key 'simulate.truth"))
+
+    def truth_of(self, name: str) -> float | None:
+        """The value of a parameter with which the virtual experiment was made, None where it is measured."""
+        bare, _, experiment = name.partition(AT)
+        several = [self.one_of(other) for other in (experiment,) if other in self.experiments] or [self.one_of(n) for n in self.fitted]
+        virtual = (several[0] if several else self).simulate
+        return None if virtual is None else float(virtual.truth.get(bare, param(bare).neutral))
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the experiments that are fitted jointly; empty where the study has one experiment only."""
+        return tuple(name for name, own in self.experiments.items() if not own.held_out)
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the experiments that are predicted, not fitted."""
+        return tuple(name for name, own in self.experiments.items() if own.held_out)
+
+    @property
+    def alone(self) -> Study:
+        """The study of the one experiment that is fitted, without those held out."""
+        return self.model_copy(update={"experiments": {}, "shared": ()})
+
+    def one_of(self, name: str) -> Study:
+        """The study of one of several experiments, with its own folder below the run folder."""
+        own, stages = self.experiments[name], self.stages
+        for key, window in own.windows.items():
+            stages = stages.model_copy(update={key: getattr(stages, key).model_copy(update={"window": window})})
+        simulate = virtual_of(self.simulate, own, list(self.experiments).index(name), f"experiments.{name}")
+        folder = self.run_dir / name
+        raw = folder / "raw"
+        if own.experiment is not None:
+            raw = path_from(self.source.parent, own.experiment, f"{self.source}: key 'experiments.{name}.experiment'")
+        given = {k: v for k, v in self.parameters.items() if AT not in k}
+        changes: dict[str, Any] = {
+            "parameters": {**given, **own.parameters},
+            "stages": stages,
+            "simulate": simulate,
+            "experiment": raw,
+            "run_dir": folder,
+            "virtual": simulate is not None,
+        }
+        if own.specimen is not None:
+            changes["specimen"] = own.specimen
+        return self.alone.model_copy(update=changes)
+
+    def specimen_of(self, measured: Specimen) -> Specimen:
+        """The measured specimen with the lengths (mm) that the study overrides."""
+        return dataclasses.replace(measured, **self.specimen.model_dump(exclude_none=True))
+
+    def config_of(self, *keys: str) -> dict[str, Any]:
+        """The named sections ('mesh', 'stages.elastic') with defaults filled in, ready for JSON: a stage's provenance."""
+        dump = self.model_dump(mode="json")
+        config: dict[str, Any] = {}
+        for key in keys:
+            value: Any = dump
+            for part in key.split("."):
+                if not isinstance(value, dict) or part not in value:
+                    raise KeyError(f"the study has no section '{key}'")
+                value = value[part]
+            config[key] = value
+        return config
+
+
+def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
+    """Read a study file and apply overrides such as `mesh=coarse` or `stages.thermal.method=nelder-mead`.
+
+    Raises StudyError with one sentence for anything that is wrong in the file, in an override or in the environment.
+    """
+    source = Path(path)
+    tree = _read_tree(source)
+    for override in overrides:
+        set_key(tree, override)
+    declare_effects(tree, source)
+    try:
+        # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
+        file = StudyFile.model_validate(json.loads(json.dumps(tree)))
+    except ValidationError as error:
+        raise StudyError(_say(source, error, overrides)) from None
+    except (TypeError, ValueError, RecursionError) as error:
+        raise StudyError(f"{source}: expected texts, numbers, lists and sections only, but found something else ({error})") from None
+    run_dir = path_from(Path.cwd(), file.run_dir or f"runs/{file.name}", f"{source}: key 'run_dir'")
+    if file.experiment is None:
+        raw = run_dir / "raw"
+    else:
+        raw = path_from(source.parent, file.experiment, f"{source}: key 'experiment'")
+    sections = {name: getattr(file, name) for name in Sections.model_fields}
+    if file.coupon is not None:
+        sections["coupon"] = with_series(file.coupon, source.parent, str(source))
+    return Study(
+        **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file), overrides=tuple(overrides)
+    )
+
+
+def _is_virtual(file: StudyFile) -> bool:
+    """True where a raw folder, of any experiment, is made by `simulate`."""
+    fitted = [own for own in file.experiments.values() if not own.held_out]
+    return file.simulate is not None and (any(own.experiment is None for own in fitted) if fitted else file.experiment is None)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of the study file, for editors (docs/study.schema.json)."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **StudyFile.model_json_schema()}
+    schema["title"] = "thermofit study"
+    return schema
+
+
+def _with_temperatures(values: Mapping[str, float], key: str) -> dict[str, float]:
+    """Values with theta_ref = theta_clamp where absent; StudyError where a temperature of the surroundings is absent."""
+    for name in ("theta_air", "theta_clamp"):
+        if name not in values:
+            raise StudyError(f"{key}.{name}' is missing and no experiment gives it: add it in K")
+    return {"theta_ref": values["theta_clamp"], **values}
+
+
+def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
+    """The sentence for the first error, with the override that caused it, and the number of further ones."""
+    # A list whose entries were refused is also reported as too short: the entry is what the user wants to read about.
+    errors = error.errors(include_url=False)
+    details = [e for e in errors if not (e["type"] == "too_short" and e["input"])] or errors
+    key, text = sentence(details[0])
+    guilty = [o for o in overrides if key == o.partition("=")[0] or key.startswith(o.partition("=")[0] + ".")]
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    cause = " with " + " ".join(guilty[-1].split()) if guilty else ""
+    return f"{source}{cause}: {text}{more}"
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1 as in PyYAML, but 1e-4 is a number, dates are texts, and a repeated key is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise yaml.MarkedYAMLError(problem=f"the key {key!r} is not a text", problem_mark=key_node.start_mark)
+            if key in seen:
+                raise yaml.MarkedYAMLError(problem=f"the key '{key}' is given twice", problem_mark=key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep=deep)
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:timestamp"]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789"))
+
+
+def _yaml(text: str, source: str) -> Any:
+    """Parse YAML; StudyError with file and line."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{source}, line {mark.line + 1}" if mark else source
+        begin = error.context_mark.line + 1 if error.context_mark else None
+        context = f" ({error.context} that begins in line {begin})" if error.context and begin else ""
+        raise StudyError(f"{where}: {error.problem or error.context}{context}; expected YAML, mend the line") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise StudyError(f"{source}: {' '.join(str(error).split())}; expected YAML text") from None
+
+
+def _read_tree(source: Path) -> dict[str, Any]:
+    """The study file as nested dictionaries."""
+    try:
+        text = source.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise StudyError(f"{source}: expected a YAML text in UTF-8, found other bytes") from None
+    except OSError as error:
+        reason = error.strerror or "cannot be read"
+        raise StudyError(f"{source}: {reason.lower()}; expected a study file, `thermofit new {source}` writes a commented one") from None
+    tree = _yaml(text, str(source))
+    if not isinstance(tree, dict):
+        what = "nothing" if tree is None else f"a {type(tree).__name__}"
+        raise StudyError(f"{source}: expected a study (keys such as 'name:' and 'experiment:'), found {what}; compare `thermofit new`")
+    return tree
+
+
+def set_key(tree: dict[str, Any], override: str) -> None:
+    """Set one dotted key of the tree of a study file to a YAML value. StudyError where that is not understood."""
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise StudyError(f"override '{override}' is not understood: expected key=value, for example mesh=coarse")
+    place = tree
+    for depth, part in enumerate(parts[:-1], start=1):
+        if place.get(part) is None:
+            place[part] = {}
+        inner = place[part]
+        if not isinstance(inner, dict):
+            raise StudyError(f"override '{override}': key '{'.'.join(parts[:depth])}' is {inner!r} in the study, not a section of keys")
+        # A copy: sections that share a YAML anchor are one object, and only the named one is meant.
+        place[part] = dict(inner)
+        place = place[part]
+    place[parts[-1]] = _yaml(text, f"override '{override}'")

@@ -137,9 +137,9 @@ def test_threads_are_limited_to_the_machine() -> None:
         jit.set_threads(0)
 
 
-@pytest.mark.parametrize("module", ["artefact", "checkpoint", "progress", "digest", "atomic"])
-def test_core_imports_numba_only_for_kernels(module: str) -> None:
-    text = f"import sys, thermofit.core.{module}; assert 'numba' not in sys.modules, 'numba'; assert 'rich' not in sys.modules, 'rich'"
+@pytest.mark.parametrize("module", ["records.artefact", "records.checkpoint", "records.progress", "core.digest", "core.atomic"])
+def test_records_import_numba_only_for_kernels(module: str) -> None:
+    text = f"import sys, thermofit.{module}; assert 'numba' not in sys.modules, 'numba'; assert 'rich' not in sys.modules, 'rich'"
     environment = {**os.environ, "PYTHONPATH": str(digest.PACKAGE.parent)}
     done = subprocess.run([sys.executable, "-c", text], env=environment, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

@@ -97,7 +97,7 @@ def bar_problem(start, seed=3, lower=BAR_LOWER) -> Problem:
 
 
 class DictStore:
-    """Store in memory: what core.checkpoint does on disk."""
+    """Store in memory: what records.checkpoint does on disk."""
 
     def __init__(self):
         self.entries = {}

@@ -1,7 +1,7 @@
 """Rates of the local update: how stress and state of a point change along many directions at once (direct differentiation).
 
 A rate, written x', is the derivative of x along a direction, for example by one parameter. With D = gamma N, y = exp(-D),
-C_tr = F_tr^T F_tr, C = y C_tr y (material.point), n = |C|_G, r = gamma / n, differentiation of the converged update gives
+C_tr = F_tr^T F_tr, C = y C_tr y (point.update), n = |C|_G, r = gamma / n, differentiation of the converged update gives
 
     C_tr' = X + X^T + F_tr^T (l + l^T) F_tr,    X = F_tr^T F (F_p(n)^-1)',    l = F' F^-1
     D'    = gamma' N + r [(G - N N) : C' + e'],    e' = G' : C - N h',    h' = C : G' : C / (2 n)
@@ -15,7 +15,7 @@ s = 1 - r sigma_gamma / mu and eta = s gamma' - t, elimination of C' leaves, for
     eta = [mu (N : b' + h' + r v . B q') + mu' n - sigma' - sigma_gamma t / s] / (sigma_gamma / s - mu v . B N),
 
 B = [1 - r G S]^-1, v = N : S. y' = eta Y B N + r Y B q' has Y B formed once per point by `responses_of_points`;
-a direction then costs a few small products, and LANES directions go side by side (material.lanes).
+a direction then costs a few small products, and LANES directions go side by side (core.lanes).
 """
 
 from __future__ import annotations

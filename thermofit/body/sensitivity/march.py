@@ -72,7 +72,7 @@ _BORROWED = 0.2
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
 _ASYMMETRY = 4e-4
-"""What the symmetric stiffness misses of the exact one, relative and per dLambda (material.point)."""
+"""What the symmetric stiffness misses of the exact one, relative and per dLambda (point.update)."""
 _ROUND_OFF = 1e-11
 """Forces of round-off, in units of elastic modulus times facet area."""
 
@@ -288,7 +288,7 @@ class Differentiator:
     def _update(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of points and J for u', which is mended where it leaves the rates of the internal forces out of balance.
 
-        The stiffness at hand is the symmetric neighbour of the exact one, off by `_ASYMMETRY` dLambda (material.point), or that of an
+        The stiffness at hand is the symmetric neighbour of the exact one, off by `_ASYMMETRY` dLambda (point.update), or that of an
         earlier elastic step. NumericsError where mending does not help.
         """
         body, states = self.body, (mechanics.before, mechanics.after)

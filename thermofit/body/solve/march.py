@@ -2,7 +2,7 @@
 
 `coupling` "full" lets both fields of a step converge together; "one-way" solves the mechanics at the initial temperature and the
 heat equation, with the heat capacity of constant stress, on the deformation and dissipation that follow from it. With
-`sensitivities` every step is differentiated after it has converged (fem.sensitivity), in either coupling.
+`sensitivities` every step is differentiated after it has converged (body.sensitivity.march), in either coupling.
 """
 
 from __future__ import annotations

@@ -10,9 +10,9 @@ from bench_measure import Limits, Options, Part, Row, Target, cpu
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case, linearised, scans, slots_of
-from thermofit.diagnose.structure import named_phases
-from thermofit.identify.joint import Joint, joint_settings, station_names
-from thermofit.identify.known_motion import acts_in_heat
+from thermofit.experiment.joint import Joint, joint_settings, station_names
+from thermofit.experiment.known_motion import acts_in_heat
+from thermofit.experiment.residuals import named_phases
 from thermofit.observe.stations import INFRARED
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, load_study

@@ -23,16 +23,16 @@ from thermofit.diagnose.case import Case, slots_of
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import JOINT_EVALUATIONS
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.structure import named_phases
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.identify.discretisation import corrected
-from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
-from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.identify.instruments import Instruments
-from thermofit.identify.joint import Joint, joint_settings, station_names
-from thermofit.identify.priors import effect_priors
+from thermofit.experiment.discretisation import corrected
+from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
+from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.instruments import Instruments
+from thermofit.experiment.joint import Joint, joint_settings, station_names
+from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.residuals import named_phases
 from thermofit.observe.force import smooth_force
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.stations import INFRARED

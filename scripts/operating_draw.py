@@ -15,7 +15,7 @@ from thermofit.diagnose.case import Case, columns_of, scans
 from thermofit.diagnose.score import ranked
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect
-from thermofit.identify.known_motion import acts_in_heat
+from thermofit.experiment.known_motion import acts_in_heat
 
 STREAMS = ("world", "secondary", "noise", "truth")
 FACTOR = 2.0

@@ -23,13 +23,13 @@ from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.identify.coupon_inputs import CouponData, CouponTest, whole
-from thermofit.identify.coupon_model import coupon_model, coupon_run
-from thermofit.identify.coupon_sensor import SENSOR, shown
-from thermofit.identify.flow_conditions import flow_conditions
-from thermofit.identify.inputs import TestPhase
-from thermofit.identify.joint import station_names
-from thermofit.identify.model import StageModel
+from thermofit.experiment.coupon_model import coupon_model, coupon_run
+from thermofit.experiment.coupon_records import CouponData, CouponTest, whole
+from thermofit.experiment.coupon_sensor import SENSOR, shown
+from thermofit.experiment.fields import TestPhase
+from thermofit.experiment.flow_conditions import flow_conditions
+from thermofit.experiment.joint import station_names
+from thermofit.experiment.model import StageModel
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.point.programmes import Usual, programme
 from thermofit.records.staging import job

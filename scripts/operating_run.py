@@ -24,7 +24,7 @@ from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.effects.catalogue import effect
-from thermofit.identify.channels import field_of
+from thermofit.experiment.channels import field_of
 
 HERE = Path(__file__).resolve().parent
 MOST = 10.0

@@ -12,9 +12,9 @@ from thesis_read import ONE_OPTIMUM, Statement, cell, percent, spread, uniquenes
 from thesis_runs import Place
 from thesis_tables import identified, misfit, of_f, starts_table
 
-from thermofit.diagnose.figures_curves import stress_stretch_figure
-from thermofit.diagnose.figures_maps import residual_maps
-from thermofit.diagnose.tables import table
+from thermofit.report.figures_curves import stress_stretch_figure
+from thermofit.report.figures_maps import residual_maps
+from thermofit.report.tables import table
 
 TITLE = "Section 5.3: identifiability of thermal model parameters"
 RUN = "exp1"

@@ -27,10 +27,10 @@ from thesis_read import (
 from thesis_runs import Place
 from thesis_tables import misfit, of_f, starts_table
 
-from thermofit.diagnose.figures_curves import stress_stretch_figure
-from thermofit.diagnose.figures_maps import residual_maps
-from thermofit.diagnose.tables import table
 from thermofit.records.artefact import Record
+from thermofit.report.figures_curves import stress_stretch_figure
+from thermofit.report.figures_maps import residual_maps
+from thermofit.report.tables import table
 
 TITLE = "Section 5.4: model dependency"
 MONOTONIC = {1: "exp1-models", 2: "exp1-model-2"}

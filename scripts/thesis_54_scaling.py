@@ -10,8 +10,8 @@ from thesis_read import percent
 from thesis_runs import Place
 
 from thermofit.core.experiment import CELSIUS
-from thermofit.diagnose.tables import table
 from thermofit.records.artefact import Record
+from thermofit.report.tables import table
 
 COOLING = {1: "exp2-model-1", 2: "exp2"}
 COUPLED = "exp2-model-1-coupled"

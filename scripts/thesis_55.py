@@ -31,10 +31,10 @@ from thesis_read import ONE_OPTIMUM, Statement, cell, free_names, headings, left
 from thesis_runs import Place
 from thesis_tables import identified, of_f, starts_table
 
-from thermofit.diagnose.figures_curves import stress_stretch_figure
-from thermofit.diagnose.figures_maps import residual_maps
-from thermofit.diagnose.tables import table
 from thermofit.records.artefact import Record
+from thermofit.report.figures_curves import stress_stretch_figure
+from thermofit.report.figures_maps import residual_maps
+from thermofit.report.tables import table
 
 TITLE = "Section 5.5: identifiability of thermal boundary coefficients"
 RUN, AIR, ISOTHERMAL, LITERATURE = "exp3", "exp3-air", "exp3-isothermal", "exp3-literature"

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from thesis_read import SIZES, free_names, solved_starts, value
 
-from thermofit.diagnose.figures import MEASURED, STYLE, legend_below, new_figure, with_residual
-from thermofit.diagnose.figures_maps import Scale, draw_map
 from thermofit.records.artefact import Record
+from thermofit.report.figures import MEASURED, STYLE, legend_below, new_figure, with_residual
+from thermofit.report.figures_maps import Scale, draw_map
 
 FOLDER = "figures"
 COLOURS = ("tab:red", "tab:blue", "tab:green", "tab:purple", "tab:orange", "tab:brown")

@@ -9,8 +9,8 @@ from thesis_printed import Values
 from thesis_read import SIZES, Statement, cell, free_names, headings, left_over, per_datum, squared_error, value
 from thesis_runs import RUNS, TOTAL, Place, cpu_of, noted
 
-from thermofit.diagnose.tables import table
 from thermofit.records.artefact import Record
+from thermofit.report.tables import table
 
 UNWEIGHTED = "f_theta in K^2"
 

@@ -60,7 +60,7 @@ def test_import_contract() -> None:
 def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: str) -> None:
     """In a skeleton of the house one wrong import breaks the contract that forbids it."""
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    rooms = "stages diagnose identify fit virtual read observe body point law effects records study core".split()
+    rooms = "stages report diagnose identify experiment fit virtual read observe body point law effects records study core".split()
     knows_hdf5 = ("records/artefact.py", "records/foreign_hdf5.py")
     for name in ("cli.py", *knows_hdf5, "stages/one.py", "stages/two.py", "__init__.py", *(f"{room}/__init__.py" for room in rooms)):
         path = tmp_path / "thermofit" / name

@@ -11,9 +11,9 @@ import pytest
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans, slots_of
-from thermofit.diagnose.structure import Span
 from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, effect, effects
-from thermofit.identify.coupon_sensor import SENSOR
+from thermofit.experiment.coupon_sensor import SENSOR
+from thermofit.experiment.residuals import Span
 from thermofit.law.composition import POINT_ONLY
 from thermofit.observe.stations import INFRARED
 

@@ -16,7 +16,7 @@ from thermofit.diagnose.case import Case, columns_of
 from thermofit.diagnose.held_out import Rows, split_by_blocks
 from thermofit.diagnose.prepared import coupon_joint_settings, with_elastic
 from thermofit.effects.catalogue import Effect
-from thermofit.identify.coupon_inputs import CouponData
+from thermofit.experiment.coupon_records import CouponData
 
 SOFTENING = {"thermal_softening", "softening_power"}
 BACKSTRESS = {"backstress_first", "backstress_second"}

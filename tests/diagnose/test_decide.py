@@ -31,9 +31,9 @@ from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
-from thermofit.identify.coupon_inputs import CouponData, CouponTest
-from thermofit.identify.coupon_model import coupon_model
-from thermofit.identify.inputs import TestPhase
+from thermofit.experiment.coupon_model import coupon_model
+from thermofit.experiment.coupon_records import CouponData, CouponTest
+from thermofit.experiment.fields import TestPhase
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.point.programmes import Usual, named
 from thermofit.point.programmes import programme as made

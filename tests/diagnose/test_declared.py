@@ -13,12 +13,12 @@ from test_loop import case_of, refitting, settled
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.findings_record import diagnosis_summary
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.trace import Traced, traced
+from thermofit.experiment.model import Prior
 from thermofit.fit.result import FitResult
-from thermofit.identify.model import Prior
+from thermofit.report.findings import diagnosis_summary
 from thermofit.study.section import MeshSize
 
 RATE = "ir_drift.rate"

@@ -14,10 +14,10 @@ from thermofit.diagnose.backward import still_needed
 from thermofit.diagnose.before_after import before_after
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.elsewhere import Carried, Elsewhere, held_out_words, predicted_beyond, unseen_rms
-from thermofit.diagnose.findings_record import _errors
 from thermofit.diagnose.loop import Closed, close_loop, ranking_rows
-from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import traced
+from thermofit.experiment.residuals import Span
+from thermofit.report.findings import _errors
 
 DRIFT = {"ir_drift.rate": 1e-3}
 ALL = frozenset(e.name for e in KNOWN)

@@ -16,21 +16,21 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.backward import Means, Refit, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
-from thermofit.diagnose.findings_record import _round
 from thermofit.diagnose.loop import Closed, _rivals, candidates, close_loop, ranking_rows
-from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import ends_of
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.residuals import Span
 from thermofit.fit.covariance import covariance
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
-from thermofit.identify.model import StageModel
-from thermofit.identify.prediction import Errors
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
+from thermofit.report.findings import _round
 
 N_T, N_S, SIGMA = 80, 30, 0.02
 TIME = np.linspace(0.0, 120.0, N_T)

@@ -13,8 +13,8 @@ from test_loop import case_of, settled
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import prepared as module
 from thermofit.diagnose.prepared import Prepared, _Joint, prepared
+from thermofit.experiment.model import StageModel
 from thermofit.fit.result import FitResult
-from thermofit.identify.model import StageModel
 from thermofit.study.section import MeshSize
 
 STUDY = cast(Any, SimpleNamespace(coupon=None, fitted=(), source=SimpleNamespace(name="study.yaml")))

@@ -13,16 +13,16 @@ from thermofit.diagnose.case import Case, HeatFit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.retraced import missed, retraced
-from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.residuals import Span
 from thermofit.fit.covariance import covariance
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
-from thermofit.identify.model import StageModel
-from thermofit.identify.prediction import Errors
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
 

@@ -12,7 +12,7 @@ from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted_field import SIZE, Basis, Field, field_of, roughness
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_structure import _shared
-from thermofit.identify.missing import Grid, time_hats
+from thermofit.experiment.missing import Grid, time_hats
 
 N, KNOTS = 240, 12
 TIME = np.linspace(0.0, 120.0, N)

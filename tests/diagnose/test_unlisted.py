@@ -17,15 +17,15 @@ from strip import MODEL, Source, fitted, numerical, refitting, spot, strip_case
 from thermofit.cli.printing_loop import _unlisted
 from thermofit.core.jsonable import jsonable
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.structure import Span
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted, best_listed, unfitted, unlisted
 from thermofit.diagnose.unlisted_effect import heat_file
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_place import compact, when_of
-from thermofit.diagnose.unlisted_record import described, in_words, summary_of, unlisted_datasets, with_unlisted
 from thermofit.diagnose.unlisted_structure import structures
+from thermofit.experiment.residuals import Span
+from thermofit.report.unlisted import described, in_words, summary_of, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
 
 PATCH = (8.0, 7.5)

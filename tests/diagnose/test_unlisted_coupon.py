@@ -18,13 +18,13 @@ from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted, unlisted
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.diagnose.unlisted_record import effect_file, summary_of
 from thermofit.effects.catalogue import effect, load_effect
-from thermofit.identify.coupon_inputs import CouponData, CouponTest
-from thermofit.identify.coupon_model import coupon_model
-from thermofit.identify.inputs import TestPhase
-from thermofit.identify.missing_coupon import lumped
+from thermofit.experiment.coupon_model import coupon_model
+from thermofit.experiment.coupon_records import CouponData, CouponTest
+from thermofit.experiment.fields import TestPhase
+from thermofit.experiment.missing_coupon import lumped
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.report.unlisted import effect_file, summary_of
 from thermofit.study.study import Study, load_study
 
 TRUTH = Parameters.of(

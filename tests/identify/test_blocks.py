@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_up import XY, wall_model, wall_observations
 
+from thermofit.experiment.model import StageModel
 from thermofit.identify.blocks import LONGER, correlation_time, residual_blocks
-from thermofit.identify.model import StageModel
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
 

@@ -11,8 +11,8 @@ from virtual_pulls import SIZE, TIME, TRUTH, XY, pulled, study
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.identify.inputs import Measured
-from thermofit.identify.model import StageModel, stage_model
+from thermofit.experiment.fields import Measured
+from thermofit.experiment.model import StageModel, stage_model
 from thermofit.identify.solve import covariance_of
 
 ALL = "{u: {}, du: {}, strain: {}, force: {}, stress: {}, theta: {}, dtheta: {}}"

@@ -10,13 +10,13 @@ import pytest
 from made_up import WALL_NAMES, WALL_TRUTH, wall_model, wall_observations
 from repeated_coupon import FREE, TRUTH, bench, intervals
 
+from thermofit.experiment.coupon_model import coupon_model
+from thermofit.experiment.coupon_records import CouponData
+from thermofit.experiment.planned_coupon import planned_coupon
 from thermofit.fit.information import Flat, Invariant
-from thermofit.identify.coupon_inputs import CouponData
-from thermofit.identify.coupon_model import coupon_model
 from thermofit.identify.identifiability import analysed, mend, relation
 from thermofit.identify.intervals import allowed_rises, laplace
 from thermofit.identify.linear import Linear, Shift, linear_of, moved
-from thermofit.identify.planned_coupon import planned_coupon
 from thermofit.observe.comparison import plain
 
 

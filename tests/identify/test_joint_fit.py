@@ -15,10 +15,10 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import refit
 from thermofit.diagnose.refit import EXPONENTS, JointFit, failed_in_words
-from thermofit.identify.inputs import Measured
-from thermofit.identify.joint import Joint, joint_settings
-from thermofit.identify.model import StageModel
-from thermofit.identify.prediction import Errors
+from thermofit.experiment.fields import Measured
+from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.staging import Job

@@ -11,8 +11,8 @@ from made_up import WALL_NAMES, WALL_TRUTH, wall_fields, wall_model, wall_observ
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.model import StageModel
 from thermofit.fit.check import check_jacobian
-from thermofit.identify.model import StageModel
 from thermofit.identify.outcome import made
 from thermofit.identify.solve import Solved, remembering, solve, stage_problem
 from thermofit.observe.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change

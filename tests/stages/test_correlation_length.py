@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from thermofit.identify.inputs import measured_of
+from thermofit.experiment.fields import measured_of
 from thermofit.records.artefact import open_record
 from thermofit.records.staging import artefact_path
 

@@ -16,7 +16,7 @@ from test_coupon_chain import call
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.parameters import Parameters
-from thermofit.identify import coupon_inputs
+from thermofit.experiment import coupon_records as coupon_inputs
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.records.artefact import open_record
 from thermofit.study.coupon_stages import coupon_stage

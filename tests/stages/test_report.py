@@ -11,9 +11,9 @@ import verify_fixtures as made
 from matplotlib.image import imread
 
 from thermofit.core.errors import StudyError
-from thermofit.diagnose.tables import report_text
 from thermofit.records.artefact import Record, open_record
 from thermofit.records.staging import artefact_path
+from thermofit.report.tables import report_text
 from thermofit.stages import report, verify
 from thermofit.study.study import Study
 

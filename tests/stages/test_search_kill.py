@@ -65,7 +65,7 @@ def killed(study: Study, stage: str, jobs: int, more: int) -> None:
 COUNTED = """
 import sys, tiny
 from pathlib import Path
-from thermofit.identify.held import HeldRun
+from thermofit.experiment.held import HeldRun
 from thermofit.stages.identifiability import Options, run
 plain = HeldRun.__call__
 def counted(self, *arguments, **options):

@@ -15,8 +15,8 @@ from thermofit.cli import app
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.prepared import diagnosis_mesh
 from thermofit.diagnose.unseen import predicting, prediction_proof, unseen
-from thermofit.diagnose.verification import fitted_parameters, identified_stages
-from thermofit.identify.inputs import with_identified
+from thermofit.experiment.fields import with_identified
+from thermofit.experiment.verification import fitted_parameters, identified_stages
 from thermofit.identify.stage import data_of, start_of
 from thermofit.records.artefact import open_record
 from thermofit.study.study import load_study

@@ -11,7 +11,7 @@ import verify_fixtures as made
 from thermofit.body.solve.march import History
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.identify.inputs import field_datasets
+from thermofit.experiment.fields import field_datasets
 from thermofit.records.artefact import Dataset, Record
 from thermofit.records.result import result_of
 from thermofit.stages import verify

@@ -13,10 +13,10 @@ from thermofit.diagnose.case import Case, slots_of, untold
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans
 from thermofit.diagnose.refit import JointFit
-from thermofit.identify.coupon_inputs import CouponData, CouponTest, whole
-from thermofit.identify.coupon_model import coupon_model, coupon_run
-from thermofit.identify.flow_conditions import flow_conditions
-from thermofit.identify.joint import station_names
+from thermofit.experiment.coupon_model import coupon_model, coupon_run
+from thermofit.experiment.coupon_records import CouponData, CouponTest, whole
+from thermofit.experiment.flow_conditions import flow_conditions
+from thermofit.experiment.joint import station_names
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.records.staging import job
 from thermofit.study.study import Study, load_study

@@ -6,8 +6,8 @@ import numpy as np
 
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.identify.model import StageModel
+from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
+from thermofit.experiment.model import StageModel
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 

@@ -10,11 +10,11 @@ import yaml
 from scipy.signal import lfilter
 
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.coupon_model import coupon_model
+from thermofit.experiment.coupon_records import CouponData, CouponTest, whole
 from thermofit.fit.minimise import minimise
 from thermofit.fit.profile import Optimum, profile_side
 from thermofit.fit.settings import Settings
-from thermofit.identify.coupon_inputs import CouponData, CouponTest, whole
-from thermofit.identify.coupon_model import coupon_model
 from thermofit.identify.identifiability import analysed
 from thermofit.identify.intervals import Interval, allowed_rises, bootstrap, laplace
 from thermofit.identify.linear import linear_of

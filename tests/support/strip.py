@@ -14,16 +14,16 @@ from scipy.linalg import lu_factor, lu_solve
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.structure import Span
 from thermofit.effects.catalogue import Effect, effect
+from thermofit.experiment.missing import Grid, place_hats, time_hats
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.residuals import Span
 from thermofit.fit.covariance import covariance
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
-from thermofit.identify.missing import Grid, place_hats, time_hats
-from thermofit.identify.model import StageModel
-from thermofit.identify.prediction import Errors
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
 

@@ -13,7 +13,7 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import NAMES, Parameters, param
-from thermofit.identify.inputs import field_datasets, specimen_dict
+from thermofit.experiment.fields import field_datasets, specimen_dict
 from thermofit.observe.observation import FieldObservation, face_operator
 from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
 from thermofit.records.staging import artefact_path

@@ -11,8 +11,8 @@ import numpy as np
 from thermofit.body.solve.march import Loading
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.identify.forward import Run, march_settings, sampler, specimen_body
-from thermofit.identify.inputs import LoadSteps, Measured, TestPhase, force_observation
+from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
+from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, load_study

@@ -12,13 +12,13 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Param, Parameters, bare_name
 from thermofit.diagnose.held_out import Rows
-from thermofit.diagnose.structure import Span, span_of
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.flow_conditions import ONE_RATE, FlowConditions
+from thermofit.experiment.known_motion import Direction, acts_in_heat
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.residuals import Span, span_of
 from thermofit.fit.result import FitResult
-from thermofit.identify.channels import field_of
-from thermofit.identify.flow_conditions import ONE_RATE, FlowConditions
-from thermofit.identify.known_motion import Direction, acts_in_heat
-from thermofit.identify.model import StageModel
 from thermofit.law.composition import FACTORS, POINT_ONLY, SUMS, capacity_effects
 from thermofit.law.page import law_of
 from thermofit.point.driver import air_effects

@@ -15,21 +15,21 @@ from thermofit.diagnose.experiments import joined_rows, spans_of, stacked
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held_out_residual
 from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, diagnosis_mesh, unseen_coupons
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.structure import named_phases
 from thermofit.diagnose.trace import room_of, split_of
-from thermofit.diagnose.trust import WHOLE
 from thermofit.diagnose.unseen import predicting, unseen
-from thermofit.diagnose.verification import fitted_parameters, identified_stages
 from thermofit.diagnose.worth import Criteria, criteria, independent, least, mean_squares
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.coupon_model import coupon_model
+from thermofit.experiment.coupon_records import CouponData, coupon_data
+from thermofit.experiment.fields import Measured, with_identified
+from thermofit.experiment.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings
+from thermofit.experiment.joint_several import JointSeveral, joint_several
+from thermofit.experiment.model import StageModel, needs_drive
+from thermofit.experiment.residuals import named_phases
+from thermofit.experiment.several import Several, expanded
+from thermofit.experiment.trust import WHOLE
+from thermofit.experiment.verification import fitted_parameters, identified_stages
 from thermofit.fit.result import FitResult
-from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import coupon_model
-from thermofit.identify.inputs import Measured, with_identified
-from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings
-from thermofit.identify.joint_several import JointSeveral, joint_several
-from thermofit.identify.model import StageModel, needs_drive
-from thermofit.identify.several import Several, expanded
 from thermofit.identify.stage import Data, data_of, start_of
 from thermofit.records.staging import Job
 from thermofit.study.literature import Candidate

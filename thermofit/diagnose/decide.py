@@ -3,7 +3,7 @@
 The coupon of `point.driver` is run through every programme of `point.programmes` with the fitted parameters, and the same sensitivities are
 taken: columns of stress and temperature over their noise, without what the fitted parameters can do. A programme parts two effects where
 |cos| of their columns is below ALIKE; the smallest amplitude that it shows is CONVINCING over their length. A coupon with a temperature
-has the sensor of its records. Specimens whose force drives them are asked besides for changes of their own test (`decide_body`).
+has the sensor of its records. Specimens whose force drives them are asked besides for changes of their own test (`decide_specimen`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import NAMES, Parameters, bare_name, param
-from thermofit.diagnose import decide_body
+from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY, slots_of
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
 from thermofit.diagnose.decide_words import acted_on
@@ -24,12 +24,12 @@ from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.score import ALIKE, Columns
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects
-from thermofit.identify.coupon_inputs import CouponTest
-from thermofit.identify.coupon_sensor import SENSOR, shown_rates
-from thermofit.identify.instruments import station_names
-from thermofit.identify.joint import Joint
-from thermofit.identify.joint_several import JointSeveral
-from thermofit.identify.missing_coupon import CouponMissing
+from thermofit.experiment.coupon_records import CouponTest
+from thermofit.experiment.coupon_sensor import SENSOR, shown_rates
+from thermofit.experiment.instruments import station_names
+from thermofit.experiment.joint import Joint
+from thermofit.experiment.joint_several import JointSeveral
+from thermofit.experiment.missing_coupon import CouponMissing
 from thermofit.point.driver import PointSettings, simulate_rates
 from thermofit.point.driver import Programme as Driven
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
@@ -159,11 +159,11 @@ def _on_coupon(here: Traced, family: Family, known: frozenset[str]) -> Parameter
 
 def _on_body(here: Traced, family: Family, parts: Joint | JointSeveral | None) -> _Runs:
     """Columns of all members by the test as it was and by its changes; nothing where the specimen's programmes are not known."""
-    if not family.members or not decide_body.can_be_driven(parts):
+    if not family.members or not decide_specimen.can_be_driven(parts):
         return []
     assert isinstance(parts, Joint)
-    every = (decide_body.OWN, *decide_body.PROGRAMMES)
-    return [(p, decide_body.columns(parts, p, here.case.parameters, family)) for p in every]
+    every = (decide_specimen.OWN, *decide_specimen.PROGRAMMES)
+    return [(p, decide_specimen.columns(parts, p, here.case.parameters, family)) for p in every]
 
 
 def _all_told(runs: _Runs, members: Sequence[str]) -> tuple[Told, ...]:
@@ -293,7 +293,7 @@ def _of_specimen(d: Decision) -> list[str]:
     if was is None:
         return ["on the coarse mesh of the programmes this specimen cannot be driven as it was"] if d.failed_on_body else []
     if best is None:
-        tried = ", ".join(p.name for p in decide_body.PROGRAMMES if p.name not in d.failed_on_body)
+        tried = ", ".join(p.name for p in decide_specimen.PROGRAMMES if p.name not in d.failed_on_body)
         missed = f" ({', '.join(d.failed_on_body)}: this specimen cannot be driven so)" if d.failed_on_body else ""
         return [f"of the changes of the test {tried} none would {'part them' if len(d.family) > 1 else 'show more of it'}{missed}"]
     part = f" (|cos| {best.cosine:.2f}, as it was {was.cosine:.2f})" if len(d.family) > 1 else ""

@@ -9,9 +9,9 @@ import numpy as np
 
 from thermofit.diagnose.case import rows_of
 from thermofit.diagnose.held_out import Rows
-from thermofit.diagnose.structure import Span, named_phases
-from thermofit.identify.model import StageModel
-from thermofit.identify.several import Several
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.residuals import Span, named_phases
+from thermofit.experiment.several import Several
 
 
 def spans_of(data: Several) -> tuple[Span, ...]:

@@ -12,28 +12,28 @@ from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.diagnose.case import Case, Sharper, slots_of, untold
 from thermofit.diagnose.elsewhere import Elsewhere
-from thermofit.diagnose.errors_told import Told, told, too_far
 from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.score import ALIKE, indistinguishable
-from thermofit.diagnose.structure import Span, named_phases
 from thermofit.diagnose.unseen import bodies_elsewhere, records_elsewhere
-from thermofit.diagnose.verification import identified_stages
 from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects
+from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, offsets
+from thermofit.experiment.coupon_records import CouponData, coupon_data
+from thermofit.experiment.coupon_sensor import SENSOR
+from thermofit.experiment.errors_told import Told, told, too_far
+from thermofit.experiment.fields import measured, start_parameters, with_identified
+from thermofit.experiment.flow_conditions import flow_conditions
+from thermofit.experiment.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
+from thermofit.experiment.joint_several import JointSeveral, joint_several, known_in
+from thermofit.experiment.model import Prior, StageModel, needs_drive
+from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.residuals import Span, named_phases
+from thermofit.experiment.several import Several, expanded, interpolate_paths, several, several_start
+from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
-from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import answerable, coupon_model, coupon_run, offsets
-from thermofit.identify.coupon_sensor import SENSOR
-from thermofit.identify.flow_conditions import flow_conditions
-from thermofit.identify.inputs import measured, start_parameters, with_identified
-from thermofit.identify.joint import NUISANCES, Joint, joint_free, joint_settings, station_names
-from thermofit.identify.joint_several import JointSeveral, joint_several, known_in
-from thermofit.identify.model import Prior, StageModel, needs_drive
-from thermofit.identify.priors import effect_priors
-from thermofit.identify.several import Several, expanded, interpolate_paths, several, several_start
 from thermofit.identify.stage import data_paths
 from thermofit.observe.stations import INFRARED
 from thermofit.records.artefact import open_record

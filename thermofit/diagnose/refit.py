@@ -14,13 +14,13 @@ from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import HeatFit
 from thermofit.effects.catalogue import effect, effect_of_param
+from thermofit.experiment.joint import Joint
+from thermofit.experiment.joint_several import JointSeveral
+from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.model import StageModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
-from thermofit.identify.joint import Joint
-from thermofit.identify.joint_several import JointSeveral
-from thermofit.identify.known_motion import felt_by_temperatures
-from thermofit.identify.model import StageModel
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, method_of, remembering, stage_problem
 from thermofit.law.composition import FACTORS, SUMS
 from thermofit.law.page import law_of

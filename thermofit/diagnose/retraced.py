@@ -22,10 +22,10 @@ from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
 from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.model import StageModel
 from thermofit.fit.result import FitResult
-from thermofit.identify.channels import field_of
-from thermofit.identify.known_motion import felt_by_temperatures
-from thermofit.identify.model import StageModel
 
 HALF = 0.5
 """Part of what the residual holds beyond noise that the best linear step takes away where one step is enough."""

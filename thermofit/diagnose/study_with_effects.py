@@ -10,7 +10,7 @@ import yaml
 from thermofit.core.parameters import AT, param
 from thermofit.diagnose.loop import Closed
 from thermofit.effects.catalogue import effect
-from thermofit.identify.several import own_names
+from thermofit.experiment.several import own_names
 from thermofit.study.study import Study, set_key
 
 _FILES = (("experiment",), ("effects",), ("experiments", "*", "experiment"), ("geometry", "file"), ("necking", "file"))

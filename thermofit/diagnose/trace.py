@@ -14,7 +14,7 @@ from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
-from thermofit.identify.priors import improbable
+from thermofit.experiment.priors import improbable
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""

@@ -18,8 +18,8 @@ from thermofit.diagnose.retraced import missed
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect
+from thermofit.experiment.priors import beyond_error, in_words
 from thermofit.fit.result import FitResult
-from thermofit.identify.priors import beyond_error, in_words
 
 WORTH_AN_EXPONENT = 10.0
 """Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""

@@ -22,8 +22,8 @@ from thermofit.diagnose.unlisted_field import Basis, Field, basis_of, field_of, 
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_structure import Structure, structures
-from thermofit.identify.channels import field_of as observed_field
-from thermofit.identify.missing import Grid
+from thermofit.experiment.channels import field_of as observed_field
+from thermofit.experiment.missing import Grid
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""

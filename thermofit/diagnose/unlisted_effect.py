@@ -7,7 +7,7 @@ from textwrap import indent
 
 import numpy as np
 
-from thermofit.identify.missing import Grid
+from thermofit.experiment.missing import Grid
 
 _HEAD = '''"""{what}: slot {slot}. Off at scale = 0.
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
-from thermofit.identify.missing import Grid
+from thermofit.experiment.missing import Grid
 
 WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""

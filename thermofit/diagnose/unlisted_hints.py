@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.diagnose.structure import Span, span_of
+from thermofit.experiment.residuals import Span, span_of
 
 HALVES = 100
 MOST = 3

@@ -12,13 +12,13 @@ from thermofit.diagnose.case import Case, rows_of, slots_of
 from thermofit.diagnose.elsewhere import Carried, Elsewhere
 from thermofit.diagnose.experiments import stacked
 from thermofit.diagnose.held_out import Proof, Rows, compared
-from thermofit.diagnose.structure import Span, named_phases
 from thermofit.effects.catalogue import Effect
-from thermofit.identify.discretisation import corrected
-from thermofit.identify.inputs import start_parameters
-from thermofit.identify.joint import Joint, joint_settings, station_names
-from thermofit.identify.model import StageModel, needs_drive
-from thermofit.identify.several import Part, own_names, part_of
+from thermofit.experiment.discretisation import corrected
+from thermofit.experiment.fields import start_parameters
+from thermofit.experiment.joint import Joint, joint_settings, station_names
+from thermofit.experiment.model import StageModel, needs_drive
+from thermofit.experiment.residuals import Span, named_phases
+from thermofit.experiment.several import Part, own_names, part_of
 from thermofit.observe.stations import INFRARED
 from thermofit.records.artefact import ParameterResult
 from thermofit.study.section import MeshSize

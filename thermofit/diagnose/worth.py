@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import pdist, squareform
 
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.model import StageModel
 from thermofit.fit.memory import memories
-from thermofit.identify.channels import field_of
-from thermofit.identify.model import StageModel
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.parameters import Parameters
-from thermofit.identify.channels import field_of
+from thermofit.experiment.channels import field_of
 from thermofit.identify.solve import ModelOn, Solved, solve
 from thermofit.records.staging import Job
 from thermofit.study.stages import ChannelSettings, ElasticStage, RelativeDisplacement

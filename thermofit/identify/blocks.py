@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.model import StageModel
 from thermofit.fit.bootstrap import Blocks
 from thermofit.fit.memory import tapered_correlation
-from thermofit.identify.channels import field_of
 from thermofit.identify.correlated import correlogram
-from thermofit.identify.model import StageModel
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.joint import THERMOCOUPLE
+from thermofit.experiment.model import StageModel
 from thermofit.fit.bootstrap import outside_residual
 from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
 from thermofit.fit.evaluate import Evaluations
@@ -16,9 +19,6 @@ from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.result import ON_BOUND
 from thermofit.fit.settings import Settings
 from thermofit.identify.blocks import residual_blocks
-from thermofit.identify.channels import field_of
-from thermofit.identify.joint import THERMOCOUPLE
-from thermofit.identify.model import StageModel
 from thermofit.identify.solve import DIFFERENCE_STEP, noise_of, stage_problem
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.study.stages import StageSettings

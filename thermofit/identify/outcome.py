@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param, physical_bounds, units_of
-from thermofit.identify.channels import field_of
-from thermofit.identify.inputs import field_datasets
-from thermofit.identify.model import StageModel
-from thermofit.identify.prediction import Errors
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.fields import field_datasets
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.observe.comparison import Comparison
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters

@@ -13,14 +13,14 @@ from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
 from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
 from thermofit.fit.memory import memories, noise_operator
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
-from thermofit.identify.model import StageModel
-from thermofit.identify.prediction import Errors
 from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.records.progress import progress

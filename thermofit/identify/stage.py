@@ -9,16 +9,26 @@ from typing import Any
 
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.coupon_model import answerable, coupon_model, memory_remarks
+from thermofit.experiment.coupon_records import CouponData, coupon_data
+from thermofit.experiment.fields import INTERPOLATE, Measured, measured, start_parameters, with_identified
+from thermofit.experiment.model import StageModel, stage_model
+from thermofit.experiment.several import (
+    Part,
+    Several,
+    expanded,
+    feasible,
+    interpolate_paths,
+    seen_by,
+    several,
+    several_model,
+    several_start,
+)
+from thermofit.experiment.window import window_times
 from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.correlated import with_correlated_noise
-from thermofit.identify.coupon_inputs import CouponData, coupon_data
-from thermofit.identify.coupon_model import answerable, coupon_model, memory_remarks
-from thermofit.identify.inputs import INTERPOLATE, Measured, measured, start_parameters, with_identified
-from thermofit.identify.model import StageModel, stage_model
 from thermofit.identify.outcome import made, nothing_identified
-from thermofit.identify.several import Part, Several, expanded, feasible, interpolate_paths, seen_by, several, several_model, several_start
 from thermofit.identify.solve import Solved, discard_checkpoints, solve
-from thermofit.identify.window import window_times
 from thermofit.law.bounds import beta_warning
 from thermofit.records.key import stage_key
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce

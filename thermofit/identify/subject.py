@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from thermofit.core.parameters import Parameters
-from thermofit.identify.inputs import with_identified
+from thermofit.experiment.fields import with_identified
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.planned import planned, simulated
+from thermofit.experiment.planned_coupon import coupon_assumed, planned_coupon, records_of
+from thermofit.experiment.programmes import NAMES as BODY_NAMES
+from thermofit.experiment.programmes import OWN, programme_named
 from thermofit.identify.linear import MOTION, Linear, Shift, linear_of, motion_shift
-from thermofit.identify.model import StageModel
-from thermofit.identify.planned import planned, simulated
-from thermofit.identify.planned_coupon import coupon_assumed, planned_coupon, records_of
-from thermofit.identify.programmes import NAMES as BODY_NAMES
-from thermofit.identify.programmes import OWN, programme_named
 from thermofit.identify.solve import remembering
 from thermofit.identify.stage import Ready, model_maker, ready
 from thermofit.point.programmes import NAMES as COUPON_NAMES

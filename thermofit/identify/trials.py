@@ -21,9 +21,9 @@ from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.jit import set_threads
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, units_of
-from thermofit.identify.model import StageModel
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.several import feasible
 from thermofit.identify.outcome import made
-from thermofit.identify.several import feasible
 from thermofit.identify.solve import COMPARED, ModelOn, Solved, merged_counts, solve
 from thermofit.identify.stage import Ready, model_maker
 from thermofit.identify.variation import Change, response, varied

@@ -14,10 +14,10 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import is_known
-from thermofit.identify.held import thermal_names
-from thermofit.identify.inputs import LoadSteps, Measured, temperature_of
-from thermofit.identify.model import StageModel
-from thermofit.identify.several import spread
+from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
+from thermofit.experiment.held import thermal_names
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.several import spread
 from thermofit.identify.solve import ModelOn, Solved
 from thermofit.identify.stage import Ready, model_maker
 from thermofit.observe.comparison import Comparison

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from thermofit.core.jit import set_threads
 from thermofit.diagnose.decide import added_families, decided
-from thermofit.diagnose.findings_record import diagnosis_parameters, loop_datasets, loop_summary
 from thermofit.diagnose.known_fit import known_fit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.study_with_effects import write_study
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
+from thermofit.report.findings import diagnosis_parameters, loop_datasets, loop_summary
+from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
 
 NAME = "close-loop"

@@ -11,8 +11,8 @@ from thermofit.core.jit import set_threads
 from thermofit.diagnose.comparing import Contender, fitted, judged, parameter_table, table, verdict
 from thermofit.diagnose.prepared import SECTIONS
 from thermofit.diagnose.refit import failed_in_words
-from thermofit.diagnose.verification import identified_stages
-from thermofit.identify.several import interpolate_paths
+from thermofit.experiment.several import interpolate_paths
+from thermofit.experiment.verification import identified_stages
 from thermofit.identify.solve import discard_checkpoints, merged_counts
 from thermofit.identify.stage import data_paths
 from thermofit.records.artefact import Dataset

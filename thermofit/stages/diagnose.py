@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from thermofit.core.jit import set_threads
 from thermofit.diagnose.decide import decided
-from thermofit.diagnose.findings_record import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
 from thermofit.diagnose.known_fit import KnownFit, known_fit_datasets
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
-from thermofit.diagnose.unlisted_record import described, unlisted_datasets, with_unlisted
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
+from thermofit.report.findings import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
+from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
 
 NAME = DIAGNOSE

@@ -10,10 +10,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, units_of
-from thermofit.diagnose.figures import drawn
-from thermofit.diagnose.figures_starts import basin_figure
+from thermofit.experiment.fields import with_identified
 from thermofit.identify.draws import drawn_starts
-from thermofit.identify.inputs import with_identified
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, ready
 from thermofit.identify.trials import Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
@@ -21,6 +19,8 @@ from thermofit.identify.uniqueness import Uniqueness, uniqueness
 from thermofit.records.artefact import Dataset, of_parameters
 from thermofit.records.executor import SERIAL, Executor
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.report.figures import drawn
+from thermofit.report.figures_starts import basin_figure
 from thermofit.study.search import GridSearch
 from thermofit.study.study import Study
 

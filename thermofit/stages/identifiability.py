@@ -14,9 +14,22 @@ from matplotlib.figure import Figure
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param, units_of
-from thermofit.diagnose.figures import STYLE, save_figures
-from thermofit.diagnose.figures_identifiability import correlations_figure, profile_figure, programmes_figure, spectrum_figure
-from thermofit.diagnose.tables_identifiability import (
+from thermofit.experiment.programmes import OWN
+from thermofit.identify.chains import chain_intervals
+from thermofit.identify.identifiability import Analysis, analysed
+from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, half_width, laplace, profiles, wider
+from thermofit.identify.linear import Linear
+from thermofit.identify.solve import discard_checkpoints, evaluation_key
+from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared, programme_names
+from thermofit.read.coupon import coupon_files
+from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
+from thermofit.records.executor import SERIAL, Executor, Task, run_all
+from thermofit.records.key import read_of
+from thermofit.records.progress import progress
+from thermofit.records.staging import Job, Made, Outcome, job, produce
+from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.figures_identifiability import correlations_figure, profile_figure, programmes_figure, spectrum_figure
+from thermofit.report.tables_identifiability import (
     Row,
     correlation_rows,
     determined_rows,
@@ -29,19 +42,6 @@ from thermofit.diagnose.tables_identifiability import (
     shift_rows,
     spectrum_rows,
 )
-from thermofit.identify.chains import chain_intervals
-from thermofit.identify.identifiability import Analysis, analysed
-from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, half_width, laplace, profiles, wider
-from thermofit.identify.linear import Linear
-from thermofit.identify.programmes import OWN
-from thermofit.identify.solve import discard_checkpoints, evaluation_key
-from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared, programme_names
-from thermofit.read.coupon import coupon_files
-from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
-from thermofit.records.executor import SERIAL, Executor, Task, run_all
-from thermofit.records.key import read_of
-from thermofit.records.progress import progress
-from thermofit.records.staging import Job, Made, Outcome, job, produce
 from thermofit.study.study import Study
 
 NAME = "identifiability"

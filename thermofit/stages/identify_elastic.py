@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.identify.inputs import Measured
+from thermofit.experiment.fields import Measured
+from thermofit.experiment.window import window_times
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
-from thermofit.identify.window import window_times
 from thermofit.law.page import in_model_axes
 from thermofit.records.staging import Outcome
 from thermofit.study.study import Study

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.identify.forward import march_settings, run_of
-from thermofit.identify.inputs import Measured
+from thermofit.experiment.fields import Measured
+from thermofit.experiment.forward import march_settings, run_of
+from thermofit.experiment.window import window_times
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
-from thermofit.identify.window import window_times
 from thermofit.records.staging import Outcome
 from thermofit.study.study import Study
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thermofit.identify.inputs import Measured
+from thermofit.experiment.fields import Measured
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
 from thermofit.records.staging import Outcome

@@ -13,9 +13,9 @@ import numpy as np
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
-from thermofit.identify.coupon_inputs import interpolated
-from thermofit.identify.inputs import TestPhase, field_datasets, specimen_dict
-from thermofit.identify.static import static_record
+from thermofit.experiment.coupon_records import interpolated
+from thermofit.experiment.fields import TestPhase, field_datasets, specimen_dict
+from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import EndMotion, end_motion
 from thermofit.observe.force import SmoothForce, smooth_force, step_times

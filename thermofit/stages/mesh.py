@@ -12,12 +12,12 @@ from thermofit.body.mesh.quality import quality, symmetry_of
 from thermofit.body.mesh.specimen import imported, specimen_mesh
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
-from thermofit.diagnose.figures import STYLE, save_figures
-from thermofit.diagnose.figures_mesh import mesh_figure
-from thermofit.identify.static import static_specimen
+from thermofit.experiment.static import static_specimen
 from thermofit.read.raw_description import read_description
 from thermofit.records.artefact import Dataset
 from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.figures_mesh import mesh_figure
 from thermofit.study.study import Study
 
 NAME = "mesh"

@@ -10,14 +10,14 @@ import matplotlib
 import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
-from thermofit.diagnose.figures import STYLE, save_figures
-from thermofit.diagnose.figures_necking import NeckingPicture, necking_figure
 from thermofit.identify.necking import BOUNDS, NeckingFit, Sections, fit_sections, predicted, sections_of
 from thermofit.identify.necking_check import Onset, contraction, held_out, neck_shape, onset, other_rates
 from thermofit.identify.necking_law import HardeningLaw
 from thermofit.read.section_strain import read_grid, section_strain
 from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.figures_necking import NeckingPicture, necking_figure
 from thermofit.study.necking import Necking
 from thermofit.study.study import Study
 

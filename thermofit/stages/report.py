@@ -9,21 +9,21 @@ from matplotlib.figure import Figure
 
 from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
-from thermofit.diagnose.coupon_tables import coupon_report_text
-from thermofit.diagnose.figures import STYLE, save_figures
-from thermofit.diagnose.figures_coupon import coupon_figures
-from thermofit.diagnose.figures_curves import force_figure, over_time_figure, stress_stretch_figure, temperature_figure
-from thermofit.diagnose.figures_maps import residual_maps, rms_maps
-from thermofit.diagnose.figures_search import correlation_figure, objective_figure
-from thermofit.diagnose.structure import named_phases
-from thermofit.diagnose.tables import report_text
-from thermofit.diagnose.verification import IDENTIFY, identified_stages
-from thermofit.identify.inputs import INTERPOLATE, measured_of
-from thermofit.identify.window import window_times
+from thermofit.experiment.fields import INTERPOLATE, measured_of
+from thermofit.experiment.residuals import named_phases
+from thermofit.experiment.verification import IDENTIFY, identified_stages
+from thermofit.experiment.window import window_times
 from thermofit.records.artefact import Record, open_record, read_record
 from thermofit.records.key import drifted
 from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.records.stale import stale
+from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.figures_curves import force_figure, over_time_figure, stress_stretch_figure, temperature_figure
+from thermofit.report.figures_maps import residual_maps, rms_maps
+from thermofit.report.figures_records import coupon_figures
+from thermofit.report.figures_search import correlation_figure, objective_figure
+from thermofit.report.tables import report_text
+from thermofit.report.tables_records import coupon_report_text
 from thermofit.study.study import Study
 
 NAME = "report"

@@ -10,11 +10,9 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import is_known, param
-from thermofit.diagnose.figures import drawn
-from thermofit.diagnose.figures_starts import change_figure
-from thermofit.identify.held import thermal_names
-from thermofit.identify.inputs import with_identified
-from thermofit.identify.several import own_names
+from thermofit.experiment.fields import with_identified
+from thermofit.experiment.held import thermal_names
+from thermofit.experiment.several import own_names
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, ready
 from thermofit.identify.trials import Setup, Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
@@ -22,6 +20,8 @@ from thermofit.identify.variation import nominal
 from thermofit.records.artefact import Dataset
 from thermofit.records.executor import SERIAL, Executor
 from thermofit.records.staging import Job, Made, Outcome, job, produce
+from thermofit.report.figures import drawn
+from thermofit.report.figures_starts import change_figure
 from thermofit.study.search import CLOCK, THICKNESS, Sensitivity, weight_of
 from thermofit.study.study import Study
 

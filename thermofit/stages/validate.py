@@ -10,14 +10,14 @@ from typing import Any
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import AT, Parameters
-from thermofit.diagnose.coupon_verification import verified_coupons
 from thermofit.diagnose.unseen import predicting
-from thermofit.diagnose.verification import fitted_parameters, identified_stages
-from thermofit.diagnose.verification_record import checked, stages_remarks, together, with_remarks
-from thermofit.identify.coupon_inputs import coupon_data
-from thermofit.identify.inputs import with_identified
-from thermofit.identify.joint import joint_model, joint_settings
-from thermofit.identify.several import Part, interpolate_paths, part_of
+from thermofit.experiment.coupon_records import coupon_data
+from thermofit.experiment.coupon_verification import verified_coupons
+from thermofit.experiment.fields import with_identified
+from thermofit.experiment.joint import joint_model, joint_settings
+from thermofit.experiment.several import Part, interpolate_paths, part_of
+from thermofit.experiment.verification import fitted_parameters, identified_stages
+from thermofit.experiment.verification_record import checked, stages_remarks, together, with_remarks
 from thermofit.identify.solve import discard_checkpoints, solve
 from thermofit.identify.stage import data_of, data_paths, start_of
 from thermofit.records.artefact import Dataset

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.coupon_verification import verified_coupons
-from thermofit.diagnose.verification import fitted_parameters, identified_stages, made_otherwise
-from thermofit.diagnose.verification_record import checked, results_in, stages_remarks, thermal_record, together, with_remarks
-from thermofit.identify.coupon_inputs import CouponData
-from thermofit.identify.inputs import Measured, with_identified
-from thermofit.identify.several import Part, Several, interpolate_paths, seen_by
+from thermofit.experiment.coupon_records import CouponData
+from thermofit.experiment.coupon_verification import verified_coupons
+from thermofit.experiment.fields import Measured, with_identified
+from thermofit.experiment.several import Part, Several, interpolate_paths, seen_by
+from thermofit.experiment.verification import fitted_parameters, identified_stages, made_otherwise
+from thermofit.experiment.verification_record import checked, results_in, stages_remarks, thermal_record, together, with_remarks
 from thermofit.identify.stage import data_of, data_paths, start_of
 from thermofit.records.artefact import open_record
 from thermofit.records.key import key_of

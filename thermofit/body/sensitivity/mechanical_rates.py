@@ -10,8 +10,8 @@ all of f_int', which is what a u' found with a K that is not quite exact still m
     f_a' = sum_q M g_a + (P' - P (ln J_bar)') g_bar_a,
     M = w (tau' - p' 1) - w (tau - p 1) l^T + (P J w / sum J w) [(ln J)' 1 - l^T],   P = sum_q w p,
 
-from the forces of body.element.hex8, with g_a' = -l^T g_a and l = F' F^-1. Rates carry their direction as last, contiguous axis of length m, a
-multiple of LANES; each group of LANES directions goes through a point side by side.
+from the forces of body.element.hex8, with g_a' = -l^T g_a and l = F' F^-1. Rates carry their direction as last, contiguous axis of
+length m, a multiple of LANES; each group of LANES directions goes through a point side by side.
 """
 
 from __future__ import annotations

@@ -1,0 +1,265 @@
+"""The joint model of all channels: the residual of the separate stages, and one Jacobian of specimen, machine and instruments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+from thermofit.body.solve.march import History, Loading
+from thermofit.core.experiment import Specimen
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import Case, linearised, scans
+from thermofit.diagnose.score import Columns, ranked
+from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effect, effects
+from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
+from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_model, joint_settings, station_names
+from thermofit.experiment.model import StageModel, stage_model
+from thermofit.experiment.residuals import Span
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.section import MeshSize
+from thermofit.study.study import Study, load_study
+
+SIZE = MeshSize(n_x=1, n_y=8, n_z=1)
+SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+TRUTH = {
+    "E": 68000.0, "nu": 0.33, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "F": 0.4, "alpha_exp": 2e-5, "kappa": 130.0, "c0": 2.2,
+    "beta": 0.8, "alpha_air": 15.0, "alpha_clamp": 240.0, "theta_air": 297.4, "theta_clamp": 296.7, "theta_ref": 296.7,
+}  # fmt: skip
+TIME = np.array([0.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 23.0, 30.0, 33.0, 40.0])
+FORCE = np.array([0.0, 0.0, 1500.0, 3000.0, 3900.0, 4400.0, 4600.0, 4800.0, 5000.0, 5200.0, 3000.0, 1000.0])
+X, Y = np.meshgrid([-8.0, -3.0, 1.0, 5.0, 9.0], np.linspace(-15.0, 15.0, 6))
+XY = np.stack([X.ravel(), Y.ravel()], axis=1)
+BODY = ("E", "M_y0", "c0", "alpha_air", "theta_air", "rate_power.K", "force_scale.gain", "force_offset.offset")
+INSTRUMENTS = {
+    "ir_drift.rate": 1e-3, "ir_gain.gain": 0.05, "ir_clock.offset": 0.5, "ir_lag.time": 0.7, "ir_emissivity.slope": 0.5,
+    "ir_reflection.strength": 0.5, "ir_reflection.tilt": 0.01, "ir_registration.shift_y": 0.5, "ir_registration.shift_x": -0.3,
+    "ir_registration.rotation": 0.02, "ir_registration.scale": 0.02, "dic_scale.error": 0.01, "dic_out_of_plane.strain": 1e-3,
+    "bending.curvature": 1e-5,
+}  # fmt: skip
+ALL_ON = {**INSTRUMENTS, "rate_power.K": 5.0, "force_scale.gain": 0.01, "force_offset.offset": 20.0}
+STEPS = {"E": 100.0, "M_y0": 0.1, "c0": 0.01, "alpha_air": 0.1, "theta_air": 0.02, "rate_power.K": 0.05}
+
+
+@lru_cache(maxsize=4)
+def study(extra: str = "") -> Study:
+    starts = ", ".join(f"{name}: {value}" for name, value in TRUTH.items())
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "study.yaml"
+        path.write_text(
+            f"name: small\nexperiment: raw\nmesh: {{n_x: 1, n_y: 8, n_z: 1}}\nparameters: {{{starts}}}\n{extra}", encoding="utf-8"
+        )
+        return load_study(path, [f"run_dir={folder}"])
+
+
+@lru_cache(maxsize=1)
+def truth_run() -> History:
+    empty = Measured(SPECIMEN, 297.4, 296.7, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
+    return Run(specimen_body(study(), empty, SIZE), Loading(TIME, FORCE), march_settings(study(), "full"))(Parameters.of(TRUTH))
+
+
+@lru_cache(maxsize=1)
+def data() -> Measured:
+    """A test with noise, observed at its own steps."""
+    history, rng = truth_run(), np.random.default_rng(5)
+    steps = LoadSteps(TIME, FORCE, history.u_top)
+    shape = (len(TIME), len(XY))
+    blank = FieldObservation("u", TIME, XY, np.zeros((*shape, 2)), np.full((*shape, 2), 0.002), np.ones(shape, dtype=bool), "mm")
+    body = specimen_body(study(), Measured(SPECIMEN, 297.4, 296.7, blank, None, blank, {}, 2.0, ()), SIZE)
+    look = sampler(body, blank, steps)
+    theta = look.temperature(history.theta)
+    u = replace(blank, value=look.displacement(history) + 0.002 * rng.normal(size=(*shape, 2)))
+    t = FieldObservation("theta", TIME, XY, theta + 0.02 * rng.normal(size=theta.shape), np.full(theta.shape, 0.02), blank.mask, "K")
+    every = {"displacement": steps, "temperature": steps, "all": steps}
+    phases = (TestPhase(0.0, 2.0, "rest"), TestPhase(2.0, 40.0, "loading"))
+    return Measured(SPECIMEN, 297.4, 296.7, u, t, force_observation(TIME, steps, 4.0), every, 2.0, phases)
+
+
+def model(case: Study, free: tuple[str, ...] = ()) -> StageModel:
+    return joint_model(case, data(), joint_settings(case, free, data()), SIZE)
+
+
+def part(joint: StageModel, channel: str) -> slice:
+    """Rows of a channel."""
+    ends = np.cumsum([0, *(c.n for c in joint.comparisons)])
+    k = [c.channel for c in joint.comparisons].index(channel)
+    return slice(int(ends[k]), int(ends[k + 1]))
+
+
+def test_residual_is_that_of_the_separate_stages() -> None:
+    extra = (
+        "stages:\n  plastic: {free: [M_y0, M_yinf], coupling: full, channels: {du: {}}}\n  thermal: {free: [c0, kappa], coupling: full}\n"
+    )
+    case = study(extra)
+    base = Parameters.of(TRUTH).replace(M_y0=133.0, c0=2.3)
+    joint = model(case)
+    residual = joint.residual(base)
+    assert [c.channel for c in joint.comparisons] == ["du", "dtheta"]
+    for key, channel in (("plastic", "du"), ("thermal", "dtheta")):
+        settings = case.stage(key)
+        alone = stage_model(case, data(), settings, base.with_free(settings.free), SIZE, (0.0, 40.0, "")).residual(base)
+        here = residual[part(joint, channel)]
+        assert np.abs(here).max() > 3.0
+        assert np.allclose(here, alone, atol=1e-6), channel
+
+
+def test_all_stages_are_free_together_each_parameter_once() -> None:
+    case = study("stages:\n  elastic: {free: [E, nu]}\n  plastic: {free: [M_y0, E]}\n  thermal: {free: [c0]}\n")
+    assert joint_free(case) == ("E", "nu", "M_y0", "c0")
+
+
+@pytest.mark.parametrize("values", [{}, ALL_ON], ids=["off", "on"])
+def test_jacobian_is_that_of_differences(values: dict[str, float]) -> None:
+    """Instruments exactly; the specimen up to the scene, which is taken as it is while effects are on."""
+    joint, base = model(study()), Parameters.of(TRUTH).replace(**values)
+    names = (*BODY, *INSTRUMENTS)
+    residual, jacobian = joint.linearised(base, names)
+    assert np.allclose(residual, joint.residual(base), atol=1e-4)
+    for k, name in enumerate(names):
+        of_instrument = name in INSTRUMENTS
+        h = STEPS.get(name, (1e-3 if of_instrument else 0.1) * abs(ALL_ON.get(name, 0.0)))
+        up = joint.residual(base.replace(**{name: base[name] + h}))
+        one_sided = base[name] == param(name).neutral and name in ("ir_clock.offset", "rate_power.K")
+        down = residual if one_sided else joint.residual(base.replace(**{name: base[name] - h}))
+        expected = (up - down) / (h if one_sided else 2.0 * h)
+        rows = np.ones(len(residual), dtype=bool)
+        if name == "ir_clock.offset" and one_sided:  # nothing is known beyond the last frame
+            rows[part(joint, "dtheta")] = joint.comparisons[1].rows[:, 0] < len(TIME) - 1
+        size, error = np.abs(expected[rows]).max(), np.abs(jacobian[rows, k] - expected[rows]).max()
+        assert (size > 0.0) == (name != "ir_reflection.tilt" or bool(values)), name
+        assert error <= (1e-4 if of_instrument else 0.03) * size + 1e-6 / h, (name, error, size)
+
+
+def test_instruments_change_what_is_seen_alone() -> None:
+    """Closed forms at the end of the chain, and a channel that an instrument does not look at stays bit for bit."""
+    joint, base = model(study()), Parameters.of(TRUTH)
+    plain = joint.errors(base)
+    drifted = joint.errors(base.replace(**{"ir_drift.rate": 2e-3}))
+    assert np.allclose((drifted["theta"] - plain["theta"])[:, :, 0], 2e-3 * TIME[:, None], atol=1e-12)
+    assert np.array_equal(drifted["u"], plain["u"])
+    scaled = joint.errors(base.replace(**{"dic_scale.error": 0.01}))
+    u = plain["u"] + data().displacement.value
+    assert np.allclose(scaled["u"] - plain["u"], 0.01 * u, atol=1e-14)
+    assert np.array_equal(scaled["theta"], plain["theta"])
+    neutral = joint.errors(base.with_free(tuple(INSTRUMENTS)))
+    assert all(np.allclose(neutral[name], plain[name], atol=1e-12) for name in plain)
+    assert station_names() >= set(INSTRUMENTS) and not station_names() & set(BODY)
+
+
+def test_what_a_force_does_not_pass_is_unfelt() -> None:
+    joint, names = model(study()), ("E", "machine_compliance.compliance", "jaw_slip.slip")
+    residual, jacobian = joint.linearised(Parameters.of(TRUTH), names)
+    assert not jacobian[:, 1:].any()
+    dormant = {n.partition(".")[0]: ((n,), jacobian[:, [k]]) for k, n in enumerate(names) if k > 0}
+    assert ranked(Columns(residual, jacobian[:, :1], dormant)).unfelt == ("machine_compliance", "jaw_slip")
+
+
+def test_thermocouples_are_data_with_an_error() -> None:
+    free = ("c0", "theta_clamp", "theta_air")
+    joint, base = model(study(), free), Parameters.of(TRUTH).replace(theta_air=297.25, theta_clamp=296.9)
+    residual, jacobian = joint.linearised(base, free)
+    assert [prior.name for prior in joint.priors] == ["theta_air", "theta_clamp"]
+    assert residual[-2:] == pytest.approx(np.array([-0.15, 0.2]) / THERMOCOUPLE)
+    assert np.allclose(jacobian[-2:], np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]) / THERMOCOUPLE)
+    assert np.allclose(residual[:-2], model(study()).residual(base), atol=1e-4)
+    assert not model(study(), ("c0",)).priors
+
+
+CROSSHEAD = "force: {drives: crosshead}\n"
+MACHINE = {"machine_compliance.compliance": 1e-5, "jaw_slip.slip": 0.02, "force_offset.offset": 20.0, "force_scale.gain": 0.01}
+
+
+@pytest.mark.parametrize("values", [{}, MACHINE], ids=["off", "on"])
+def test_where_the_crosshead_drives_the_force_is_compared_as_corrected(values: dict[str, float]) -> None:
+    joint, base = model(study(CROSSHEAD)), Parameters.of(TRUTH).replace(**values)
+    assert [c.channel for c in joint.comparisons] == ["du", "force", "dtheta"]
+    names = ("M_y0", *MACHINE)
+    residual, jacobian = joint.linearised(base, names)
+    rows = part(joint, "force")
+    if values:
+        moved = joint.errors(base)["force"].ravel() - joint.errors(base.replace(**{"force_scale.gain": 0.0}))["force"].ravel()
+        assert moved[6] == pytest.approx(-0.01 * (FORCE[6] + 20.0), rel=0.05)
+    else:
+        assert np.abs(residual[rows]).max() < 0.5
+    for k, name in enumerate(names):
+        h = STEPS.get(name, 0.05 * MACHINE.get(name, 0.0))
+        up, down = (joint.residual(base.replace(**{name: base[name] + x})) for x in (h, -h))
+        expected = (up - down) / (2.0 * h)
+        for channel in ("du", "force", "dtheta"):
+            here = part(joint, channel)
+            size, error = np.abs(expected[here]).max(), np.abs(jacobian[here, k] - expected[here]).max()
+            assert error <= 0.03 * size + 1e-4 / h, (name, channel, error, size)
+    offset = jacobian[rows, names.index("force_offset.offset")]
+    if not values:
+        assert np.allclose(offset, -1.0 / 4.0), "N of offset by the noise of the load cell"
+
+
+def test_an_effect_of_the_base_law_that_is_held_at_neutral_is_found() -> None:
+    """Data with thermoelastic cooling, a model without: thermal_expansion comes first among the base law, the machine and the motion."""
+    base = Parameters.of({**TRUTH, "alpha_exp": 0.0}).with_free(("E", "M_y0", "c0"))
+    case = Case(model(study()), base, effects((*BASE, *LOAD, *KINEMATICS)), (), station_names())
+    found = linearised(case)
+    ranking = ranked(Columns(found.residual, found.fitted, found.dormant))
+    assert ranking.scores[0].effect == "thermal_expansion"
+    assert ranking.scores[0].estimate["alpha_exp"] == pytest.approx(2e-5, rel=0.1)
+    assert set(ranking.unfelt) == {"machine_compliance", "jaw_slip"}
+
+
+DIRECTIONS = (
+    ("lamp.absorbed", {"lamp.start": 12.0}), ("lamp.absorbed", {"lamp.start": 28.0}), ("air_drift.rate", {"air_drift.time": 20.0}),
+    ("stored_energy.slope", {}), ("capacity_by_temperature.slope", {}), ("initial_gradient.amplitude", {"initial_gradient.tilt": 3.0}),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("extra", [{}, {"ir_lag.time": 1.5, "ir_gain.gain": 0.1}], ids=["bare", "behind instruments"])
+def test_effects_of_heat_are_felt_on_the_known_motion_as_in_whole_runs(extra: dict[str, float]) -> None:
+    """Several values of an exponent at once, from one run; what they do to the motion is left out, and is small."""
+    joint = Joint(study(), data(), joint_settings(study(), ("c0",), data()), SIZE)
+    base = Parameters.of({**TRUTH, **extra}, ("c0",))
+    residual, jacobian, along = joint.scored(base, ("c0",), DIRECTIONS)
+    assert np.allclose(residual, joint.model.residual(base), atol=1e-8)
+    assert np.allclose(jacobian, joint.model.linearised(base, ("c0",))[1])
+    warm = part(joint.model, "dtheta")
+    for k, (name, others) in enumerate(DIRECTIONS):
+        h = 0.02 * param(name).scale
+        there = [joint.model.residual(base.replace(**others, **{name: sign * h})) for sign in (1.0, -1.0)]
+        numeric = (there[0] - there[1]) / (2.0 * h)
+        size = np.linalg.norm(numeric[warm])
+        # The warming on the known motion is that of the heat capacity at constant stress, 4 % larger: a factor of it feels that.
+        near = 0.1 if name.startswith("capacity") else 0.02
+        assert np.linalg.norm(along[warm, k] - numeric[warm]) < near * size, name
+        assert np.linalg.norm(numeric) < 1.02 * size and not along[part(joint.model, "du"), k].any(), name
+
+
+def test_temperatures_alone_answer_to_thermal_parameters_as_in_the_joint_model() -> None:
+    joint = Joint(study(), data(), joint_settings(study(), ("c0", "theta_air"), data()), SIZE)
+    base = Parameters.of(TRUTH).replace(theta_air=297.6)
+    alone = joint.heat(base)
+    assert alone is not None and joint.mechanics is not None
+    both, warm = joint.model.residual(base), part(joint.model, "dtheta")
+    assert np.allclose(alone.residual(base), np.append(both[warm], both[-1]), atol=0.02)
+    assert np.allclose(joint.mechanics.residual(base)[:-1], both[part(joint.model, "du")], atol=1e-6)
+    names = ("kappa", "c0", "beta", "theta_air", "ir_lag.time")
+    _, jacobian = joint.model.linearised(base, names)
+    _, here = alone.linearised(base, names)
+    for k, name in enumerate(names):
+        assert np.linalg.norm(here[:-1, k] - jacobian[warm, k]) < 0.06 * np.linalg.norm(jacobian[warm, k]), name
+
+
+def test_effects_are_scanned_where_a_run_tells_the_fields_apart() -> None:
+    joint = Joint(study(), data(), joint_settings(study(), ("E", "c0"), data()), SIZE)
+    base = Parameters.of(TRUTH, ("E", "c0"))
+    spans = (Span("all", 0.0, 40.0),)
+    case = Case(joint.model, base, effects(("surface_flux", "yield_factor", "sensor")), spans, station_names(), scored=joint.scored)
+    found, plain = linearised(case), linearised(replace(case, scored=None))
+    starts = [values["lamp.start"] for values in scans(effect("lamp"), case)]
+    assert starts[1:] == [40.0 * share for share in param("lamp.start").scan] and len(found.scanned["lamp"]) == len(starts)
+    assert np.allclose(found.residual, plain.residual, atol=1e-6)
+    for name, (names, block) in plain.dormant.items():
+        assert found.dormant[name][0] == names
+        assert np.linalg.norm(found.dormant[name][1] - block) <= 0.05 * np.linalg.norm(block), name

@@ -1,0 +1,39 @@
+"""A heat source that no law names: the answer of the fitted model to it is that of a run with an effect file of the same source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from test_joint import SIZE, TRUTH, data, model, part, study
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.unlisted_effect import heat_file
+from thermofit.effects.catalogue import load_effect
+from thermofit.experiment.missing_body import BodyMissing
+
+NAME = "planted_for_missing_body"
+
+
+def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path) -> None:
+    """Hats of two places, in every channel's whitened rows, within 4 % of the largest; volumes are those of the whole specimen."""
+    joint, base = model(study()), Parameters.of(TRUTH)
+    assert isinstance(joint.missing, BodyMissing) and joint.missing.folded
+    grid = joint.missing.grid("heat", (5, 4, 2))
+    values = np.zeros(grid.shape)
+    values[2, 1, :, 0], values[3, 2, 0, 0] = 0.2, 0.3
+    volumes = joint.missing.volumes(grid)
+    assert volumes is not None
+    gauge = 25.0 * 1.2 * (grid.y[-1] - grid.y[0])
+    assert 0.7 * gauge < volumes.sum() < 1.1 * gauge, "integrated by few elements"
+    path = tmp_path / f"{NAME}.py"
+    path.write_text(heat_file(NAME, "a test", grid, values[..., 0], True), encoding="utf-8")
+    load_effect(path)
+    rows = part(joint, "dtheta")
+    change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
+    chosen = np.flatnonzero(values.ravel())
+    answers = joint.missing.answers("heat", base, grid, chosen)
+    expected = joint.comparisons[-1].residual(answers @ values.ravel()[chosen])
+    assert np.abs(change).max() > 5.0
+    assert np.abs(expected - change).max() < 0.04 * np.abs(change).max()
+    assert SIZE.n_y == 8 and len(data().phases) == 2

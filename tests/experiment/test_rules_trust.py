@@ -1,0 +1,71 @@
+"""The one rule of verdict and exit code: each thing that speaks against an answer, alone."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.errors_told import too_far
+from thermofit.experiment.model import Prior
+from thermofit.experiment.trust import Level, above_floor, doubts, level
+
+MANY = 10**6
+
+
+def test_an_answer_that_nothing_speaks_against_is_trusted() -> None:
+    assert doubts([Level("theta", 1.0, MANY), Level("theta", 1.0, MANY, "loading")], ((), Parameters.of({})), {}) == []
+
+
+@pytest.mark.parametrize(
+    ("over", "n", "phase", "above"),
+    [
+        (1.24, MANY, "", False),
+        (1.26, MANY, "", True),
+        (1.26, 8, "", True),
+        (1.49, MANY, "loading", False),
+        (1.51, MANY, "loading", True),
+        (1.99, 8, "loading", False),
+        (2.01, 8, "loading", True),
+    ],
+)
+def test_floor_of_a_channel_and_of_a_phase(over: float, n: int, phase: str, above: bool) -> None:
+    """Eight values of white noise scatter by 1 / 4 in their rms: four times that comes on top of one."""
+    found = doubts([Level("theta", over, n, phase)])
+    assert bool(found) is above
+    assert not above or found == [f"theta is {over:.2g} times its noise{' in loading' if phase else ''}: more than noise is left"]
+
+
+def test_the_error_of_mesh_and_steps_belongs_to_the_floor() -> None:
+    assert level("theta", 4.0, 0.0, MANY).over == 2.0 and level("theta", 4.0, 3.0, MANY).over == 1.0
+    assert level("theta", 4.0, 3.0, 7, "loading") == Level("theta", 1.0, 7, "loading")
+
+
+def test_a_channel_is_named_once_as_a_whole_or_by_its_worst_phase() -> None:
+    found = above_floor(
+        [Level("u", 1.6, MANY, "a"), Level("u", 3.0, MANY, "b"), Level("v", 9.0, MANY, "a"), Level("v", 1.3, MANY), Level("w", 1.1, MANY)]
+    )
+    assert [(one.channel, one.phase) for one in found] == [("v", ""), ("u", "b")]
+
+
+@pytest.mark.parametrize(("times", "said"), [(2.9, False), (-2.9, False), (3.1, True), (-3.1, True)])
+def test_a_reading_three_standard_errors_off_speaks_against_the_answer(times: float, said: bool) -> None:
+    readings = ((Prior("theta_air", 297.0, 0.1),), Parameters.of({"theta_air": 297.0 + 0.1 * times}))
+    found = doubts([], readings)
+    assert bool(found) is said and (not said or found[0].startswith("theta_air ends at"))
+
+
+def test_an_effect_that_no_run_could_judge_speaks_against_the_answer() -> None:
+    assert doubts([], unjudged={"lamp": "no run"}) == ["lamp could not be judged, and may be what is missing: no run"]
+
+
+def test_a_fit_that_has_not_settled_speaks_against_the_answer() -> None:
+    assert doubts([], unsettled="200 evaluations") == ["the last fit has not settled: 200 evaluations"]
+
+
+@pytest.mark.parametrize(("misfit", "knows", "far"), [(8.9, True, False), (9.1, True, True), (9.1, False, False)])
+def test_the_force_is_taken_as_exact_while_the_model_misses_three_standard_errors(misfit: float, knows: bool, far: bool) -> None:
+    parts: Any = SimpleNamespace(knows_force_error=knows, force_misfit=lambda _: misfit)
+    assert too_far(parts, Parameters.of({})) is far

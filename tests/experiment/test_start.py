@@ -1,0 +1,63 @@
+"""A start that cannot carry the measured force is replaced by what the mean stress-stretch curve says."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from made_up import TRUTH, uniaxial_test
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import param
+from thermofit.experiment.start import carries, feasible_start
+
+PLASTIC = ("M_y0", "M_yinf", "H_exp", "F")
+
+
+def study(**bounds: tuple[float, float]) -> Any:
+    """What the start needs of a study."""
+    return SimpleNamespace(
+        model=2,
+        material_axes=SimpleNamespace(angle=0.0),
+        force=SimpleNamespace(drives="force"),
+        bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)),
+        scale=lambda n: param(n).scale,
+    )
+
+
+def test_a_sheet_cut_across_reads_g_for_h() -> None:
+    """Rolling direction across the load: the same curve, with H of the load direction under the name G."""
+    across = study()
+    across.material_axes.angle = 90.0
+    sheet = TRUTH.replace(G=TRUTH["H"], H=2.0 * TRUTH["H"])
+    weak = sheet.replace(M_yinf=200.0, H_exp=5.0, F=0.6).with_free(PLASTIC)
+    assert carries(across, uniaxial_test(), sheet) and not carries(across, uniaxial_test(), weak)
+    found, _ = feasible_start(across, uniaxial_test(), weak)
+    for name in PLASTIC:
+        assert found[name] == pytest.approx(TRUTH[name], rel=0.02), name
+    assert (found["G"], found["H"]) == (sheet["G"], sheet["H"])
+
+
+def test_a_good_start_is_kept() -> None:
+    data = uniaxial_test()
+    start = TRUTH.with_free(PLASTIC)
+    assert carries(study(), data, start)
+    assert feasible_start(study(), data, start) == (start, "")
+
+
+def test_a_weak_start_is_replaced_by_the_curve() -> None:
+    data = uniaxial_test()
+    weak = TRUTH.replace(M_yinf=200.0, H_exp=5.0, F=0.6).with_free(PLASTIC)
+    assert not carries(study(), data, weak)
+    found, remark = feasible_start(study(), data, weak)
+    assert "replaced" in remark
+    for name in PLASTIC:
+        assert found[name] == pytest.approx(TRUTH[name], rel=0.02), name
+
+
+def test_only_free_parameters_are_touched_and_bounds_hold() -> None:
+    data = uniaxial_test()
+    weak = TRUTH.replace(M_yinf=150.0).with_free(("M_yinf",))
+    found, _ = feasible_start(study(), data, weak)
+    assert {n for n in found.values if found[n] != weak[n]} == {"M_yinf"}
+    with pytest.raises(NumericsError, match=r"raise parameters\.M_yinf"):
+        feasible_start(study(M_yinf=(140.0, 200.0)), data, weak)

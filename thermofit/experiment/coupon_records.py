@@ -1,0 +1,279 @@
+"""What the identification reads of coupon records: the record of `interpolate` as arrays, one entry per test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.errors import DataError, StudyError
+from thermofit.core.experiment import CouponRecord
+from thermofit.experiment.coupon_elastic import ElasticLine, elastic_line
+from thermofit.experiment.fields import INTERPOLATE, TestPhase
+from thermofit.observe.noise import robust_sigma, second_differences
+from thermofit.read.coupon import read_coupon
+from thermofit.records.artefact import Dataset, Record
+from thermofit.records.staging import Made, artefact_path
+from thermofit.records.stale import read_current
+from thermofit.study.coupon import Coupon
+from thermofit.study.section import ParameterStart
+from thermofit.study.study import Study
+
+LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4, "lateral": 1e-8}
+"""Noise of a record without noise: sigma must not vanish, because it divides the residual."""
+UNITS = {"strain": "1", "stress": "MPa", "theta": "K", "lateral": "1"}
+_ELASTIC = 0.5
+"""Share of a prescribed E below which the slope of a straight beginning is not that of an elastic line."""
+_JITTER = 0.5
+"""Noise of the prescribed strain over the usual increment between samples above which the record should be thinned."""
+
+
+@dataclass(frozen=True)
+class CouponTest:
+    """One record: time s, nominal strain and stress MPa, temperature K (None: not measured), each (n,); temperatures of the air and of the
+    specimen at the start in K, standard deviation of one value of each, phases of the test; nominal strain across the load (n,) (None: not
+    measured), and whether the elastic part of the strain was added to a flow curve."""
+
+    name: str
+    time: np.ndarray
+    strain: np.ndarray
+    stress: np.ndarray
+    theta: np.ndarray | None
+    theta_air: float
+    theta_start: float
+    noise: Mapping[str, float]
+    phases: tuple[TestPhase, ...]
+    lateral: np.ndarray | None = None
+    """Nominal strain across the load (n,), NaN where it has gaps; None where it was not measured."""
+    over_plastic: bool = False
+    """Was the elastic part of the strain added to a flow curve."""
+    measured_clock: bool = True
+    """False where the time was built from a rate that somebody said: the record then knows nothing of its rate."""
+
+    @property
+    def line(self) -> ElasticLine | None:
+        """The elastic line of the record; None where it has none, or none of its own."""
+        return None if self.over_plastic else elastic_line(self.time, self.strain, self.stress, self.noise["strain"])
+
+
+@dataclass(frozen=True)
+class CouponData:
+    """All records of a study, and whether the strain or the stress is prescribed."""
+
+    tests: tuple[CouponTest, ...]
+    control: str
+
+    @property
+    def theta_air(self) -> float:
+        """Air of the first record, K; the others keep their own (`coupon_model`)."""
+        return self.tests[0].theta_air
+
+    @property
+    def theta_clamp(self) -> float:
+        """Start of the first record, K: a coupon rests in its jaws."""
+        return self.tests[0].theta_start
+
+
+def coupon_section(study: Study) -> Coupon:
+    """The section `coupon` of a study that has one."""
+    if study.coupon is None:
+        raise StudyError(f"{study.source.name}: key 'coupon' is missing: name its records")
+    return study.coupon
+
+
+def with_elastic_strain(record: CouponRecord, modulus: float) -> CouponRecord:
+    """A flow curve over its total strain: e = e_p + sigma / E, logarithmic and true, then nominal strain exp(e) - 1 and nominal stress
+    sigma exp(-e); `modulus` E in MPa."""
+    sigma = record.stress * (1.0 + record.strain)
+    total = np.log1p(record.strain) + sigma / modulus
+    said = f"elastic strain of up to {np.abs(sigma).max() / modulus:.2e} added to the plastic one, by E = {modulus:g} MPa of the study"
+    return replace(record, strain=np.expm1(total), stress=sigma * np.exp(-total), remarks=(*record.remarks, said))
+
+
+def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[CouponTest, tuple[str, ...]]:
+    """A record ready for the fit, and remarks: noise estimated where the reader has none, strains counted from where the elastic line meets
+    zero stress; `modulus` E in MPa where the study prescribes it, which a flow curve over plastic strain needs."""
+    if record.over_plastic:
+        if modulus is None:
+            raise StudyError(f"{record.name}: a flow curve over plastic strain needs E; give parameters.E as a number in MPa")
+        record = with_elastic_strain(record, modulus)
+    remarks = [*record.remarks]
+    values = {"strain": record.strain, "stress": record.stress, "theta": record.temperature}
+    noise = {}
+    for name, value in values.items():
+        if value is None:
+            continue
+        known = np.isfinite(value)
+        if known.sum() < 5 or not known.all():
+            raise DataError(f"{record.name}: {name} has {int(known.sum())} of {len(value)} values, all of at least 5 are needed")
+        found = record.noise.get(name)
+        estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
+        noise[name] = max(float(estimate), LEAST_NOISE[name])
+    strain = record.strain
+    line = None if record.over_plastic else elastic_line(record.time, record.strain, record.stress, noise["strain"])
+    if line is not None and modulus is not None and line.slope < _ELASTIC * modulus:
+        remarks.append(
+            f"its straight beginning rises with {line.slope:.3g} MPa, E of the study is {modulus:g} MPa: that is no elastic line, and "
+            "strains are left as measured"
+        )
+        line = None
+    if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"]:
+        strain = strain - line.offset
+        remarks.append(
+            f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e} (strain_zero: as-measured "
+            "leaves it)"
+        )
+    lateral = record.lateral
+    if lateral is not None:
+        noise["lateral"] = _lateral_noise(record)
+    if line is not None and lateral is not None:
+        known = np.flatnonzero(np.isfinite(lateral[: line.end + 1]))
+        if known.size > 2 and np.ptp(record.stress[known]) > 0.0:
+            slope, zero = np.polyfit(record.stress[known], lateral[known], 1)
+            if slope * line.slope > 0.0:
+                remarks.append("the lateral strain rises in elastic tension, where it must fall: is its sign turned?")
+            if record.shift_strain and abs(zero) > 3.0 * noise["lateral"]:
+                lateral = lateral - zero
+                remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
+    step = float(np.median(np.abs(np.diff(strain))))
+    if noise["strain"] > _JITTER * step:
+        remarks.append(
+            f"noise of the strain ({noise['strain']:.1e}) is not small against its usual step ({step:.1e}): thin the record (key "
+            "'points'), else the model flows back and forth with the noise"
+        )
+    start = record.theta_air if record.theta_start is None else record.theta_start
+    phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
+    test = CouponTest(
+        record.name,
+        record.time,
+        strain,
+        record.stress,
+        record.temperature,
+        float(record.theta_air),
+        float(start),
+        noise,
+        phases,
+        lateral,
+        record.over_plastic,
+        record.measured_clock,
+    )
+    return test, tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def _lateral_noise(record: CouponRecord) -> float:
+    """Standard deviation of one value of the strain across the load, which may have gaps (NaN). DataError where it has no five values."""
+    assert record.lateral is not None
+    known = np.isfinite(record.lateral)
+    if known.sum() < 5:
+        raise DataError(f"{record.name}: lateral has {int(known.sum())} of {len(known)} values, at least 5 are needed")
+    found = record.noise.get("lateral")
+    estimate = robust_sigma(second_differences(record.time[known], record.lateral[known, None]))[0] if found is None else found
+    return max(float(estimate), LEAST_NOISE["lateral"])
+
+
+def whole(time: np.ndarray) -> tuple[TestPhase, ...]:
+    """The test as one phase."""
+    return (TestPhase(float(time[0]), float(time[-1]), "loading"),)
+
+
+def read_tests(study: Study) -> list[tuple[CouponTest, tuple[str, ...]]]:
+    """All records of a study from their files, ready for the fit, each with its remarks."""
+    section = coupon_section(study)
+    setting = study.parameters.get("E")
+    modulus = None if isinstance(setting, ParameterStart) else setting
+    return [coupon_test(record, modulus) for record in read_coupon(section, study.source.parent)]
+
+
+def interpolated(study: Study) -> Made:
+    """The record of `interpolate` of a study on coupons: every record in SI-like units with its noise, phases and remarks."""
+    section = coupon_section(study)
+    found = read_tests(study)
+    datasets: dict[str, Dataset] = {}
+    rows: list[dict[str, Any]] = []
+    remarks: list[str] = []
+    for number, (test, said) in enumerate(found):
+        values = {"time": (test.time, "s"), "strain": (test.strain, "1"), "stress": (test.stress, "MPa")}
+        if test.theta is not None:
+            values["theta"] = (test.theta, "K")
+        if test.lateral is not None:
+            values["lateral"] = (test.lateral, "1")
+        for name, (value, unit) in values.items():
+            datasets[f"records/{number}/{name}"] = Dataset(value, unit, ("sample",))
+        rows.append(_row(test))
+        remarks += said
+    phases = [
+        {"record": test.name, "t0": p.t0, "t1": p.t1, "label": p.label} for test, _ in found for p in test.phases
+    ]  # fmt: skip
+    samples = sum(len(test.time) for test, _ in found)
+    hot = sum(test.theta is not None for test, _ in found)
+    line = f"{len(found)} records, {samples} samples" + (f", {hot} with temperature" if hot else "")
+    noise = ", ".join(f"{name} {max(t.noise[name] for t, _ in found):.2g} {UNITS[name]}" for name in ("strain", "stress"))
+    summary = {
+        "verdict": f"{line}; noise at most {noise}",
+        "records": rows,
+        "tests": [_facts(test) for test, _ in found],
+        "phases": phases,
+        "remarks": remarks,
+        "control": section.control,
+    }
+    return Made(datasets, summary)
+
+
+def _row(test: CouponTest) -> dict[str, Any]:
+    """A record as a row of a table for the user."""
+    return {
+        "record": test.name,
+        "n": len(test.time),
+        "duration_s": float(test.time[-1] - test.time[0]),
+        "strain": f"{test.strain.min():.4f} to {test.strain.max():.4f}",
+        "stress_MPa": f"{test.stress.min():.1f} to {test.stress.max():.1f}",
+        "start_K": test.theta_start,
+        "temperature": "none" if test.theta is None else f"{np.nanmin(test.theta):.2f} to {np.nanmax(test.theta):.2f} K",
+    }
+
+
+def _facts(test: CouponTest) -> dict[str, Any]:
+    """What of a record is no array."""
+    return {
+        "name": test.name,
+        "theta_air": test.theta_air,
+        "theta_start": test.theta_start,
+        "noise": dict(test.noise),
+        "over_plastic": test.over_plastic,
+        "measured_clock": test.measured_clock,
+    }
+
+
+def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
+    """The records of a study that are fitted, or those held out, from `<run_dir>/interpolate.h5`; StudyError that names the command where
+    that is missing."""
+    path = artefact_path(study.run_dir, INTERPOLATE)
+    data = coupon_data_of(read_current(path, INTERPOLATE, study.source.name))
+    unseen = {record.label for record in coupon_section(study).records if record.held_out}
+    return replace(data, tests=tuple(test for test in data.tests if (test.name in unseen) is held_out))
+
+
+def coupon_data_of(record: Record) -> CouponData:
+    """CouponData from an open record of `interpolate`; StudyError where that was made of fields."""
+    if "tests" not in record.summary:
+        raise StudyError(f"{record.path}: made of a full-field experiment; run `thermofit interpolate` again for the coupon records")
+    tests = []
+    for number, facts in enumerate(record.summary["tests"]):
+        get, name = f"records/{number}", str(facts["name"])
+        own = [p for p in record.summary["phases"] if p["record"] == name]
+        phases = tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in own)
+        time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
+        theta, lateral = (record[f"{get}/{value}"].value if record.has(f"{get}/{value}") else None for value in ("theta", "lateral"))
+        air, start = float(facts["theta_air"]), float(facts["theta_start"])
+        over_plastic, clock = bool(facts.get("over_plastic", False)), bool(facts.get("measured_clock", True))
+        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, over_plastic, clock))
+    return CouponData(tuple(tests), str(record.summary["control"]))
+
+
+def shortened(test: CouponTest, t_end: float) -> CouponTest:
+    """The record up to t_end s, two samples at least."""
+    n = max(int(np.searchsorted(test.time, t_end + 1e-9)), 2)
+    theta, lateral = (None if value is None else value[:n] for value in (test.theta, test.lateral))
+    return replace(test, time=test.time[:n], strain=test.strain[:n], stress=test.stress[:n], theta=theta, lateral=lateral)

@@ -1,0 +1,251 @@
+"""All stages at once: every free parameter, every channel, both fields coupled, and the instruments that look at them.
+
+The stages of the identification fit one group of parameters after the other. What they leave is judged here with all of them together:
+a parameter that an earlier stage froze still takes part, else its error would look like an effect that the model lacks. Readings of
+thermocouples are data with an error (errata 13): their parameters are free, held by a prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from thermofit.body.solve.history import History
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.channels import FIELDS, comparisons_of, field_of
+from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
+from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
+from thermofit.experiment.held import AnyRun, LastRun, held_run
+from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
+from thermofit.experiment.known_motion import Direction, along, keeping_points
+from thermofit.experiment.missing_body import BodyMissing
+from thermofit.experiment.model import Prior, StageModel, needs_drive, steps_for
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.priors import THERMOCOUPLE, priors_of
+from thermofit.experiment.shared_noise import Modes, shared
+from thermofit.observe.comparison import Comparison
+from thermofit.observe.observation import FieldObservation
+from thermofit.study.diagnosis import THERMOCOUPLES
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import Channel, ChannelSettings, StageSettings
+from thermofit.study.study import Study
+
+__all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_model", "joint_settings", "station_names"]
+NUISANCES = THERMOCOUPLES
+
+
+def joint_free(study: Study) -> tuple[str, ...]:
+    """What all stages of a study identify, each once."""
+    names = (*study.stages.elastic.free, *study.stages.plastic.free, *study.stages.thermal.free)
+    return tuple(dict.fromkeys(names))
+
+
+def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSettings:
+    """Settings of the joint stage: du, the force where it does not drive the model, and dtheta where there are frames."""
+    channels: dict[str, ChannelSettings] = {"du": ChannelSettings()}
+    if study.force.drives != "force":
+        channels["force"] = ChannelSettings()
+    if data.temperature is not None:
+        channels["dtheta"] = ChannelSettings()
+    if study.diagnosis.channels is not None:
+        channels = {c: ChannelSettings() for c in study.diagnosis.channels}
+    return StageSettings.model_construct(
+        **{**study.stages.plastic.__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
+    )
+
+
+@dataclass(frozen=True)
+class ForceModes:
+    """Field that errors of the prescribed force make: `tangent` (n_t, n_s, n_c) per N, `modes` (n_t, k) N, each of unit variance, and
+    these modes (n_e, k) in those of the smoothed force."""
+
+    tangent: np.ndarray
+    modes: np.ndarray
+    turned: np.ndarray
+    doubt: float = 0.0
+    """Relative error of the field."""
+
+    def field(self, k: int) -> np.ndarray:
+        """The field (n_t, n_s, n_c) of one mode."""
+        return self.tangent * self.modes[:, k, None, None]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The joint stage of a study on a mesh, whole and by the two fields that hardly act on each other."""
+
+    study: Study
+    data: Measured
+    settings: StageSettings
+    size: MeshSize
+    force_error: Mapping[str, ForceModes] | None = None
+    """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
+    beside: tuple[Prior, ...] = ()
+    """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
+
+    @property
+    def steps(self) -> LoadSteps:
+        """The load steps through all that is observed."""
+        return self._steps(self._observations(heat=True))
+
+    def sampler_of(self, name: str) -> Sampler:
+        """The sampler of an observed field at the steps of the coupled run."""
+        return self.prediction.instruments.samplers[name]
+
+    @cached_property
+    def run(self) -> Run:
+        """The coupled run through all times that are observed."""
+        return self._run(self._observations(heat=True))
+
+    @cached_property
+    def prediction(self) -> JointPrediction:
+        """All that is observed, by one coupled run."""
+        return self._looking_at(LastRun(self.run, station_names()), self.run, self._observations(heat=True))
+
+    @cached_property
+    def model(self) -> StageModel:
+        """StageModel of all channels."""
+        whole = self._model(self.prediction, tuple(self.settings.channels))
+        return replace(whole, missing=BodyMissing(self.prediction.instruments, self.run, {}))
+
+    @cached_property
+    def mechanics(self) -> StageModel | None:
+        """StageModel of displacements and force alone, at their own times; None where neither is compared."""
+        channels = tuple(c for c in self.settings.channels if FIELDS[c] != "theta")
+        if not channels:
+            return None
+        observations = self._observations(heat=False)
+        run = self._run(observations)
+        return self._model(self._looking_at(run, run, observations), channels)
+
+    def heat(self, parameters: Parameters) -> StageModel | None:
+        """StageModel of the temperatures alone, on the motion of a run with given parameters; None where they are not compared."""
+        channels = tuple(c for c in self.settings.channels if FIELDS[c] == "theta")
+        if not channels:
+            return None
+        kept = keeping_points(self.run)
+        history = kept(parameters)
+        held = held_run(kept.body, history, kept.settings)
+        warm = self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
+        return replace(self._given(warm, history, parameters), one_way=True)
+
+    def _given(self, warm: StageModel, history: History, parameters: Parameters) -> StageModel:
+        """The model of the temperatures with what the displacements of a history tell of the error of the force, as in the whole model."""
+        whole = self.model
+        if not whole.common:
+            return warm
+        (common,) = whole.common
+        errors = self.prediction.of(history, parameters)
+        moved = {k: c.residual(errors[field_of(c)]) for k, c in enumerate(whole.comparisons) if field_of(c) != "theta"}
+        places = {k: n for n, k in enumerate(k for k, c in enumerate(whole.comparisons) if field_of(c) == "theta")}
+        given = common.given(common.told(moved), places)
+        comparisons = tuple(given.without(new, whole.comparisons[old]) for old, new in places.items())
+        return replace(warm, comparisons=comparisons, common=(given.rest,) if given.rest.shown else ())
+
+    def shown(self, parameters: Parameters) -> tuple[History, Errors]:
+        """A coupled run that keeps its points, and its error fields. NumericsError where it fails."""
+        whole = keeping_points(self.run)
+        history = whole(parameters)
+        return history, self._looking_at(whole, whole, self._observations(heat=True)).of(history, parameters)
+
+    def histories(self, parameters: Parameters) -> tuple[History, ...]:
+        """The coupled run, with its points kept."""
+        return (keeping_points(self.run)(parameters),)
+
+    def scored(
+        self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residual (n,), its Jacobian (n, n_p) by named parameters, and its derivatives (n, n_d) along directions of the heat equation on
+        the motion of the same run."""
+        whole = keeping_points(self.run) if directions else self.run
+        last = LastRun(whole, station_names())
+        prediction = self._looking_at(last, self.run, self._observations(heat=True))
+        residual, jacobian = replace(self.model, linearise=prediction.linearise).linearised(parameters, names)
+        shapes = {name: o.value.shape for name, o in self.model.observations.items()}
+        heated = {name: np.zeros((*shape, len(directions))) for name, shape in shapes.items()}
+        if directions:
+            heated["theta"] = along(prediction.instruments, whole, last(parameters), parameters, directions)
+        along_heat = self.model.assemble_jacobian(prediction.errors(parameters), heated)
+        return residual, jacobian, self.model.with_priors(along_heat, [name for name, _ in directions])
+
+    def _observations(self, *, heat: bool) -> dict[str, FieldObservation]:
+        observations: dict[str, FieldObservation] = {"u": self.data.displacement}
+        if heat and self.data.temperature is not None:
+            observations["theta"] = self.data.temperature
+        if any(FIELDS[c] == "force" for c in self.settings.channels):
+            observations["force"] = self.data.force
+        return observations
+
+    def _steps(self, names: Iterable[str]) -> LoadSteps:
+        return steps_for(self.data, set(names))
+
+    def _run(self, observations: Mapping[str, FieldObservation]) -> Run:
+        return run_of(self.study, self.data, self.size, self._steps(observations), march_settings(self.study, "full"))
+
+    def _looking_at(self, run: AnyRun, whole: Run, observations: dict[str, FieldObservation]) -> JointPrediction:
+        """Instruments that look at a run, which goes through the steps of a whole one."""
+        times = LoadSteps(whole.loading.time, whole.loading.value, np.zeros_like(whole.loading.time))
+        samplers = {name: sampler(whole.body, o, times) for name, o in observations.items()}
+        return JointPrediction(Instruments(run, samplers, observations, self.data.theta_air))
+
+    def _model(self, prediction: JointPrediction, channels: tuple[Channel, ...]) -> StageModel:
+        """StageModel of some channels, with the priors of what takes part."""
+        observations = prediction.instruments.observations
+        own = self.settings.model_copy(update={"channels": {c: self.settings.channels[c] for c in channels}})
+        comparisons = comparisons_of(own, observations, self.study, self.data)
+        comparisons, common = shared(comparisons, self._modes(comparisons, observations))
+        read = {"theta_air": self.data.theta_air, "theta_clamp": self.data.theta_clamp}
+        priors = (*priors_of(self.study, {n: read[n] for n in NUISANCES if n in self.settings.free}), *self.beside)
+        whole = StageModel(prediction.errors, comparisons, observations, "", False, prediction.linearise, priors=priors)
+        return whole if common is None else replace(whole, common=(common,))
+
+    @property
+    def knows_force_error(self) -> bool:
+        """Whether the error of the prescribed force is known."""
+        return self.force_error is not None
+
+    def without_force_error(self) -> Joint:
+        """The same with a force that is taken as exact."""
+        return replace(self, force_error=None)
+
+    def force_misfit(self, parameters: Parameters) -> float:
+        """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
+        make: about one where the model is right. NumericsError where the run fails.
+
+        The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error.
+        """
+        model, shown = self.model, []
+        residual = beyond(*model.linearised(parameters, parameters.free or self.settings.free))
+        ends = np.cumsum([c.n for c in model.comparisons])
+        for common in model.common:
+            for place, one in common.shown.items():
+                own = residual[ends[place] - model.comparisons[place].n : ends[place]]
+                shown.append((one.basis.T @ own)[one.left > 1.0] ** 2)
+        every = np.concatenate([*shown, np.zeros(0)])
+        return float(every.mean()) if len(every) else 0.0
+
+    def _modes(self, comparisons: Sequence[Comparison], observations: Mapping[str, FieldObservation]) -> dict[int, Modes]:
+        """What every comparison shows of the force's error, by its place: displacements first, which tell most of it."""
+        acting = {place: name for place, c in enumerate(comparisons) if (name := field_of(c)) in (self.force_error or {})}
+        found = {}
+        for place in sorted(acting, key=lambda p: acting[p] != "u"):
+            modes, right = (self.force_error or {})[acting[place]], np.zeros_like(observations[acting[place]].value)
+            columns = [comparisons[place].slope(right, modes.field(k)) for k in range(modes.modes.shape[1])]
+            found[place] = Modes(np.stack(columns, axis=1), modes.turned, modes.doubt)
+        return found
+
+
+def beyond(residual: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """A residual (n,) without what the columns (n, p) of the fitted parameters could take of it."""
+    size = np.linalg.norm(fitted, axis=0)
+    basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
+    return np.asarray(residual - basis @ (basis.T @ residual))
+
+
+def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:
+    """StageModel of the joint stage on a mesh: all observations, one coupled run."""
+    needs_drive(study, settings.channels)
+    return Joint(study, data, settings, size).model

@@ -1,0 +1,62 @@
+"""Influence of effects of the heat problem that are off, on the motion of a run that is known.
+
+Temperatures hardly act on the motion (thermal strains of 1e-5 beside plastic ones of 1e-2), so that a heat run answers for everything
+that lives in the heat equation, at a tenth of the cost of a coupled one: for many values of the times and exponents of an effect at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.body.heat.one_way import heat_problem, heat_run_rates
+from thermofit.body.solve.history import History
+from thermofit.core.parameters import Parameters, bare_name
+from thermofit.effects.catalogue import HEATING, Effect, effects
+from thermofit.experiment.forward import Run
+from thermofit.experiment.held import thermal_names
+from thermofit.experiment.instruments import SLOTS, Instruments
+from thermofit.observe.stations import INFRARED, chain, seen_along
+
+Direction = tuple[str, Mapping[str, float]]
+"""A Param along which a derivative is taken, and values of the other Params of its effect, which is off."""
+
+
+def acts_in_heat(effect: Effect) -> bool:
+    """True for an effect that the heat equation alone feels."""
+    return effect.slot in HEATING
+
+
+def felt_by_temperatures(names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the named parameters that change temperatures, or what the infrared camera shows of them, on a motion that is known."""
+    felt = thermal_names().union(*(e.names for e in effects(INFRARED)))
+    return tuple(name for name in names if bare_name(name) in felt)
+
+
+def keeping_points(run: Run) -> Run:
+    """The same run, whose history serves heat runs on its motion."""
+    return replace(run, settings=replace(run.settings, keep_points=True))
+
+
+def along(instruments: Instruments, run: Run, history: History, parameters: Parameters, directions: Sequence[Direction]) -> np.ndarray:
+    """Derivatives (n_t, n_s, 1, n) of the temperatures that the camera shows, the specimen expanding freely as it warms.
+
+    `history`: of `run` with these parameters, with its points kept. Its motion holds the thermal strain of its own temperatures only; the
+    heat that the strain of a change takes enters the heat capacity.
+    """
+    look, names = instruments.samplers["theta"], [name for name, _ in directions]
+    problem = heat_problem(run.body, history, replace(run.settings, coupling="one-way"))
+    slopes = np.zeros((len(history.time), instruments.observations["theta"].value.shape[1], len(names)))
+
+    def collect(n: int, _: np.ndarray, rates: np.ndarray) -> None:
+        slopes[n] = look.operator.temperature(rates[:, : len(names)].T)[:, :, 0].T
+
+    heat_run_rates(problem, parameters, names, collect, [others for _, others in directions])
+    links = chain(SLOTS["theta"], parameters)
+    if not links:
+        return slopes[look.index][:, :, None, :]
+    view = instruments.view("theta", history)
+    shown = [view.taken(seen_along(view.field, slope, view.scene, links, parameters)) for slope in np.moveaxis(slopes, -1, 0)]
+    return np.stack(shown, axis=-1)

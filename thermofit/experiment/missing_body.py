@@ -1,0 +1,193 @@
+"""Missing terms of a body: heat sources through the conduction of the fitted run, displacements as the cameras would show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from thermofit.body.body import Body, thermal_geometry
+from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
+from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
+from thermofit.body.heat.films import conditions_of
+from thermofit.body.solve.history import History
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.forward import Run
+from thermofit.experiment.instruments import SLOTS, Instruments
+from thermofit.experiment.missing import Grid, place_hats, time_hats
+from thermofit.law.page import law_of
+from thermofit.observe.observation import FieldObservation
+from thermofit.observe.stations import chain, seen_along
+
+FIELDS = {"theta": "heat", "u": "displacement"}
+
+
+@dataclass(frozen=True)
+class BodyMissing:
+    """What the run of `instruments` lacks; `whole` is the coupled run behind it, which is made once at given parameters and kept."""
+
+    instruments: Instruments
+    whole: Run
+    kept: dict[tuple[tuple[str, float], ...], History]
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        """Kind of the missing term by observed field."""
+        return {field: kind for field, kind in FIELDS.items() if field in self.instruments.observations}
+
+    @property
+    def folded(self) -> bool:
+        """True where the model is one half in x: a source stands on both sides."""
+        return bool(self.body.mesh.nodes[:, 0].min() > -1e-9)
+
+    @property
+    def body(self) -> Body:
+        """Body of the run."""
+        return self.whole.body
+
+    def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
+        """Hats over all that is observed; a heat source of a folded model is one of |x|."""
+        field = next(f for f, k in FIELDS.items() if k == kind)
+        seen = self.instruments.observations[field]
+        used = seen.mask.any(axis=0)
+        low, high = seen.xy[used].min(axis=0), seen.xy[used].max(axis=0)
+        if kind == "heat" and self.folded:
+            low[0] = 0.0
+        time = np.linspace(seen.time[0], seen.time[-1], counts[0])
+        x, y = (np.linspace(low[k], high[k], counts[2 - k]) for k in (0, 1))
+        return Grid(time, np.zeros(counts[0], dtype=int), x, y, 2 if kind == "displacement" else 1)
+
+    def answers(self, kind: str, parameters: object, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and mm."""
+        if kind == "heat":
+            return self._warmed(cast(Parameters, parameters), grid, chosen)
+        seen = self.instruments.observations["u"]
+        return _shown_directly(grid, seen, chosen)
+
+    def volumes(self, grid: Grid) -> np.ndarray | None:
+        """Volume (n_places,) mm^3 of the whole specimen under each hat."""
+        weights = place_hats(grid, *self._points(grid))
+        return np.asarray(self.body.symmetry * np.einsum("eq,eqn->n", self.body.data.volume, weights))
+
+    def _points(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        x, y = (at_points(self.body, c) for c in about_middle(self.body))
+        return (np.abs(x) if self.folded else x), y
+
+    def history(self, parameters: Parameters) -> History:
+        """The run at the parameters."""
+        key = tuple(sorted(parameters.values.items()))
+        if key not in self.kept:
+            self.kept.clear()
+            self.kept[key] = self.instruments.run(parameters)
+        return self.kept[key]
+
+    def _warmed(self, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        history, sampler = self.history(parameters), self.instruments.samplers["theta"]
+        seen = self.instruments.observations["theta"]
+        loads = nodal_heat(self.body, place_hats(grid, *self._points(grid)))
+        links = chain(SLOTS["theta"], parameters)
+        out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
+        view = self.instruments.view("theta", history) if links else None
+        full = np.zeros((len(history.time), len(seen.xy), len(chosen))) if links else None
+        for n, theta in self._marched(parameters, history, grid, (loads, chosen)):
+            rates = sampler.temperature_rates(theta)
+            if full is not None:
+                full[n] = rates[:, 0]
+            else:
+                out[sampler.index == n] = rates
+        if view is not None and full is not None:
+            for k in range(len(chosen)):
+                out[..., k] = view.taken(seen_along(view.field, full[:, :, k], view.scene, links, parameters))
+        return out
+
+    def _marched(
+        self, parameters: Parameters, history: History, grid: Grid, sources: tuple[np.ndarray, np.ndarray]
+    ) -> Iterator[tuple[int, np.ndarray]]:
+        """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation."""
+        loads, chosen = sources
+        k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
+        strength = _means(grid, history.time)[:, k]
+        state = np.zeros((self.body.mesh.n_nodes, len(chosen)))
+        for n, step in enumerate(self._steps(parameters, history)):
+            active = np.flatnonzero(strength[: n + 1].any(axis=0))
+            if active.size:
+                heat = step.length * loads[:, place[active]] * strength[n, active]
+                state[:, active] = _answered(self.body, step, np.ascontiguousarray(state[:, active]), heat)
+            yield n + 1, state
+
+    def _steps(self, parameters: Parameters, history: History) -> Iterator[HeatStep]:
+        """The steps of the heat equation on the known motion; the capacity is that of constant stress, because the body expands freely."""
+        settings = self.whole.settings
+        law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
+        conditions = at_constant_stress(conditions_of(self.body, parameters, settings.films), law)
+        first, nothing = float(history.time[0]), np.zeros(self.body.mesh.n_nodes)
+        before = thermal_geometry(self.body, history.u[0])
+        for n, dt in enumerate(np.diff(history.time)):
+            after = thermal_geometry(self.body, history.u[n + 1])
+            here = conditions.at(first, float(history.time[n]), history.theta[n])
+            yield heat_step(self.body, before.mean_with(after), here, history.theta[n], nothing, (float(dt), settings.heat_scheme))
+            before = after
+
+    def states(self, parameters: object, grid: Grid) -> Mapping[str, np.ndarray]:
+        """State variables (n_k, n_places) at the knots: means over the hats of temperature rise and axial strain with its rate, the load
+        and its rate, and where and when it is."""
+        history = self.history(cast(Parameters, parameters))
+        weights = place_hats(grid, *self._points(grid)) * self.body.data.volume[:, :, None]
+        total = np.maximum(weights.sum(axis=(0, 1)), 1e-12)
+        rise, strain = [], []
+        for theta, u in zip(history.theta, history.u, strict=True):
+            stretch = 1.0 + np.einsum("eqa,ea->eq", self.body.data.gradient[:, :, :, 1], u[:, 1][self.body.mesh.hexes])
+            rise.append(np.einsum("eq,eqn->n", at_points(self.body, theta - history.theta[0]), weights) / total)
+            strain.append(np.einsum("eq,eqn->n", np.log(np.maximum(stretch, 1e-3)), weights) / total)
+        rate = np.gradient(np.array(strain), history.time, axis=0)
+        load = np.repeat((np.abs(history.force) / max(float(np.abs(history.force).max()), 1e-12))[:, None], grid.places, axis=1)
+        found = {"temperature rise": np.array(rise), "strain": np.array(strain), "strain rate": rate, "load": load}
+        out = {name: _at_knots(history.time, value, grid.time) for name, value in found.items()}
+        x, y = np.tile(grid.x, len(grid.y)), np.repeat(grid.y, len(grid.x))
+        return out | {"x": np.tile(x, (len(grid.time), 1)), "y": np.tile(y, (len(grid.time), 1))}
+
+
+def _means(grid: Grid, time: np.ndarray) -> np.ndarray:
+    """Means (n_steps, n_k) of the hats over the steps between times (n_t,)."""
+    one = np.zeros(len(time) - 1, dtype=int)
+    return np.asarray(sum(w * time_hats(grid, time[:-1] + part * np.diff(time), one) for w, part in INSTANTS))
+
+
+def _at_knots(time: np.ndarray, value: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """A history (n_t, n) at the knots (n_k, n)."""
+    return np.stack([np.interp(knots, time, column) for column in value.T], axis=1)
+
+
+def _shown_directly(grid: Grid, seen: FieldObservation, chosen: np.ndarray) -> np.ndarray:
+    """The hats themselves (n_t, n_s, n_c, m) at the observed times and points."""
+    k, place, component = np.unravel_index(chosen, (len(grid.time), grid.places, grid.components))
+    in_time = time_hats(grid, seen.time, np.zeros(len(seen.time), dtype=int))[:, k]
+    in_place = place_hats(grid, seen.xy[:, 0], seen.xy[:, 1])[:, place]
+    out = np.zeros((*seen.value.shape, len(chosen)))
+    for c in range(grid.components):
+        own = np.flatnonzero(component == c)
+        out[:, :, c, own] = in_time[:, None, own] * in_place[None, :, own]
+    return out
+
+
+def _answered(body: Body, step: HeatStep, start: np.ndarray, heat: np.ndarray) -> np.ndarray:
+    """Temperatures (n_np, m) at the end of a step that starts at `start` and gets the nodal heat (n_np, m) mJ, nothing else."""
+    p = body.thermal
+    gamma, stages = (1.0, 1) if len(step.stages) == 1 else (GAMMA, 2)
+    capacity = _full(p.row, p.column, step.conditions.c0 * step.capacity, p.n)
+    begin, theta = start, start
+    for _ in range(stages):
+        theta = step.factor.solve(np.ascontiguousarray(capacity @ begin + gamma * heat))
+        begin = start + (1.0 - gamma) / gamma * (theta - start)
+    return np.asarray(theta)
+
+
+def _full(row: np.ndarray, column: np.ndarray, data: np.ndarray, n: int) -> csr_array:
+    """A symmetric matrix from its lower triangle."""
+    below = row != column
+    values = np.concatenate([data, data[below]])
+    place = (np.concatenate([row, column[below]]), np.concatenate([column, row[below]]))
+    return csr_array(coo_array((values, place), shape=(n, n)))

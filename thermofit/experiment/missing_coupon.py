@@ -1,0 +1,160 @@
+"""Missing terms of coupons: heat through the lumped balance and the sensor, stress as the load cell would show it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.coupon_records import CouponTest
+from thermofit.experiment.coupon_sensor import SENSOR, sensor_scene
+from thermofit.experiment.missing import Grid, time_hats
+from thermofit.observe.stations import chain, seen_along
+from thermofit.point.driver import PointHistory
+
+FIELDS = {"theta": "heat", "stress": "stress"}
+
+
+@dataclass(frozen=True)
+class CouponMissing:
+    """What the runs of records lack: the records, what is added to the time of each (n_tests,), their own parameters and histories, and
+    the observed fields."""
+
+    tests: tuple[CouponTest, ...]
+    offsets: np.ndarray
+    of_test: Callable[[Parameters, CouponTest], Parameters]
+    run: Callable[[Parameters, CouponTest], PointHistory]
+    fields: tuple[str, ...]
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        """Kind of the missing term by observed field."""
+        return {field: kind for field, kind in FIELDS.items() if field in self.fields}
+
+    @property
+    def time(self) -> np.ndarray:
+        """All times (n_t,) s on the common axis."""
+        return np.concatenate([t.time + offset for t, offset in zip(self.tests, self.offsets, strict=True)])
+
+    @property
+    def part(self) -> np.ndarray:
+        """Record (n_t,) of every time."""
+        return np.repeat(np.arange(len(self.tests)), [len(t.time) for t in self.tests])
+
+    def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
+        """Hats in time alone; every record has its share of samples, four at least, one after as many samples as another."""
+        whole = sum(len(t.time) for t in self.tests)
+        knots, part = [], []
+        for n, test in enumerate(self.tests):
+            own = int(np.clip(round(counts[0] * len(test.time) / whole), 4, len(test.time)))
+            index = np.linspace(0, len(test.time) - 1, own)
+            knots.append(np.interp(index, np.arange(len(test.time)), test.time) + self.offsets[n])
+            part.append(np.full(own, n))
+        return Grid(np.concatenate(knots), np.concatenate(part), np.zeros(1), np.zeros(1))
+
+    def answers(self, kind: str, parameters: object, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and MPa."""
+        in_time = time_hats(grid, self.time, self.part)[:, chosen]
+        if kind == "stress":
+            return in_time[:, None, None, :]
+        out, base = np.zeros_like(in_time), cast(Parameters, parameters)
+        for n, test in enumerate(self.tests):
+            own = self.part == n
+            out[own] = self._warmed(self.of_test(base, test), test, in_time[own])
+        return out[:, None, None, :]
+
+    def _warmed(self, parameters: Parameters, test: CouponTest, power: np.ndarray) -> np.ndarray:
+        """What the sensor shows (n, m) of powers (n, m) in mW/mm^3."""
+        scene, links = sensor_scene(test), chain(SENSOR, parameters)
+        theta = lumped(test.time, power, parameters["c0"], parameters["tau"])
+        if parameters["lag"] > 0.0:
+            theta = scene.lagged(theta, parameters["lag"])
+        if not links:
+            return theta
+        shown = self.run(parameters, test).theta_sensor[:, None]
+        return np.stack([seen_along(shown, column[:, None], scene, links, parameters)[:, 0] for column in theta.T], axis=1)
+
+    def yielding(self, parameters: Parameters, variable: str, steps: tuple[np.ndarray, float]) -> np.ndarray:
+        """Change (n_t, 1, 1, m) of the stress by steps of one MPa of the yield stress at edges of a state variable; steps = (edges, width).
+
+        While the coupon flows the stress follows the yield stress; while it does not, the change stays, because the plastic strain does.
+        """
+        edges, width = steps
+        parts = []
+        for test in self.tests:
+            own, history = self.of_test(parameters, test), self.run(parameters, test)
+            z = (yield_variable(history, variable)[:, None] - edges) / width
+            stretch = (1.0 + history.strain) * np.sqrt(own["F"] + own["H"])
+            value = np.sign(history.stress)[:, None] * smooth_step(z) / stretch[:, None]
+            flows = np.append(False, np.diff(history.accumulated) > 0.0)
+            last = np.maximum.accumulate(np.where(flows, np.arange(len(flows)), -1))
+            parts.append(np.where(last[:, None] >= 0, value[np.maximum(last, 0)], 0.0))
+        return np.concatenate(parts)[:, None, None, :]
+
+    def yield_variables(self, parameters: Parameters, variable: str) -> np.ndarray:
+        """Values of a state variable wherever a coupon flows."""
+        found = []
+        for test in self.tests:
+            history = self.run(parameters, test)
+            flows = np.append(False, np.diff(history.accumulated) > 0.0)
+            found.append(yield_variable(history, variable)[flows])
+        return np.concatenate(found)
+
+    def volumes(self, grid: Grid) -> np.ndarray | None:
+        """Not known of a coupon."""
+        return None
+
+    def states(self, parameters: object, grid: Grid) -> Mapping[str, np.ndarray]:
+        """State variables (n_k, 1) at the knots."""
+        base = cast(Parameters, parameters)
+        parts: dict[str, list[np.ndarray]] = {}
+        for test in self.tests:
+            history = self.run(base, test)
+            for name, value in point_states(history).items():
+                parts.setdefault(name, []).append(value)
+        time = self.time
+        return {name: np.interp(grid.time, time, np.concatenate(value))[:, None] for name, value in parts.items()}
+
+
+def point_states(history: PointHistory) -> dict[str, np.ndarray]:
+    """State variables (n_t,) of a run by name."""
+    t = history.time
+    rate, flow = np.gradient(history.strain, t), np.maximum(np.gradient(history.accumulated, t), 0.0)
+    return {
+        "strain": history.strain,
+        "strain rate": rate,
+        "stress": history.stress,
+        "stress rate": np.gradient(history.stress, t),
+        "accumulated plastic strain": history.accumulated,
+        "plastic strain rate": flow,
+        "temperature rise": history.theta - history.theta[0],
+        "sense of strain": np.sign(rate) * (np.abs(rate) > 0.05 * np.abs(rate).max()),
+    }
+
+
+def lumped(time: np.ndarray, power: np.ndarray, c0: float, tau: float) -> np.ndarray:
+    """Temperature (n, m) K above the air of a coupon that gets the power (n, m) mW/mm^3, straight between samples: c0 (T' + T/tau) = q."""
+    out = np.zeros_like(power)
+    for n, dt in enumerate(np.diff(time)):
+        decay, lost = np.exp(-dt / tau), -np.expm1(-dt / tau)
+        held = lost * tau / dt
+        out[n + 1] = out[n] * decay + 0.5 * (power[n] + power[n + 1]) * dt * held / c0
+    return out
+
+
+def smooth_step(z: np.ndarray) -> np.ndarray:
+    """From 0 to 1 around z = 0, algebraic, so that no argument overflows."""
+    return np.asarray(0.5 + 0.5 * z / np.sqrt(1.0 + z * z))
+
+
+def yield_variable(history: PointHistory, variable: str) -> np.ndarray:
+    """A state variable (n_t,) of a run that a yield stress may depend on."""
+    if variable == "accumulated plastic strain":
+        return history.accumulated
+    if variable == "temperature":
+        return history.theta
+    rate = np.append(0.0, np.diff(history.accumulated) / np.diff(history.time))
+    return np.asarray(np.log(1e-12 + np.maximum(rate, 0.0)))

@@ -1,0 +1,74 @@
+"""One rule for verdict and exit code: when the answer of `verify`, `validate`, `diagnose`, `close-loop` and so of `run` is trusted.
+
+An answer is trusted where nothing speaks against it: every compared channel is at its floor, as a whole and in every phase of the test, no
+declared reading is farther off than its error explains, the fit has settled, and every candidate could be judged. The floor of a channel is
+its noise and what the error of mesh and steps that may be left would make, where that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.model import Prior
+from thermofit.experiment.priors import off_declared
+
+WHOLE = 1.25
+"""Times its floor from which the rms of a channel over the whole test is more than noise."""
+PHASE = 1.5
+"""The same of one phase of the test, in which fewer values speak."""
+CHANCE = 4.0
+"""Standard deviations of the rms of so few values of white noise that a phase has to exceed as well."""
+READING = 3.0
+"""Standard errors off its reading from which a declared value speaks against the answer."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Rms of a channel over its floor, in the whole test or in one phase of `n` values."""
+
+    channel: str
+    over: float
+    n: int
+    phase: str = ""
+
+    @property
+    def above(self) -> bool:
+        """True where it is more than its floor explains."""
+        return self.over > (max(PHASE, 1.0 + CHANCE / np.sqrt(2.0 * self.n)) if self.phase else WHOLE)
+
+    @property
+    def words(self) -> str:
+        """How far it is above its floor, and where."""
+        return f"{self.channel} is {self.over:.2g} times its noise" + (f" in {self.phase}" if self.phase else "")
+
+
+def level(channel: str, chi2: float, numerical: float, n: int, phase: str = "") -> Level:
+    """Level from the mean square of whitened rows and that of what the error of mesh and steps would make of them."""
+    return Level(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase)
+
+
+def above_floor(levels: Iterable[Level]) -> list[Level]:
+    """Levels that are more than noise: a channel as a whole, or else the worst of its phases, once for each channel."""
+    worst: dict[str, Level] = {}
+    for one in sorted(levels, key=lambda found: (found.phase != "", -found.over)):
+        if one.above:
+            worst.setdefault(one.channel, one)
+    return list(worst.values())
+
+
+def doubts(
+    levels: Iterable[Level],
+    readings: tuple[Sequence[Prior], Parameters] | None = None,
+    unjudged: Mapping[str, str] | None = None,
+    unsettled: str = "",
+) -> list[str]:
+    """Sentences that speak against an answer, none where it is trusted. `readings` = (declared values, the parameters beside them),
+    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end."""
+    out = [f"{one.words}: more than noise is left" for one in above_floor(levels)]
+    out += [] if readings is None else off_declared(*readings, READING)
+    out += [f"{name} could not be judged, and may be what is missing: {why}" for name, why in (unjudged or {}).items()]
+    return out + ([f"the last fit has not settled: {unsettled}"] if unsettled else [])

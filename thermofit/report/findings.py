@@ -1,0 +1,274 @@
+"""What `diagnose` and `close-loop` leave behind: summaries for JSON and tables, parameters, datasets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thermofit.core.parameters import param
+from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.elsewhere import held_out_words
+from thermofit.diagnose.loop import Closed, Place, Round, place_of, ranking_rows
+from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.refit import failed_in_words
+from thermofit.diagnose.trace import Traced
+from thermofit.diagnose.trial import Trial
+from thermofit.effects.catalogue import effect
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.residuals import lag_ones
+from thermofit.experiment.trust import Level, doubts, level
+from thermofit.fit.result import FitResult
+from thermofit.identify.solve import merged_counts
+from thermofit.records.artefact import Dataset, ParameterResult
+from thermofit.study.study import Study
+
+
+def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, ParameterResult]:
+    """All parameters of the joint model: the fitted ones with standard error."""
+    results = {}
+    for name in case.parameters.given():
+        free = name in fit.names
+        k = fit.names.index(name) if free else -1
+        known = fit.converged and fit.sigma is not None and free and np.isfinite(fit.sigma[k])
+        sigma = float(fit.sigma[k]) if known else None  # type: ignore[index]
+        low, high = study.bounds(name)
+        value = case.parameters[name]
+        results[name] = ParameterResult(value, sigma, param(name).unit, free, bool(free and fit.at_bound[k]), value, low, high)
+    return results
+
+
+def channels_of(here: Traced) -> dict[str, dict[str, Any]]:
+    """Per channel: number, rms, unit, reduced chi-square, floor."""
+    table = {}
+    for k, c in enumerate(here.case.model.comparisons):
+        part = here.columns.residual[here.rows.channel == k]
+        floor = float(np.sqrt(np.mean(c.sigma**2)))
+        chi2 = float(np.mean(part**2))
+        table[c.channel] = {"n": len(part), "rms": floor * chi2**0.5, "unit": c.unit, "chi2_reduced": chi2, "floor_rms": floor}
+    return table
+
+
+def lack_of_fit(here: Traced, numerical: np.ndarray) -> list[dict[str, Any]]:
+    """Per channel and phase: reduced chi-square, what the discretisation error adds to it, mean, and the correlation of whitened residuals
+    of neighbouring times at a point, and of neighbouring points at a time (None where there is one point)."""
+    rows, at = [], 0
+    for k, comparison in enumerate(here.case.model.comparisons):
+        own = np.arange(at, at + comparison.n)
+        at += comparison.n
+        for number, span in enumerate(here.case.spans):
+            chosen = here.rows.phase[own] == number
+            if chosen.any():
+                part = own[chosen]
+                r = here.columns.residual[part]
+                in_time, in_space = _lags(here.case, k, chosen, r)
+                rows.append(
+                    {
+                        "channel": comparison.channel,
+                        "phase": span.name,
+                        "t0_s": round(span.t0, 3),
+                        "t1_s": round(span.t1, 3),
+                        "n": len(part),
+                        "chi2_reduced": float(np.mean(r**2)),
+                        "numerical": float(np.mean(numerical[part] ** 2)),
+                        "mean": float(r.mean()),
+                        "lag_one_time": in_time,
+                        "lag_one_space": in_space,
+                    }
+                )
+    return rows
+
+
+def _lags(case: Case, k: int, chosen: np.ndarray, residual: np.ndarray) -> tuple[float | None, float | None]:
+    """`lag_ones` of the chosen rows (n,) of the k-th comparison."""
+    comparison = case.model.comparisons[k]
+    observation = case.model.observations[field_of(comparison)]
+    place = comparison.rows[chosen]
+    z = np.full((len(observation.time), len(observation.xy), int(place[:, 2].max()) + 1), np.nan)
+    z[tuple(place.T)] = residual
+    return lag_ones(z, observation.xy)
+
+
+def _undecided(here: Traced) -> list[str]:
+    """Families that this test cannot part, in words."""
+    out = []
+    for s in here.promising():
+        if len(s.family) > 1:
+            out.append(f"{s.effect} cannot be told from {', '.join(s.family[1:])} by this test")
+    return out
+
+
+def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
+    """Summary of `diagnose`."""
+    promising = here.promising()
+    if promising:
+        names = "; ".join(f"{s.effect} (z {s.z:.1f}, held-out error {-100 * here.proofs[s.effect].gain:+.1f} %)" for s in promising[:3])
+        line = f"the residual points to {names}"
+    else:
+        line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
+    against = doubts(_levels(here, found.numerical), (here.case.model.priors, here.case.parameters), here.unjudged)
+    return {
+        **_common(found, here, against),
+        "verdict": _with_doubts(line, against),
+        "ranking": ranking_rows(here),
+        "undecided": _undecided(here),
+    }
+
+
+def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
+    """Every channel over its floor, as a whole and in every phase."""
+    whole = []
+    for k, c in enumerate(here.case.model.comparisons):
+        own = here.rows.channel == k
+        square, error = (float(np.mean(v[own] ** 2)) for v in (here.columns.residual, numerical))
+        whole.append(level(c.channel, square, error, c.n))
+    rows = lack_of_fit(here, numerical)
+    return whole + [level(r["channel"], r["chi2_reduced"], r["numerical"], r["n"], r["phase"]) for r in rows]
+
+
+def _common(found: Prepared, here: Traced, against: Sequence[str]) -> dict[str, Any]:
+    """What both commands say; `against`: what speaks against the answer (`trust`)."""
+    size, counts, failures = found.size, merged_counts(found.fit), list(dict.fromkeys(found.refit.failures))
+    settled = [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"]
+    return {
+        "trustworthy": found.fit.converged and not against,
+        "doubts": [*settled, *against],
+        "channels": channels_of(here),
+        "lack_of_fit": lack_of_fit(here, found.numerical),
+        "mesh": [size.n_x, size.n_y, size.n_z],
+        "held_out": held_out_words(here),
+        "threshold": here.ranking.threshold,
+        "unfelt": list(here.ranking.unfelt),
+        "not_asked": list(here.case.not_asked()),
+        "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
+        "failed_starts": failures,
+        "unjudged": dict(here.unjudged),
+        "remarks": [*settled, *against, *found.remarks, *failed_in_words(failures)],
+    }
+
+
+def _trial(trial: Trial, accepted: tuple[str, ...]) -> dict[str, Any]:
+    estimate = {n: {"value": v, "sigma": trial.sigma.get(n), "unit": param(n).unit} for n, v in trial.estimate.items()}
+    return {
+        "effect": " + ".join(trial.effects),
+        "effects": list(trial.effects),
+        "family": list(trial.score.family),
+        "z": trial.score.z,
+        "predicted_drop": trial.score.predicted_drop,
+        "achieved_drop": trial.achieved_drop,
+        "estimate": estimate,
+        "held_out_gain": None if trial.proof is None else trial.proof.gain,
+        "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
+        "held_out_on": None if trial.proof is None else trial.proof.on or "rows of the fitted data",
+        "accepted": trial.effects == accepted,
+        "unjudged": trial.unjudged,
+        "remark": trial.refused or ("" if trial.effects == accepted else f"less than {' + '.join(accepted)}"),
+        "exponents": trial.exponents,
+        "readings": trial.readings,
+        "exponent_values": {n: {"value": v, "sigma": sigma, "unit": param(n).unit} for n, (v, sigma) in trial.ends.items()},
+    }
+
+
+def _place(place: Place) -> dict[str, Any]:
+    """All that a run at a place needs: values in the units of the parameters, and which of them were fitted."""
+    values = {name: place.parameters[name] for name in place.parameters.given()}
+    return {"f": place.f, "free": list(place.parameters.free), "parameters": values}
+
+
+def _round(turn: Round) -> dict[str, Any]:
+    return {
+        "ranking": ranking_rows(turn.traced),
+        "tried": [_trial(t, turn.accepted) for t in turn.trials],
+        "accepted": " + ".join(turn.accepted) or None,
+        "added": list(turn.accepted),
+        "before": _place(place_of(turn.traced)),
+        "after": None if turn.after is None else _place(turn.after),
+    }
+
+
+def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str, Any]:
+    """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
+    table = before_after(closed.first, closed.last)
+    here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
+    against = doubts(_levels(here, found.numerical), (here.case.model.priors, here.case.parameters), closed.unjudged, unsettled)
+    if closed.open_ones:
+        against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
+    common = _common(found, here, against)
+    return {
+        **common,
+        "trustworthy": not against,
+        "doubts": against,
+        "remarks": [*common["remarks"], *closed.remarks],
+        "unjudged": dict(closed.unjudged),
+        "verdict": _with_doubts(_verdict(closed, table), against),
+        "ranking": ranking_rows(closed.first, closed.accepted),
+        "accepted": list(closed.accepted),
+        "dropped": list(closed.dropped),
+        "rounds": [_round(r) for r in closed.rounds],
+        "last": _place(place_of(closed.last)),
+        **table,
+        "study": str(study_file),
+    }
+
+
+def _with_doubts(line: str, against: Sequence[str]) -> str:
+    """A verdict with what speaks most against it."""
+    if not against:
+        return line
+    return f"{line}; not the whole answer: {against[0]}" + (f" (and {len(against) - 1} more, see remarks)" if len(against) > 1 else "")
+
+
+def _verdict(closed: Closed, table: dict[str, Any]) -> str:
+    errors = _errors(table)
+    if not closed.accepted:
+        return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
+    families = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
+    names = []
+    for name in closed.accepted:
+        others = [other for other in families.get(name, ()) if other != name]
+        names.append(f"{name} ({_estimates(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
+    return f"added {', '.join(names)}; {errors}"
+
+
+def _estimates(closed: Closed, name: str) -> str:
+    """Amplitudes of an accepted effect at the last optimum, with their standard errors."""
+    parts = []
+    for p in effect(name).amplitudes:
+        sigma = closed.fit.sigma[closed.fit.names.index(p.name)] if closed.fit.sigma is not None else float("nan")
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        parts.append(f"{p.name.rpartition('.')[2]} {closed.last.case.parameters[p.name]:.4g} +- {sigma:.2g}{unit}")
+    return ", ".join(parts)
+
+
+def _errors(table: dict[str, Any]) -> str:
+    parts = []
+    for c in table["before"]["held_out"]:
+        floor = table["before"]["floor"][c]
+        before, after = (table[word]["held_out"][c] / floor for word in ("before", "after"))
+        parts.append(f"held-out {c} {before:.3f} -> {after:.3f} times the noise")
+    return ", ".join(parts)
+
+
+def diagnosis_datasets(here: Traced) -> dict[str, Dataset]:
+    """Residual of every row and where it is from, and the rms per channel with its standard error. The columns of fitted parameters and
+    effects, of a size with all fields times parameters, are not kept: a run at the parameters of the record makes them again."""
+    out = {
+        "residual/value": Dataset(here.columns.residual, "1", ("row",)),
+        "residual/channel": Dataset(here.rows.channel, "1", ("row",)),
+        "residual/time": Dataset(here.rows.time, "s", ("row",)),
+        "residual/xy": Dataset(here.rows.xy, "mm", ("row", "axis")),
+        "residual/phase": Dataset(here.rows.phase, "1", ("row",)),
+    }
+    rms = channel_rms(here, here.columns.residual)
+    out["rms/value"] = Dataset(np.array([value for value, _ in rms.values()]), "1", ("channel",))
+    out["rms/sigma"] = Dataset(np.array([sigma for _, sigma in rms.values()]), "1", ("channel",))
+    out["rms/channel"] = Dataset(np.array(list(rms)), "1", ("channel",))
+    return out
+
+
+def loop_datasets(closed: Closed) -> dict[str, Dataset]:
+    """What the last model leaves, and the error before and after."""
+    return {**diagnosis_datasets(closed.last), **error_datasets(before_after(closed.first, closed.last))}

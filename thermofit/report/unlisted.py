@@ -1,0 +1,236 @@
+"""What `diagnose` and `close-loop` say of an unlisted effect: JSON, effect file, figure, datasets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from thermofit.core.atomic import replacing
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.trace import Traced
+from thermofit.diagnose.unlisted import HALF, Unlisted, solved
+from thermofit.diagnose.unlisted_effect import VARIABLES, camera_file, heat_file, sensor_file, yield_file
+from thermofit.diagnose.unlisted_field import Field, basis_of
+from thermofit.experiment.missing import Grid
+from thermofit.experiment.missing_body import BodyMissing
+from thermofit.experiment.missing_coupon import CouponMissing
+from thermofit.records.artefact import Dataset
+from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.figures_unlisted import unlisted_figure
+from thermofit.study.study import Study
+
+NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress"}
+WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress"}
+FIGURE = "unlisted"
+_STEPS = 10
+"""Steps of a table of the yield stress."""
+
+
+@dataclass(frozen=True)
+class EffectFile:
+    """Name and text of an effect file, what it holds in words, and the proof of just that."""
+
+    name: str
+    text: str
+    words: str
+    proof: Proof
+
+
+def described(study: Study, here: Traced, found: Unlisted | None) -> dict[str, Any] | None:
+    """The entry `unlisted` of a summary; writes the effect file and the figure into the run folder. None where there is nothing."""
+    if found is None:
+        return None
+    file = effect_file(study.name, here, found)
+    path = None
+    if file is not None:
+        path = study.run_dir / f"{file.name}.py"
+        study.run_dir.mkdir(parents=True, exist_ok=True)
+        with replacing(path, durable=False) as temporary:
+            Path(temporary).write_text(file.text, encoding="utf-8")
+    figures: list[Path] = []
+    if found.field is not None:
+        with matplotlib.rc_context(STYLE):
+            figures = save_figures(study.run_dir / "figures", {FIGURE: unlisted_figure(here, found)})
+    made = {"effect_file": None if path is None else str(path), "figure": str(figures[0]) if figures else None}
+    return {**summary_of(here, found, file), **made}
+
+
+def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:
+    """A summary of `diagnose` or `close-loop` with the entry `unlisted`; what leaves structure unexplained is not trusted (exit code 5)."""
+    if said is None:
+        return {**summary, "unlisted": None}
+    return {**summary, "unlisted": said, "trustworthy": False, "verdict": f"{summary['verdict']}; unlisted: {in_words(said)}"}
+
+
+def in_words(said: dict[str, Any]) -> str:
+    """An unlisted effect in one clause."""
+    part = f"{100 * said['excess_share']:.0f} %"
+    share = f"{part} of the square sum of {said['channel']} hangs together and no listed effect explains half of it"
+    if said["where"] is None:
+        return share
+    a, b = said["when_s"]
+    size = f"{number(said['mean_in_window'])} {said['unit']}"
+    return f"a {said['kind']} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
+
+
+def place_in_words(where: dict[str, Any]) -> str:
+    """Where it is, in words."""
+    if "record" in where:
+        return f"in record {where['record']}"
+    side = "|x|" if where["both_sides"] else "x"
+    return f"at {side} = {where['x_mm']:.3g}, y = {where['y_mm']:.3g} mm"
+
+
+def number(value: float) -> str:
+    """Three digits."""
+    return f"{value:.3g}"
+
+
+def summary_of(here: Traced, found: Unlisted, file: EffectFile | None) -> dict[str, Any]:
+    """The entry `unlisted` without paths."""
+    out: dict[str, Any] = {
+        "channel": found.channel,
+        "where": None,
+        "when_s": None,
+        "excess": found.structure.excess,
+        "excess_sigma": found.structure.blocks.spread,
+        "excess_share": found.structure.share,
+        "best_listed": {"effect": found.listed[0], "explains": found.listed[1], "needed": HALF} if found.listed[0] else None,
+        "resembles": list(found.resembles),
+        "other_channels": list(found.others),
+        "hints": [{"variable": h.variable, "frequency": h.frequency, "sign": h.sign, "correlation": h.correlation} for h in found.hints],
+    }
+    if found.field is None or found.place is None:
+        return out
+    return out | _of_field(here, found, found.field) | ({} if file is None else {"file_holds": _proof(file.proof) | {"words": file.words}})
+
+
+def _proof(p: Proof) -> dict[str, float]:
+    return {"held_out_gain": p.gain, "held_out_sigma": p.sigma}
+
+
+def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
+    place, missing = found.place, here.case.model.missing
+    assert place is not None
+    when, time = np.array(place.when), place.time
+    if isinstance(missing, CouponMissing):
+        record = int(field.basis.grid.part[int(np.argmax(np.abs(place.strength)))])
+        own = field.basis.grid.part == record
+        when, time = when - missing.offsets[record], time[own] - missing.offsets[record]
+        strength, sigma = place.strength[own], place.sigma[own]
+        position: dict[str, Any] = {"record": missing.tests[record].name}
+    else:
+        strength, sigma = place.strength, place.sigma
+        position = {
+            "x_mm": place.centroid[0],
+            "y_mm": place.centroid[1],
+            "extent_x_mm": place.extent[0],
+            "extent_y_mm": place.extent[1],
+            "both_sides": isinstance(missing, BodyMissing) and missing.folded and field.basis.kind == "heat",
+        }
+    unit = "mW" if field.basis.kind == "heat" and not isinstance(missing, CouponMissing) else field.basis.unit
+    phases = [s.name for s in here.case.spans if s.t1 > place.when[0] and s.t0 < place.when[1]]
+    return {
+        "kind": WORDS[field.basis.kind],
+        "where": position,
+        "when_s": [float(when[0]), float(when[1])],
+        "phases": phases,
+        "unit": unit,
+        "mean_in_window": place.size,
+        "energy_mJ": place.total if unit == "mW" else None,
+        "over_time": {"time_s": time.tolist(), "value": strength.tolist(), "sigma": sigma.tolist()},
+        **_proof(field.proof),
+        **errors(here, field),
+    }
+
+
+def errors(here: Traced, field: Field) -> dict[str, Any]:
+    """Rms of every channel in its unit without and with the term, of the fit and held out, beside the noise."""
+    pairs = {"before": (here.columns.residual, field.before), "after": (field.residual, field.after)}
+    out: dict[str, Any] = {}
+    for word, (fit, held) in pairs.items():
+        table: dict[str, dict[str, float]] = {"fit": {}, "held_out": {}}
+        for k, c in enumerate(here.case.model.comparisons):
+            floor, own = float(np.sqrt(np.mean(c.sigma**2))), here.rows.channel == k
+            for kind, r in (("fit", fit), ("held_out", held)):
+                table[kind][c.channel] = floor * float(np.sqrt(np.nanmean(r[own] ** 2)))
+        out[word] = table
+    return out
+
+
+def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | None:
+    """The effect file of a reconstructed term; None where there is no field."""
+    field, missing = found.field, here.case.model.missing
+    if field is None:
+        return None
+    source, grid, kind = f"{study_name}, channel {found.channel}", field.basis.grid, field.basis.kind
+    name = NAMES[kind]
+    if isinstance(missing, CouponMissing) and kind == "heat":
+        text = sensor_file(name, source, _rises(found, missing, field))
+        return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
+    if isinstance(missing, CouponMissing):
+        return _table(source, here, found, missing)
+    if kind == "displacement":
+        return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
+    folded = isinstance(missing, BodyMissing) and missing.folded
+    text = heat_file(name, source, grid, field.values[:, :, :, 0], folded)
+    return EffectFile(name, text, "the missing heat source over place and time", field.proof)
+
+
+def _rises(found: Unlisted, missing: CouponMissing, field: Field) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Per record its times and the temperature that is missing there."""
+    rise = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
+    out = []
+    for n, test in enumerate(missing.tests):
+        own = missing.part == n
+        out.append((test.name, test.time, rise[own]))
+    return out
+
+
+def _table(source: str, here: Traced, found: Unlisted, missing: CouponMissing) -> EffectFile | None:
+    """A yield stress over the state variable that explains held-out data best."""
+    best: tuple[Field, str, tuple[np.ndarray, float]] | None = None
+    for variable in VARIABLES:
+        values = missing.yield_variables(here.case.parameters, variable)
+        if len(values) < _STEPS or float(np.ptp(values)) <= 1e-9 * max(1.0, float(np.abs(values).max())):
+            continue
+        edges = np.linspace(values.min(), values.max(), _STEPS + 1)[:-1]
+        width = 0.5 * float(edges[1] - edges[0])
+        field = _stepped(here, found, missing, variable, (edges, width))
+        if best is None or field.proof.gain > best[0].proof.gain:
+            best = (field, variable, (edges, width))
+    if best is None:
+        return None
+    field, variable, (edges, width) = best
+    text = yield_file(NAMES["stress"], source, variable, (edges, width, field.q))
+    return EffectFile(NAMES["stress"], text, f"the part of the missing stress that is a yield stress over {variable}", field.proof)
+
+
+def _stepped(here: Traced, found: Unlisted, missing: CouponMissing, variable: str, steps: tuple[np.ndarray, float]) -> Field:
+    """Field of steps of the yield stress over a state variable."""
+    edges = steps[0]
+    grid = Grid(edges, np.zeros(len(edges), dtype=int), np.zeros(1), np.zeros(1))
+    comparison = here.case.model.comparisons[here.case.channels.index(found.channel)]
+    answers = missing.yielding(here.case.parameters, variable, steps)
+    hat = basis_of(("stress", "MPa"), grid, np.arange(len(edges)), found.structure.blocks.rows, (answers, comparison.residual))
+    # Steps of the table are independent of each other: only their size is held down.
+    return solved(here, replace(hat, rough=np.eye(len(edges))))
+
+
+def unlisted_datasets(found: Unlisted | None) -> dict[str, Dataset]:
+    """The reconstructed field in the artefact."""
+    if found is None or found.field is None or found.place is None:
+        return {}
+    grid, place = found.field.basis.grid, found.place
+    return {
+        "unlisted/time": Dataset(grid.time, "s", ("knot",)),
+        "unlisted/x": Dataset(grid.x, "mm", ("x",)),
+        "unlisted/y": Dataset(grid.y, "mm", ("y",)),
+        "unlisted/value": Dataset(found.field.values, found.field.basis.unit, ("knot", "y", "x", "component")),
+        "unlisted/strength": Dataset(place.strength, "1", ("knot",)),
+        "unlisted/sigma": Dataset(place.sigma, "1", ("knot",)),
+    }

@@ -10,8 +10,8 @@ from typing import cast
 import numpy as np
 import pytest
 from strip import fitted, refitting
-from test_unlisted_coupon import NOISE as RECORD
-from test_unlisted_coupon import TRUTH, case_of, study
+from test_unlisted_records import NOISE as RECORD
+from test_unlisted_records import TRUTH, case_of, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case

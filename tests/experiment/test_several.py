@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from thermofit.diagnose.experiments import joined_rows, spans_of
 from virtual_pulls import FORCE, SIZE, TRUTH, pulled, study
 
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, scans, slots_of
-from thermofit.diagnose.experiments import joined_rows, spans_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.joint import THERMOCOUPLE
 from thermofit.experiment.joint_several import joint_several, known_in

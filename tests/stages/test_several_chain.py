@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 import tiny
+from thermofit.diagnose.unseen import predicting, prediction_proof, unseen
 from typer.testing import CliRunner
 
 from thermofit.cli import app
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.prepared import diagnosis_mesh
-from thermofit.diagnose.unseen import predicting, prediction_proof, unseen
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.verification import fitted_parameters, identified_stages
 from thermofit.identify.stage import data_of, start_of

@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 import threading
-import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,25 +18,12 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from thermofit.core.errors import NumericsError, StudyError, ThermofitError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.records.progress import mute
+from thermofit.records.tasks import LOSSES, Task, answer_of, lost_text
 
-LOSSES = 3
-"""How many times a task may lose its worker before it is given up."""
 OnDone = Callable[[int, Any], None]
 """Told of the number of a task in its list and of its answer, in the order in which they end."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """`function(*arguments)`; the function stands at the top of a module of thermofit, the arguments are plain data (pickled).
-
-    `label` names it for the user: "start 3".
-    """
-
-    label: str
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,19 +78,6 @@ def run_all(tasks: Sequence[Task], where: Executor = SERIAL, on_done: OnDone | N
     return [answers[index] for index in range(len(tasks))]
 
 
-def answer_of(task: Task, threads: int) -> tuple[bool, Any]:
-    """(True, answer) or (False, error) of a task in a worker; an unexpected error comes as a text with its place."""
-    from thermofit.core.jit import set_threads
-
-    try:
-        set_threads(threads)
-        return True, task.function(*task.arguments)
-    except ThermofitError as error:
-        return False, error
-    except Exception:
-        return False, RuntimeError(f"{task.label}, in a worker:\n{traceback.format_exc()}")
-
-
 @dataclass
 class _Worker:
     """A local process, the pipe to it, and the number of its task (None: idle)."""
@@ -157,14 +130,6 @@ class _Crew:
             worker.process.kill()
         for worker in self.workers:
             worker.process.join()
-
-
-def lost_text(label: str, how: str) -> str:
-    """What the user reads of a task that cannot keep a worker."""
-    return (
-        f"{label}: its worker was lost {LOSSES} times ({how}), which a kill or too little memory does; what is finished is kept: give each "
-        "worker more memory or run fewer at once, and the same command resumes"
-    )
 
 
 def _run_in_processes(tasks: Sequence[Task], where: Executor, done: OnDone) -> None:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from thermofit.core.digest import source_digest
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.records.executor import LOSSES, Task, answer_of, lost_text
 from thermofit.records.progress import mute
+from thermofit.records.tasks import LOSSES, Task, answer_of, lost_text
 
 if TYPE_CHECKING:
     from distributed import Client, Future

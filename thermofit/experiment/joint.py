@@ -23,7 +23,7 @@ from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
 from thermofit.experiment.known_motion import Direction, along, keeping_points
 from thermofit.experiment.missing_body import BodyMissing
-from thermofit.experiment.model import Prior, StageModel, needs_drive, steps_for
+from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.priors import THERMOCOUPLE, priors_of
 from thermofit.experiment.shared_noise import Modes, shared
@@ -34,7 +34,7 @@ from thermofit.study.section import PRESETS, MeshSize, mesh_size
 from thermofit.study.stages import Channel, ChannelSettings, StageSettings
 from thermofit.study.study import Study
 
-__all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_model", "joint_settings", "station_names"]
+__all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_settings", "station_names"]
 NUISANCES = THERMOCOUPLES
 
 
@@ -315,9 +315,3 @@ def beyond(residual: np.ndarray, fitted: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(fitted, axis=0)
     basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
     return np.asarray(residual - basis @ (basis.T @ residual))
-
-
-def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:
-    """StageModel of the joint stage on a mesh: all observations, one coupled run."""
-    needs_drive(study, settings.channels)
-    return Joint(study, data, settings, size).model

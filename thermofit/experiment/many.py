@@ -34,15 +34,16 @@ from thermofit.study.study import Study
 
 @dataclass(frozen=True)
 class SeveralExperiments:
-    """All fitted experiments of a study."""
+    """All fitted experiments of a study. `given`: these, where they are not those of the artefacts."""
 
     study: Study
+    given: tuple[BodyExperiment, ...] = ()
     name: str = ""
 
     @cached_property
     def tests(self) -> tuple[BodyExperiment, ...]:
         """The experiments, each as it reads for itself."""
-        return tuple(BodyExperiment(self.study.one_of(name), name) for name in self.study.fitted)
+        return self.given or tuple(BodyExperiment(self.study.one_of(name), name) for name in self.study.fitted)
 
     @property
     def fields(self) -> tuple[BodyExperiment, ...]:

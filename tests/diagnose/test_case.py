@@ -11,7 +11,8 @@ import pytest
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans
-from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, effect, effects
+from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, Effect, effect, effects
+from thermofit.experiment.known_effects import effects_of_fields, effects_of_point
 from thermofit.experiment.residuals import Span
 from thermofit.law.composition import POINT_ONLY
 from thermofit.observe.stations import INFRARED

@@ -173,7 +173,6 @@ DIRECTIONS = (
 
 def test_joint_stage_of_several_is_that_of_each() -> None:
     """Residual, Jacobian and columns along the heat equation: rows of data, then of priors; each test feels what is its own."""
-    both = case()
     joint = joint_of(data(), NAMES)
     base = Parameters.of({**TRUTH, "c0": 2.3, **{f"{n}@second": v for n, v in OTHER.items()}}, NAMES)
     residual, jacobian, along = joint.scored(base, NAMES, DIRECTIONS)

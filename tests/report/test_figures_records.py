@@ -38,7 +38,7 @@ class Verify:
 def no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of the search need records of identifications, which are not the point here."""
     for name in ("objective_figure", "correlation_figure"):
-        monkeypatch.setattr(figures_coupon, name, lambda _: None)
+        monkeypatch.setattr(figures_records, name, lambda _: None)
 
 
 def figures(errors: list[float], hot: tuple[int, ...] = ()) -> dict[str, Figure]:

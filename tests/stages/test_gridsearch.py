@@ -86,7 +86,7 @@ def test_starts_cut_short_are_not_compared(study_of: StudyOf) -> None:
 def test_finished_starts_are_not_repeated(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     study, solve, calls = study_of(), trials.solve, []
 
-    def interrupted(*args: object) -> object:
+    def interrupted(*args: object, **how: object) -> object:
         calls.append(args)
         if len(calls) == 2:
             raise KeyboardInterrupt
@@ -109,7 +109,7 @@ def test_evaluations_of_other_data_are_not_taken_over(study_of: StudyOf, monkeyp
 
     study, solve, calls = study_of(), trials.solve, []
 
-    def interrupted(*args: object) -> object:
+    def interrupted(*args: object, **how: object) -> object:
         calls.append(args)
         if len(calls) == 2:
             raise KeyboardInterrupt

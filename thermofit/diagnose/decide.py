@@ -270,14 +270,14 @@ def in_words(d: Decision) -> str:
     """A decision as a sentence."""
     names = " or ".join(f"{n} (added)" if n == d.added else n for n in d.family) if d.added else " and ".join(d.family)
     missing = [f"no coupon feels {acted_on(d.unfelt)}"] if d.unfelt else []
-    return f"{names}: {'; '.join([*_of_coupons(d), *missing, *_of_specimen(d)])}"
+    return f"{names}: {'; '.join([*_of_programmes(d), *missing, *_of_specimen(d)])}"
 
 
 def _shown(t: Told) -> str:
     return ", ".join(f"{n} from {v:.2g}" for n, v in t.detectable.items())
 
 
-def _of_coupons(d: Decision) -> list[str]:
+def _of_programmes(d: Decision) -> list[str]:
     if not d.felt:
         return []
     if d.best is None:

@@ -166,10 +166,10 @@ def proof_beyond(seen: System, name: str, block: np.ndarray, beyond: Sequence[Be
     before = unseen_residual(seen, beyond, fitted, room)
     wider = (np.append(room[0], own[0]), np.append(room[1], own[1]))
     after = unseen_residual((seen[0], np.concatenate([seen[1], block], axis=1)), beyond, both, wider)
-    return told_by(before, after, beyond)
+    return proof_of_change(before, after, beyond)
 
 
-def told_by(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
+def proof_of_change(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
     """What held-out tests say of a change; None where they do not decide.
 
     A change may be so small there that noise alone would hide a true one: then r + d, what is left, is noise, and the fall of the square

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.parameters import param
-from thermofit.diagnose.elsewhere import System, told_by, unseen_residual
+from thermofit.diagnose.elsewhere import System, proof_of_change, unseen_residual
 from thermofit.diagnose.held_out import Proof, Room, rms_with_error
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
@@ -27,7 +27,7 @@ def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
     """Proof of an effect by two optima, without and with it; None where the held-out tests cannot judge it."""
     if not any(name in test.judges for test in here.case.elsewhere):
         return None
-    return told_by(predicted_beyond(here), predicted_beyond(there), here.beyond)
+    return proof_of_change(predicted_beyond(here), predicted_beyond(there), here.beyond)
 
 
 def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | None:
@@ -39,7 +39,7 @@ def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | 
     back = back[[effect(name).names.index(here.case.parameters.free[k]) for k in own]]
     without = [replace(b, residual=b.residual + b.fitted[:, own] @ back) for b in here.beyond]
     before = unseen_residual(seen, without, [np.delete(b.fitted, own, axis=1) for b in here.beyond], room)
-    return told_by(before, predicted_beyond(here), here.beyond)
+    return proof_of_change(before, predicted_beyond(here), here.beyond)
 
 
 def unseen_rms(here: Traced) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:

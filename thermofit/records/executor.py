@@ -20,7 +20,8 @@ from typing import Any
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.records.progress import mute
-from thermofit.records.tasks import LOSSES, Task, answer_of, lost_text
+from thermofit.records.tasks import LOSSES, answer_of, lost_text
+from thermofit.records.tasks import Task as Task
 
 OnDone = Callable[[int, Any], None]
 """Told of the number of a task in its list and of its answer, in the order in which they end."""

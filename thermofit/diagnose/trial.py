@@ -20,6 +20,7 @@ from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.fit.result import FitResult
 from thermofit.identify.priors import beyond_error, in_words
+from thermofit.material.law import law_of
 
 WORTH_AN_EXPONENT = 10.0
 """Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
@@ -284,10 +285,27 @@ def refusal(
         p = one.amplitude
         if fit.at_bound[fit.names.index(p.name)] or at_bound(p, estimate[p.name]):
             return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {p.lower:g} to {p.upper:g}"
+        strain = cools_from(there, one, sigma)
+        if strain is not None:
+            words = f"flow would take up heat from a plastic strain of {strain:.2g} on, more than all of its work being stored"
+            return f"{p.name} = {estimate[p.name]:.3g}: {words}"
         near = all(abs(estimate[q.name] - q.neutral) <= AWAY * sigma[q.name] for q in one.amplitudes)
         if near and missed(there, one.name, fit) <= AWAY:
             return f"{p.name} = {estimate[p.name]:.3g} is not away from {p.neutral:g}"
     return ""
+
+
+def cools_from(there: Traced, one: Effect, sigma: Mapping[str, float]) -> float | None:
+    """Smallest plastic strain in any record at which flow would take up heat by an effect on the share of its work that becomes heat (slot
+    dissipation), with its amplitudes AWAY standard errors nearer to neutral; None where it releases heat all the way."""
+    if one.slot != "dissipation":
+        return None
+    case, values = there.case, []
+    for p in one.params:
+        off, doubt = case.parameters[p.name] - p.neutral, AWAY * sigma.get(p.name, 0.0)
+        values.append(case.parameters[p.name] - float(np.clip(off, -doubt, doubt)))
+    law = law_of(case.parameters)
+    return min((strain for strain, *at in zip(*case.flow(), strict=True) if one.act(strain, *at, law, *values) < 0.0), default=None)
 
 
 def at_bound(p: Param, value: float) -> bool:

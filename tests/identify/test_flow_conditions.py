@@ -156,9 +156,9 @@ def test_strain_of_flow_counts_from_where_the_flow_turned() -> None:
     test = record((0.02, 1e-3, 200), (0.019, 1e-3, 20), (0.04, 1e-3, 200), (0.0, 1e-3, 400))
     history = history_of(test)
     found, at = flow_since_turn(test, history), history.accumulated
-    assert found[150] == at[150] and found[300] == at[300] and found[600] == pytest.approx(at[600] - at[420])
+    assert found[120] == at[120] and found[300] == at[300] and found[600] == pytest.approx(at[600] - at[420])
     about = np.isnan(found)
-    assert about[171:201].all() and not about[60:170].any() and about[391:421].all() and not about[280:380].any()
+    assert about[151:201].all() and not about[60:149].any() and about[370:421].all() and not about[280:367].any()
     assert about[30] and about[245] and about[440] and not about[500:].any(), "after each yield; the last branch ends where the record does"
 
 

@@ -344,9 +344,9 @@ def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dic
     return {p.name: (parameters[p.name], sigma.get(p.name)) for name in names for p in effect(name).params if p.scan}
 
 
-def told_apart(one: Traced, other: Traced) -> bool:
-    """Whether one of two refits predicts held-out data better than the other by more than its uncertainty."""
+def told_apart(one: Traced, other: Traced, sure: float = SURE) -> bool:
+    """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors."""
     ends = {id(t): held_out_of(t) for t in (one, other)}
     worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
     found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.noise, better.columns.residual)
-    return found.gain > SURE * found.sigma
+    return found.gain > sure * found.sigma

@@ -29,9 +29,9 @@ hardening term takes up; and a change of rate within a record is told from its n
 KNEE = 0.002
 """Plastic strain after yield, the first one and that after each unloading, within which rates do not count: the offset by which yield
 stresses are told. Between elastic and plastic deformation a machine changes its rate by itself, and always at the same strain."""
-ROUND = 0.15
+ROUND = 0.25
 """Share of the strain of a branch before the next turn within which rates do not count: a machine slows down before it turns. Up to there
-a sine keeps half of its largest rate."""
+a sine keeps two thirds of its largest rate."""
 SMOOTH = 1.25
 """Plastic strains within this factor are the same one. Over it a rate that grows with the third power of the strain stays within
 `ONE_RATE`; what changes faster is a jump."""
@@ -108,8 +108,8 @@ def by_strain(strain: np.ndarray, rate: np.ndarray) -> float:
 
 
 def flow_since_turn(test: CouponTest, history: PointHistory) -> np.ndarray:
-    """Plastic strain Lambda (n_t,) of a record since its flow last turned, NaN within `KNEE` after yield, and within `ROUND` and `KNEE`
-    before the strain turns.
+    """Plastic strain Lambda (n_t,) of a record since its flow last turned, NaN within `KNEE` after yield, and within `ROUND` before
+    the strain turns.
 
     An unloading without reverse flow is no turn of the flow.
     """
@@ -127,8 +127,8 @@ def flow_since_turn(test: CouponTest, history: PointHistory) -> np.ndarray:
         here = history.accumulated[own]
         out[own] = np.where(here - history.accumulated[a] < KNEE, np.nan, here - start)
         if b < turns[-1]:
-            reach = max(ROUND * abs(float(test.strain[b] - test.strain[a])), KNEE)
-            out[own][np.abs(test.strain[own] - test.strain[b]) < reach] = np.nan
+            branch = abs(float(test.strain[b] - test.strain[a]))
+            out[own][np.abs(test.strain[own] - test.strain[b]) < ROUND * branch] = np.nan
     return out
 
 

@@ -140,15 +140,22 @@ def test_rates_at_the_knee_after_a_turn_do_not_count(knee: float, one: bool) -> 
 
 
 def test_rates_are_compared_at_the_same_strain_from_the_knee_on() -> None:
-    """By hand: from KNEE on, within SMOOTH, and neither the twentieth part at either end nor a single row."""
+    """By hand: from KNEE on, within SMOOTH, and of each record without the twentieth part at either end."""
     strain, rate = np.array([0.01, 0.01, 0.01, 0.012, 0.012, 0.012]), np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
-    assert by_strain(strain, rate) == 3.0
-    assert by_strain(strain * [1, 1, 1, 2, 2, 2], rate) == 1.0, "0.01 and 0.024 are two strains"
-    assert by_strain(0.16 * strain, rate) == 1.0, "within the knee"
-    assert by_strain(np.array([0.01] * 6), np.array([1.0, 1.0, 1.0, 1.0, 1.0, 3.0])) == 1.0, "a single row"
-    assert by_strain(np.array([0.01] * 60), np.array([3.0] * 2 + [1.0] * 58)) == 1.0, "a thirtieth part of the rows"
-    assert by_strain(np.array([0.01] * 60), np.array([3.0] * 4 + [1.0] * 56)) == 3.0
-    assert by_strain(np.where(rate > 1.0, np.nan, strain), rate) == 1.0 and by_strain(np.zeros(0), np.zeros(0)) == 1.0
+    assert by_strain([strain], [rate]) == 3.0
+    assert by_strain([strain * [1, 1, 1, 2, 2, 2]], [rate]) == 1.0, "0.01 and 0.024 are two strains"
+    assert by_strain([0.16 * strain], [rate]) == 1.0, "within the knee"
+    assert by_strain([np.where(rate > 1.0, np.nan, strain)], [rate]) == 1.0
+    assert by_strain([np.zeros(0)], [np.zeros(0)]) == 1.0 and by_strain([], []) == 1.0
+
+
+@pytest.mark.parametrize(("fast", "apart"), [(1, 1.0), (2, 1.0), (3, 1.0), (4, 3.0)])
+def test_few_rows_of_a_record_are_no_rate_of_it(fast: int, apart: float) -> None:
+    """Of sixty; another record with one row at the strain has its rate there."""
+    rate = np.array([3.0] * fast + [1.0] * (60 - fast))
+    assert by_strain([np.full(60, 0.01)], [rate]) == apart
+    assert by_strain([np.full(60, 0.01), np.array([0.011])], [np.ones(60), np.array([3.0])]) == 3.0
+    assert by_strain([np.full(4, 0.01)], [np.array([1.0, 1.0, 1.0, 3.0])]) == 1.0, "nor is a single one of few"
 
 
 def test_strain_of_flow_counts_from_where_the_flow_turned() -> None:

@@ -84,26 +84,28 @@ def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], Poi
     rate = np.concatenate(rates)
     low, high = _within_tails(rate)
     if low > 0.0:
-        apart = by_strain(np.concatenate(strains), np.clip(rate, low, high))
+        apart = by_strain(strains, [np.clip(own, low, high) for own in rates])
     else:
         apart = np.inf if high > 0.0 else 1.0
     return FlowConditions((low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart)
 
 
-def by_strain(strain: np.ndarray, rate: np.ndarray) -> float:
-    """Largest ratio of positive rates (n,) in 1/s at the same plastic strain (n,) since the flow last turned, from `KNEE` on; 1 where there
-    are none. Rows with a strain of NaN do not count.
+def by_strain(strains: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> float:
+    """Largest ratio of positive rates in 1/s at the same plastic strain since the flow last turned, from `KNEE` on, of records with strains
+    (n,), NaN in rows that do not count, and rates (n,); 1 where there are none.
 
-    The same: within `SMOOTH`. Of the rows there the `TAIL` at either end does not count, and never a single row.
+    The same: within `SMOOTH`. Of the rows of a record there the `TAIL` at either end does not count, one at least where it has three.
     """
-    largest, last = 1.0, float(np.nanmax(strain, initial=0.0))
+    largest, last = 1.0, max((float(np.nanmax(strain, initial=0.0)) for strain in strains), default=0.0)
     if last < KNEE:
         return largest
     for place in KNEE * SMOOTH ** (np.arange(int(_PLACES * np.log(last / KNEE) / np.log(SMOOTH)) + 1) / _PLACES):
-        here = rate[(strain >= place) & (strain <= SMOOTH * place)]
-        if len(here):
-            low, high = np.quantile(here, TAIL, method="higher"), np.quantile(here, 1.0 - TAIL, method="lower")
-            largest = max(largest, float(high / low))
+        ends = []
+        for strain, rate in zip(strains, rates, strict=True):
+            here = np.sort(rate[(strain >= place) & (strain <= SMOOTH * place)])
+            cut = min(max(int(TAIL * len(here)), 1), (len(here) - 1) // 2)
+            ends += [here[cut], here[-1 - cut]] if len(here) else []
+        largest = max(largest, float(max(ends) / min(ends)) if ends else 1.0)
     return largest
 
 

@@ -155,7 +155,7 @@ def test_few_rows_of_a_record_are_no_rate_of_it(fast: int, apart: float) -> None
     rate = np.array([3.0] * fast + [1.0] * (60 - fast))
     assert by_strain([np.full(60, 0.01)], [rate]) == apart
     assert by_strain([np.full(60, 0.01), np.array([0.011])], [np.ones(60), np.array([3.0])]) == 3.0
-    assert by_strain([np.full(4, 0.01)], [np.array([1.0, 1.0, 1.0, 3.0])]) == 1.0, "nor is a single one of few"
+    assert by_strain([np.full(10, 0.01)], [np.array([1.0] * 8 + [3.0] * 2)]) == 1.0, "nor is a single window"
 
 
 def test_strain_of_flow_counts_from_where_the_flow_turned() -> None:

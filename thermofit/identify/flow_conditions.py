@@ -37,6 +37,8 @@ SMOOTH = 1.25
 `ONE_RATE`; what changes faster is a jump."""
 _PLACES = 8
 """Strains per factor of `SMOOTH` from which rates are compared."""
+_LEAST = 2
+"""Rows of a window at least: what one window shows alone is no rate of a record at a strain."""
 _STILL = 1e-3
 """Share of the largest rate of a record below which a window is a hold."""
 _PLAIN, _NOISY = 20.0, 5.0
@@ -94,7 +96,8 @@ def by_strain(strains: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> flo
     """Largest ratio of positive rates in 1/s at the same plastic strain since the flow last turned, from `KNEE` on, of records with strains
     (n,), NaN in rows that do not count, and rates (n,); 1 where there are none.
 
-    The same: within `SMOOTH`. Of the rows of a record there the `TAIL` at either end does not count, one at least where it has three.
+    The same: within `SMOOTH`. Of the rows of a record there the `TAIL` at either end does not count, and where it has more than a window,
+    no less than one.
     """
     largest, last = 1.0, max((float(np.nanmax(strain, initial=0.0)) for strain in strains), default=0.0)
     if last < KNEE:
@@ -103,7 +106,7 @@ def by_strain(strains: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> flo
         ends = []
         for strain, rate in zip(strains, rates, strict=True):
             here = np.sort(rate[(strain >= place) & (strain <= SMOOTH * place)])
-            cut = min(max(int(TAIL * len(here)), 1), (len(here) - 1) // 2)
+            cut = min(max(int(TAIL * len(here)), _LEAST), (len(here) - 1) // 2)
             ends += [here[cut], here[-1 - cut]] if len(here) else []
         largest = max(largest, float(max(ends) / min(ends)) if ends else 1.0)
     return largest
@@ -155,7 +158,7 @@ def rates_of_flow(test: CouponTest, history: PointHistory) -> np.ndarray:
 def _windows(test: CouponTest, a: int, b: int) -> list[tuple[int, int]]:
     """First and last row of windows of one branch, in which the strain changes by `_PLAIN` times its noise; `_MOST` windows at most."""
     change = abs(float(test.strain[b] - test.strain[a]))
-    number = int(np.clip(min(_MOST, (b - a) // 2, change / (_PLAIN * test.noise["strain"])), 1, None))
+    number = int(np.clip(min(_MOST, (b - a) // _LEAST, change / (_PLAIN * test.noise["strain"])), 1, None))
     return list(pairwise(np.unique(np.linspace(a, b, number + 1).astype(int)).tolist()))
 
 

@@ -8,14 +8,18 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from coupon_sets import TRUTH, pulled_record
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans
 from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, Effect, effect, effects
+from thermofit.experiment.coupon_model import offsets
 from thermofit.experiment.known_effects import effects_of_fields, effects_of_point
+from thermofit.experiment.missing_coupon import CouponMissing
 from thermofit.experiment.residuals import Span
 from thermofit.law.composition import POINT_ONLY
 from thermofit.observe.stations import INFRARED
+from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
 AT = Parameters.of({"theta_ref": 296.0}, ("E",))
 
@@ -44,6 +48,29 @@ def test_only_overstress_is_asked_beside_neutral() -> None:
     both = (*known, effect("rate_logarithmic"))
     linearised(replace(case, known=both, parameters=AT.replace(**{"rate_logarithmic.C": 0.01}).with_free(("rate_logarithmic.C",))))
     assert seen[-1]["rate_power.K"] == 0.0, "an overstress that is on makes points flow; a second one may be more than the run bears"
+
+
+def test_where_records_of_coupons_flow() -> None:
+    """Every row of all records at which Lambda grows, each with its own rate and temperature."""
+    tests = (pulled_record("slow", 1e-3, 293.0, 1, 1.0, 0.05), pulled_record("fast", 0.2, 393.0, 2, 1.0, 0.08))
+
+    def run(parameters: Parameters, test: Any) -> PointHistory:
+        return simulate(parameters, Programme.by_strain(test.time, test.strain, test.theta_start), PointSettings(model=1))
+
+    at = Parameters.of({**TRUTH, "theta_air": 293.0, "theta_ref": 293.0})
+    missing = CouponMissing(tests, offsets(tests), lambda parameters, _: parameters, run, ("stress",))
+    accumulated, rate, theta = Case(cast(Any, SimpleNamespace(missing=missing)), at, (), (), frozenset()).flow()
+    histories = [run(at, test) for test in tests]
+    assert accumulated.max() == max(h.accumulated.max() for h in histories) and accumulated.min() > 0.0
+    fast = theta > 350.0
+    assert np.median(rate[fast]) == pytest.approx(0.2, rel=0.1) and np.median(rate[~fast]) == pytest.approx(1e-3, rel=0.1)
+    assert len(accumulated) == sum(int((np.diff(h.accumulated) > 0.0).sum()) for h in histories)
+
+
+def test_a_body_flows_up_to_its_largest_strain() -> None:
+    accumulated, rate, theta = Case(cast(Any, SimpleNamespace(missing=None)), AT, (), (), frozenset(), largest_strain=0.37).flow()
+    assert accumulated[0] == 0.0 and accumulated[-1] == 0.37 and len(accumulated) == len(rate) == len(theta)
+    assert np.all(rate > 0.0) and np.all(abs(theta - AT["theta_ref"]) < 50.0)
 
 
 def test_scans_are_shares_of_the_largest_strain_of_the_test() -> None:

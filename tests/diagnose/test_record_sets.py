@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from coupon_sets import equal_records, followed_record, looped, pulled_record, study_of
+from coupon_sets import TRUTH, cooled_record, drifting_record, equal_records, followed_record, looped, pulled_record, study_of
 
 from thermofit.core.errors import NumericsError
 from thermofit.diagnose import trace
@@ -19,6 +19,7 @@ from thermofit.experiment.coupon import CouponExperiment
 from thermofit.experiment.coupon_records import CouponData
 
 SOFTENING = {"thermal_softening", "softening_power"}
+RATE = {"rate_power", "rate_logarithmic"}
 BACKSTRESS = {"backstress_first", "backstress_second"}
 """One law: which of both comes first is no difference."""
 ONE = {"diagnosis": {"max_effects": 1}}
@@ -128,3 +129,37 @@ def test_a_block_on_which_a_parameter_rests_is_never_held_out() -> None:
     free, held = (split_by_blocks(rows, (25, 1), (0.0, 0.0), fitted=f) for f in (None, fitted))
     assert any(out[41] for out in free.held_out) and not any(out[41] for out in held.held_out)
     assert sum(int(out.sum()) for out in held.held_out) >= 92 and "1 of 25 blocks never held out" in held.by
+
+
+@pytest.mark.parametrize("jumps", [False, True], ids=["drift", "jump"])
+def test_a_rate_that_drifts_with_the_strain_takes_no_rate_effect(tmp_path: Path, jumps: bool) -> None:
+    """Its hardening rises and falls again in the middle, as nothing of the catalogue does, and so does the rate of its machine: a law of
+    the rate would explain it to the noise. A logarithm of the rate that is there is found where the rate jumps."""
+    bar = drifting_record(
+        "bar", 2, 1.0, jump=3.7 if jumps else 1.0, bump=0.0 if jumps else 23.0, **({"rate_logarithmic.C": 0.0137} if jumps else {})
+    )
+    found = looped(study_of(tmp_path), (bar,), tmp_path)
+    tried = {n for r in found.rounds for t in r.trials for n in t.effects}
+    assert bool(RATE & set(found.accepted)) is jumps and bool(RATE & tried) is jumps
+    if not jumps:
+        assert float(np.sqrt(np.mean(found.first.columns.residual**2))) > 2.0, "something is missing"
+
+
+@pytest.mark.parametrize(("strain", "power", "cools"), [(0.083, 1.2, True), (0.21, 1.5, False)])
+def test_flow_that_would_take_up_heat_is_no_stored_energy(tmp_path: Path, strain: float, power: float, cools: bool) -> None:
+    """A coolant takes more than flow releases; the share that is stored would explain it, were it more than all. A share below one may."""
+    start = {"E": [190e3, 1e5, 3e5], "M_y0": [300.0, 50.0, 1500.0], "M_yinf": [480.0, 100.0, 3000.0], "H_exp": [25.0, 0.1, 500.0]}
+    free = {**start, "beta": [0.85, 0.3, 1.0]}
+    study = study_of(
+        tmp_path,
+        parameters={
+            **{name: TRUTH[name] for name in ("nu", "alpha_exp", "c0", "tau")},
+            **{name: {"start": value, "bounds": bounds} for name, (value, *bounds) in free.items()},
+        },
+        stages={"elastic": {"free": ["E"]}, "plastic": {"free": ["M_y0", "M_yinf", "H_exp"]}, "thermal": {"free": ["beta"]}},
+        **ONE,
+    )
+    found = looped(study, (cooled_record("a", 5, strain, power, 1.0),), tmp_path)
+    (trial,) = [t for t in found.rounds[0].trials if t.effects == ("stored_energy",)]
+    assert trial.gain > 0.9 and ("flow would take up heat" in trial.refused) is cools
+    assert ("stored_energy" in found.accepted) is not cools

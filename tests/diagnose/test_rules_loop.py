@@ -50,23 +50,32 @@ def turned(
     rivals: bool = True,
     same: tuple[str, ...] = (),
     left: bool = True,
+    near: tuple[str, ...] = (),
+    fitted: str = "",
 ) -> tuple[list[str], Trial | None]:
-    """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart."""
+    """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart, by two
+    standard errors, `near`: by one; `fitted`: those with one more fitted parameter."""
+
+    def end(name: str) -> Any:
+        return SimpleNamespace(name=name, case=SimpleNamespace(parameters=SimpleNamespace(free=("E",) * (1 + (name in fitted)))))
 
     def refitted(here: Any, fit: Any, one: Score, means: Any) -> Any:
         gain = gains[one.effect]
-        return (trial(one.effect, 0.99, "no"), None) if gain is None else (trial(one.effect, gain), (one.effect, "fit"))
+        return (trial(one.effect, 0.99, "no"), None) if gain is None else (trial(one.effect, gain), (end(one.effect), "fit"))
 
     def pairs(*_: Any) -> Any:
         both = trial("p q", 0.0 if pair is None else pair)
-        return [both], None if pair is None else (both, ("p q", "fit"))
+        return [both], None if pair is None else (both, (end("p q"), "fit"))
+
+    def apart(one: Any, other: Any, sure: float = 2.0) -> bool:
+        return not {one.name, other.name} <= set(near if sure == 1.0 else (*near, *same))
 
     monkeypatch.setattr(module, "candidates", lambda _: [score(n) for n in gains])
     monkeypatch.setattr(module, "tried", refitted)
     monkeypatch.setattr(module, "leaves_more_than_it_takes", lambda *_: left)
     monkeypatch.setattr(module, "best_pair", pairs)
     monkeypatch.setattr(module, "_rivals", lambda *_: rivals)
-    monkeypatch.setattr(module, "told_apart", lambda one, other: not {one, other} <= set(same))
+    monkeypatch.setattr(module, "told_apart", apart)
     here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap))
     trials, winner = _turn(here, FIT, MEANS, room)
     return [" ".join(t.effects) for t in trials], None if winner is None else winner[0]
@@ -105,6 +114,17 @@ def test_the_winner_is_named_with_what_predicts_as_well(monkeypatch: pytest.Monk
     assert winner is not None and winner.score.family == ("b", "a")
     winner = turned(monkeypatch, {"a": 0.2, "b": 0.4, "c": None}, left=False, same=("c", "b"))[1]
     assert winner is not None and winner.score.family == ("b",), "what was refused is no alternative"
+
+
+def test_of_refits_within_one_standard_error_the_simpler_one_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of equally simple ones that with the largest gain, and one that predicts worse by more does not; of a body the largest gain."""
+    gains: dict[str, float | None] = {"a": 0.35, "b": 0.4, "c": 0.37, "d": 0.38, "e": None}
+    own: Any = {"left": False, "near": ("a", "b", "c", "e"), "same": ("d",), "fitted": "b"}
+    winner = turned(monkeypatch, gains, **own)[1]
+    assert winner is not None and winner.effects == ("c",) and winner.score.family == ("c", "a", "b", "d")
+    assert won(monkeypatch, gains, **own | {"fitted": "abc"}) == "b", "all as simple"
+    assert won(monkeypatch, gains, **own | {"fitted": "ac"}) == "b"
+    assert won(monkeypatch, gains, **own, cheap=False) == "b"
 
 
 def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:

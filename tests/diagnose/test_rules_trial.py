@@ -23,6 +23,7 @@ from thermofit.diagnose.trial import (
     _on_readings,
     _worth,
     at_bound,
+    cools_from,
     refusal,
     told_apart,
     tried,
@@ -31,6 +32,7 @@ from thermofit.diagnose.trial import (
 from thermofit.effects.catalogue import effect
 
 RATE = "ir_drift.rate"
+SLOPE = "stored_energy.slope"
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 BASE = Parameters.of({"kappa": 120.0, "c0": 2.3})
 PAIR = ("second_hardening", "lamp")
@@ -98,6 +100,43 @@ def test_an_amplitude_within_two_standard_errors_of_neutral_is_refused(
 ) -> None:
     """Unless temperatures miss it by more than two on the known motion."""
     assert ("is not away from 0" in refused(monkeypatch, away * 1e-3, misses=misses)) is near
+
+
+def flowing(slope: float, largest: float) -> Any:
+    """A trace at a share of the stored energy, with flow up to a plastic strain."""
+    strain = np.linspace(0.0, largest, 101)
+    case = SimpleNamespace(parameters=BASE.replace(**{SLOPE: slope}), flow=lambda: (strain, 0.0 * strain, 0.0 * strain + 293.0))
+    return SimpleNamespace(case=case)
+
+
+@pytest.mark.parametrize(
+    ("slope", "sigma", "largest", "strain"),
+    [
+        (-12.5, 0.0, 0.1, 0.081),
+        (-12.5, 0.0, 0.0799, None),
+        (-12.5, 0.625, 0.1, 0.089),
+        (-12.5, 1.26, 0.1, None),
+        (12.5, 0.0, 0.1, None),
+        (0.0, 1.0, 0.1, None),
+    ],
+    ids=["cools", "releases all the way", "by two standard errors", "within two", "heats", "neutral"],
+)
+def test_flow_releases_heat_within_the_errors_of_its_share(slope: float, sigma: float, largest: float, strain: float | None) -> None:
+    """1 + slope Lambda is below nothing beyond -1 / slope."""
+    found = cools_from(flowing(slope, largest), effect("stored_energy"), {SLOPE: sigma})
+    assert found == (None if strain is None else pytest.approx(strain, abs=1e-9))
+
+
+def test_only_what_acts_on_the_share_that_becomes_heat_is_asked_for_it() -> None:
+    """Softening takes from the stress; that its law stores more than is left is no reason against it."""
+    assert cools_from(None, effect("thermal_softening"), {}) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("largest", "said"), [(0.1, "flow would take up heat from a plastic strain of 0.081 on"), (0.05, "")])
+def test_an_effect_by_which_flow_would_cool_is_refused(largest: float, said: str) -> None:
+    fit: Any = SimpleNamespace(sigma=(0.01,), at_bound=[False], names=(SLOPE,))
+    found = refusal(flowing(-12.5, largest), [effect("stored_energy")], ({SLOPE: -12.5}, {SLOPE: 0.01}), GOOD, fit)
+    assert said in found and bool(said) is bool(found)
 
 
 def of(name: str, size: float = 0.02) -> Any:

@@ -11,7 +11,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import untold
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.coupon_records import CouponTest, whole
-from thermofit.experiment.flow_conditions import FlowConditions, flow_conditions
+from thermofit.experiment.flow_conditions import KNEE, FlowConditions, by_strain, flow_conditions, flow_since_turn
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
@@ -31,10 +31,22 @@ def record(*legs: tuple[float, float, int], theta: float = 293.0, name: str = "a
         share = np.arange(1, n + 1) / n
         time += (t0 + seconds * share).tolist()
         strain += (e0 + (end - e0) * share).tolist()
-    t, e = np.array(time), np.array(strain) + NOISE["strain"] * RNG.normal(size=len(time))
+    return measured(np.array(time), np.array(strain), theta, name)
+
+
+def measured(t: np.ndarray, strain: np.ndarray, theta: float = 293.0, name: str = "a") -> CouponTest:
+    """The record of a strain (n,) at times (n,) s, with noise; stress and temperature of the law."""
+    e = strain + NOISE["strain"] * RNG.normal(size=len(t))
     bare = CouponTest(name, t, e, 0.0 * t, np.full(len(t), theta), theta, theta, NOISE, whole(t))
     found = history_of(bare)
     return replace(bare, stress=found.stress + NOISE["stress"] * RNG.normal(size=len(t)))
+
+
+def by_crosshead(rate: float, name: str = "a") -> CouponTest:
+    """Tension at 0.27 of a rate while elastic, which grows to 1.5 times that rate at a strain of 0.06: a soft machine."""
+    strain = np.linspace(0.0, 0.06, 600)
+    own = rate * (0.27 + 1.23 * np.maximum(strain - 0.0015, 0.0) / 0.0585)
+    return measured(np.append(0.0, np.cumsum(np.diff(strain) / own[1:])), strain, name=name)
 
 
 def history_of(test: CouponTest) -> PointHistory:
@@ -75,7 +87,86 @@ def test_records_at_different_rates_and_temperatures() -> None:
 
 def test_a_record_that_does_not_flow_has_one_rate() -> None:
     found = conditions(record((0.001, 1e-3, 60)))
-    assert found.rows == 0 and found.one_rate and found.span == 0.0
+    assert found.rows == 0 and found.one_rate and found.span == 0.0 and found.apart == 1.0
+
+
+def test_a_rate_that_drifts_with_the_strain_is_one() -> None:
+    """Although it changes by a factor of three: at each strain there is one. Two bars of one machine alike; at another speed they tell."""
+    found = conditions(by_crosshead(1e-3))
+    assert found.rates[1] > 3.0 * found.rates[0] and found.apart == pytest.approx(1.2, abs=0.1) and found.one_rate
+    assert conditions(by_crosshead(1e-3), by_crosshead(1.1e-3, "b")).one_rate
+    apart = conditions(by_crosshead(1e-3), by_crosshead(4e-3, "b")).apart
+    assert 4.0 < apart < 6.0
+
+
+def test_unloadings_begin_no_new_strain() -> None:
+    """A drifting rate is no other one at the same strain after an unloading that stays elastic."""
+    pull = by_crosshead(1e-3)
+    k = [200, 400]
+    time, strain = [pull.time[:1]], [pull.strain[:1]]
+    for a, b in ((1, k[0]), (k[0], k[1]), (k[1], 600)):
+        time.append(pull.time[a:b] - pull.time[a - 1] + time[-1][-1])
+        strain.append(pull.strain[a:b])
+        if b < 600:
+            down = np.concatenate([np.linspace(0.0, -0.001, 31)[1:], np.linspace(-0.001, 0.0, 31)[1:]])
+            time.append(time[-1][-1] + np.arange(1, 61) * 0.1)
+            strain.append(strain[-1][-1] + down)
+    found = conditions(measured(np.concatenate(time), np.concatenate(strain)))
+    assert found.rates[1] > 2.5 * found.rates[0] and found.one_rate
+
+
+def cycles(quickly: float = 1.0) -> CouponTest:
+    """Two cycles of a sine of amplitude 0.012 and 10 s, the second that many times as fast."""
+    part = np.linspace(0.0, 10.0, 401)
+    time = np.concatenate([part, 10.0 + part[1:] / quickly])
+    return measured(time, 0.012 * np.sin(2.0 * np.pi * np.concatenate([part, part[1:]]) / 10.0))
+
+
+def test_a_sine_has_one_rate_and_two_of_them_have_two() -> None:
+    """It slows down before it turns, in the first quarter at other plastic strains than later: none of that counts."""
+    one = conditions(cycles())
+    assert one.rates[1] > 4.0 * one.rates[0] and one.one_rate
+    assert 4.0 < conditions(cycles(5.0)).apart < 10.0
+
+
+@pytest.mark.parametrize(("knee", "one"), [(1.0, True), (4.0, False)])
+def test_rates_at_the_knee_after_a_turn_do_not_count(knee: float, one: bool) -> None:
+    """A rate that is five times as high up to KNEE, or some knees, after yield in one branch and not in the others."""
+    elastic = 2 * 310.0 / 200e3
+    at = 0.02 - elastic - 0.8 * knee * KNEE
+    legs = [(0.02, 1e-3, 200), (at, 5e-3, 200), (-0.02, 1e-3, 200), (0.02, 1e-3, 400)]
+    found = conditions(record(*legs))
+    assert found.rates[1] > 3.0 * found.rates[0] and found.one_rate is one
+
+
+def test_rates_are_compared_at_the_same_strain_from_the_knee_on() -> None:
+    """By hand: from KNEE on, within SMOOTH, and of each record without the twentieth part at either end."""
+    strain, rate = np.array([0.01, 0.01, 0.01, 0.012, 0.012, 0.012]), np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])
+    assert by_strain([strain], [rate]) == 3.0
+    assert by_strain([strain * [1, 1, 1, 2, 2, 2]], [rate]) == 1.0, "0.01 and 0.024 are two strains"
+    assert by_strain([0.16 * strain], [rate]) == 1.0, "within the knee"
+    assert by_strain([np.where(rate > 1.0, np.nan, strain)], [rate]) == 1.0
+    assert by_strain([np.zeros(0)], [np.zeros(0)]) == 1.0 and by_strain([], []) == 1.0
+
+
+@pytest.mark.parametrize(("fast", "apart"), [(1, 1.0), (2, 1.0), (3, 1.0), (4, 3.0)])
+def test_few_rows_of_a_record_are_no_rate_of_it(fast: int, apart: float) -> None:
+    """Of sixty; another record with one row at the strain has its rate there."""
+    rate = np.array([3.0] * fast + [1.0] * (60 - fast))
+    assert by_strain([np.full(60, 0.01)], [rate]) == apart
+    assert by_strain([np.full(60, 0.01), np.array([0.011])], [np.ones(60), np.array([3.0])]) == 3.0
+    assert by_strain([np.full(10, 0.01)], [np.array([1.0] * 8 + [3.0] * 2)]) == 1.0, "nor is a single window"
+
+
+def test_strain_of_flow_counts_from_where_the_flow_turned() -> None:
+    """Not from an unloading, and not where the strain is about to turn."""
+    test = record((0.02, 1e-3, 200), (0.019, 1e-3, 20), (0.04, 1e-3, 200), (0.0, 1e-3, 400))
+    history = history_of(test)
+    found, at = flow_since_turn(test, history), history.accumulated
+    assert found[120] == at[120] and found[300] == at[300] and found[600] == pytest.approx(at[600] - at[420])
+    about = np.isnan(found)
+    assert about[151:201].all() and not about[60:149].any() and about[370:421].all() and not about[280:367].any()
+    assert about[30] and about[245] and about[440] and not about[500:].any(), "after each yield; the last branch ends where the record does"
 
 
 def names(known: tuple[Effect, ...]) -> set[str]:
@@ -88,10 +179,10 @@ def test_effects_are_asked_by_what_the_records_hold() -> None:
     every = effects_of_point(sensor=True)
     rates, spans = {"rate_logarithmic", "rate_power", "rate_by_temperature"}, {"rate_by_temperature", "softening_power"}
     at = {
-        "neither": FlowConditions((1e-3, 1.2e-3), (293.0, 296.0), 400),
-        "rates": FlowConditions((1e-3, 1e-1), (293.0, 296.0), 400),
-        "temperatures": FlowConditions((1e-3, 1e-3), (293.0, 400.0), 400),
-        "both": FlowConditions((1e-3, 1e-1), (293.0, 400.0), 400),
+        "neither": FlowConditions((1e-3, 1.2e-3), (293.0, 296.0), 400, 1.2),
+        "rates": FlowConditions((1e-3, 1e-1), (293.0, 296.0), 400, 100.0),
+        "temperatures": FlowConditions((1e-3, 3e-3), (293.0, 400.0), 400, 1.4),
+        "both": FlowConditions((1e-3, 1e-1), (293.0, 400.0), 400, 100.0),
     }
     left = {"neither": rates | spans, "rates": spans, "temperatures": rates, "both": set()}
     for case, there in at.items():
@@ -100,7 +191,7 @@ def test_effects_are_asked_by_what_the_records_hold() -> None:
         assert len(said) == {"neither": 2, "rates": 1, "temperatures": 1, "both": 0}[case]
     _, said = untold(every, STEEL, at["neither"])
     assert said[0].startswith("not asked for rate_logarithmic, rate_power") or said[0].startswith("not asked for rate_power, rate_log")
-    assert "0.001 to 0.0012 1/s" in said[0] and "293 to 296 K" in said[1]
+    assert "0.001 to 0.0012 1/s in all, a factor of 1.2 at the same strain" in said[0] and "293 to 296 K" in said[1]
     on = STEEL.replace(**{"rate_logarithmic.C": 0.01})
     freed = STEEL.with_free(("rate_power.K",))
     assert "rate_logarithmic" in names(untold(every, on, at["neither"])[0])

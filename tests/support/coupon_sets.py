@@ -77,6 +77,34 @@ def followed_record(name: str, e: np.ndarray, rate: float, theta: float, seed: i
     return CouponTest(name, time, e, stress, None, theta, theta, {"strain": STRAIN_NOISE, "stress": sigma}, whole(time))
 
 
+def drifting_record(name: str, seed: int, sigma: float, *, jump: float, bump: float, **law: float) -> CouponTest:
+    """Tension at 1e-3 1/s, four times as fast around a strain of 0.031, into which it drifts, or, where `jump` is not 1, that many times as
+    fast from a strain of 0.031 on; `bump` MPa of stress around 0.031 that no law has."""
+    e = np.concatenate([np.linspace(0.0, 0.004, 60), np.linspace(0.004, 0.08, 141)[1:]])
+    around = np.exp(-0.5 * (np.log(np.maximum(e, 1e-6) / 0.031) / 0.5) ** 2)
+    rate = 1e-3 * (4.0**around if jump == 1.0 else np.where(e > 0.031, jump, 1.0))
+    time = np.append(0.0, np.cumsum(np.diff(e) / rate[1:]))
+    parameters = Parameters.of({**TRUTH, "theta_air": 293.15, "theta_ref": 293.15, **law})
+    history = simulate(parameters, Programme.by_strain(time, e, 293.15), PointSettings(model=1))
+    stress = history.stress + bump * around + sigma * np.random.default_rng(seed).normal(size=len(e))
+    return CouponTest(name, time, e, stress, None, 293.15, 293.15, {"strain": STRAIN_NOISE, "stress": sigma}, whole(time))
+
+
+def cooled_record(name: str, seed: int, strain: float, power: float, sigma: float) -> CouponTest:
+    """Tension to 0.1 at 1e-2 1/s without loss of heat, with a sensor; what flow releases falls as 1 - (Lambda / strain)^power, and is taken
+    up from `strain` on, as by a coolant that opens with it. Noise of `sigma` MPa, and of a hundredth of it in K."""
+    e = np.concatenate([np.linspace(0.0, 0.004, 40), np.linspace(0.004, 0.1, 121)[1:]])
+    time = e / 1e-2
+    parameters = Parameters.of({**TRUTH, "theta_air": 293.15, "theta_ref": 293.15})
+    history = simulate(parameters, Programme.by_strain(time, e, 293.15), PointSettings(model=1))
+    gone = np.diff(history.dissipated, prepend=0.0) * (history.accumulated / strain) ** power
+    random = np.random.default_rng(seed)
+    theta = history.theta - np.cumsum(gone) / TRUTH["c0"] + 0.01 * sigma * random.normal(size=len(e))
+    stress = history.stress + sigma * random.normal(size=len(e))
+    noise = {"strain": STRAIN_NOISE, "stress": sigma, "theta": 0.01 * sigma}
+    return CouponTest(name, time, e, stress, theta, 293.15, 293.15, noise, whole(time))
+
+
 def looped(study: Study, tests: tuple[CouponTest, ...], folder: Path) -> Closed:
     """The loop on records, from the joint fit of the base model on."""
     data = CouponData(tests, "strain")
@@ -87,7 +115,8 @@ def looped(study: Study, tests: tuple[CouponTest, ...], folder: Path) -> Closed:
     refit = JointFit(study, settings, model, job(folder, "set", {}, {}))
     parameters, fit = refit(base, "joint")
     run = coupon_run(study, data, settings.free)
-    known, _ = untold(effects_of_point(sensor=False), parameters, flow_conditions(tests, lambda test: run.history(parameters, test)))
+    there = flow_conditions(tests, lambda test: run.history(parameters, test))
+    known, _ = untold(effects_of_point(sensor=any(test.theta is not None for test in tests)), parameters, there)
     case = Case(model, parameters, known, experiment.spans, station_names(), cheap=True)
     return close_loop(case, fit, refit, study.diagnosis.max_effects, None)
 

@@ -30,6 +30,8 @@ _RATE, _STEP = 1e-3, 1e-30
 """1/s, and the imaginary step of a derivative by it."""
 _WARMER = 11.7
 """K"""
+_STRAINS = 201
+"""Values of Lambda at which a body is asked."""
 
 
 Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -106,6 +108,17 @@ class Case:
     def channels(self) -> tuple[str, ...]:
         """Compared channels in the order of the residual."""
         return tuple(c.channel for c in self.model.comparisons)
+
+    def flow(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lambda, its rate in 1/s and the temperature in K wherever the model flows, each (n,): of coupons in all records; of a body every
+        Lambda up to the largest, at a usual rate and near the reference temperature."""
+        terms = None if self.model.missing is None else self.model.missing.of_yield
+        if terms is not None:
+            of = ("accumulated plastic strain", "plastic strain rate", "temperature")
+            accumulated, log_rate, theta = (terms.yield_variables(self.parameters, name) for name in of)
+            return accumulated, np.exp(log_rate), theta
+        accumulated = np.linspace(0.0, self.largest_strain, _STRAINS)
+        return accumulated, np.full(_STRAINS, _RATE), np.full(_STRAINS, self.parameters["theta_ref"] + _WARMER)
 
     def dormant(self) -> tuple[Effect, ...]:
         """Effects that are off: none of their Params is free and the amplitude is neutral."""
@@ -188,9 +201,9 @@ def feels_rate(effect: Effect, parameters: Parameters) -> bool:
 
 
 def untold(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
-    """Those of the known effects that coupon records can tell, and why the others are not asked: where all flow is at one rate an
-    overstress is a factor on the yield stress, and where it is at one temperature what grows with temperature is one on something else.
-    An effect that the study switches on or frees stays."""
+    """Those of the known effects that coupon records can tell, and why the others are not asked: where the rate is one, or a function of
+    the plastic strain, an overstress is hardening by another name, and where flow is at one temperature what grows with temperature is a
+    factor on something else. An effect that the study switches on or frees stays."""
     dormant = [e for e in known if not set(parameters.free) & set(e.names) and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
     narrow = [e for e in dormant if e.span > there.span]
     steady = [e for e in dormant if there.one_rate and e not in narrow and feels_rate(e, parameters)]
@@ -198,8 +211,9 @@ def untold(known: Sequence[Effect], parameters: Parameters, there: FlowCondition
     if steady:
         names, (low, high) = ", ".join(e.name for e in steady), there.rates
         said.append(
-            f"not asked for {names}: as measured, the records flow at one rate ({low:.2g} to {high:.2g} 1/s, expected more than a factor "
-            f"of {ONE_RATE:g} between them); a record or a phase at another rate, or a hold, would tell"
+            f"not asked for {names}: as measured, the records flow at one rate at each plastic strain ({low:.2g} to {high:.2g} 1/s in all, "
+            f"a factor of {there.apart:.2g} at the same strain since the flow last turned, expected more than {ONE_RATE:g}), so that "
+            "hardening would explain the same; a record or a phase at another rate, or a hold, would tell"
         )
     if narrow:
         names, (cold, hot), least = ", ".join(e.name for e in narrow), there.temperatures, min(e.span for e in narrow)

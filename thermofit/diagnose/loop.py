@@ -21,6 +21,8 @@ from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
 from thermofit.fit.result import FitResult
 
+NEAR = 1.0
+"""Standard errors of a difference in held-out error within which the simpler of two refits is taken."""
 TRIED_PER_ROUND = 2
 TRIED_WHERE_CHEAP = 8
 """Most effects that are refitted in a round where a run costs next to nothing; the best of them is accepted."""
@@ -120,9 +122,12 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
 
 
 def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
-    """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect."""
+    """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect.
+
+    Of coupons, of which all are refitted: the simplest of those that predict about as well."""
     trials: list[Trial] = []
     ends: dict[str, Traced] = {}
+    passed: list[tuple[Trial, Accepted]] = []
     winner: tuple[Trial, Accepted] | None = None
     for score in candidates(here) if room > 0 else ():
         enough = len(trials) >= TRIED_PER_ROUND
@@ -132,8 +137,11 @@ def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[T
         trials.append(trial)
         if found is not None:
             ends[score.effect] = found[0]
+            passed.append((trial, found))
             if winner is None or trial.gain > winner[0].gain:
                 winner = trial, found
+    if winner is not None and here.case.cheap:
+        winner = _simplest(winner, passed)
     if room > 1 and leaves_more_than_it_takes(here, fit, trials):
         of_pairs, best = best_pair(here, fit, ends, means)
         trials += of_pairs
@@ -144,6 +152,13 @@ def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[T
         trials = [named if t is winner[0] else t for t in trials]
         winner = named, winner[1]
     return trials, winner
+
+
+def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]]) -> tuple[Trial, Accepted]:
+    """Of the refits that the best one does not beat by more than a standard error, the one with the fewest fitted parameters; of these the
+    one with the largest gain (the rule of one standard error, Breiman et al. 1984)."""
+    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], NEAR)]
+    return min(near, key=lambda one: (len(one[1][0].case.parameters.free), -one[0].gain))
 
 
 def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Trial:

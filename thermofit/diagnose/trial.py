@@ -20,6 +20,7 @@ from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.priors import beyond_error, in_words
 from thermofit.fit.result import FitResult
+from thermofit.law.page import law_of
 
 WORTH_AN_EXPONENT = 10.0
 """Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
@@ -284,10 +285,27 @@ def refusal(
         p = one.amplitude
         if fit.at_bound[fit.names.index(p.name)] or at_bound(p, estimate[p.name]):
             return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {p.lower:g} to {p.upper:g}"
+        strain = cools_from(there, one, sigma)
+        if strain is not None:
+            words = f"flow would take up heat from a plastic strain of {strain:.2g} on, more than all of its work being stored"
+            return f"{p.name} = {estimate[p.name]:.3g}: {words}"
         near = all(abs(estimate[q.name] - q.neutral) <= AWAY * sigma[q.name] for q in one.amplitudes)
         if near and missed(there, one.name, fit) <= AWAY:
             return f"{p.name} = {estimate[p.name]:.3g} is not away from {p.neutral:g}"
     return ""
+
+
+def cools_from(there: Traced, one: Effect, sigma: Mapping[str, float]) -> float | None:
+    """Smallest plastic strain in any record at which flow would take up heat by an effect on the share of its work that becomes heat (slot
+    dissipation), with its amplitudes AWAY standard errors nearer to neutral; None where it releases heat all the way."""
+    if one.slot != "dissipation":
+        return None
+    case, values = there.case, []
+    for p in one.params:
+        off, doubt = case.parameters[p.name] - p.neutral, AWAY * sigma.get(p.name, 0.0)
+        values.append(case.parameters[p.name] - float(np.clip(off, -doubt, doubt)))
+    law = law_of(case.parameters)
+    return min((strain for strain, *at in zip(*case.flow(), strict=True) if one.act(strain, *at, law, *values) < 0.0), default=None)
 
 
 def at_bound(p: Param, value: float) -> bool:
@@ -326,9 +344,9 @@ def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dic
     return {p.name: (parameters[p.name], sigma.get(p.name)) for name in names for p in effect(name).params if p.scan}
 
 
-def told_apart(one: Traced, other: Traced) -> bool:
-    """Whether one of two refits predicts held-out data better than the other by more than its uncertainty."""
+def told_apart(one: Traced, other: Traced, sure: float = SURE) -> bool:
+    """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors."""
     ends = {id(t): held_out_of(t) for t in (one, other)}
     worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
     found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.noise, better.columns.residual)
-    return found.gain > SURE * found.sigma
+    return found.gain > sure * found.sigma

@@ -141,7 +141,7 @@ def _moved(x: tuple[float, float, float, float], k: int) -> Complex:
     )
 
 
-@kernel(forceinline=True)
+@kernel(inline="always")
 def linearised(x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work) -> float:
     """Residual and Jacobian of a step at x into w; returns the largest residual."""
     for k in range(N_UNKNOWNS):
@@ -209,14 +209,14 @@ def newton(
     return FAILED, x, MAX_ITERATIONS
 
 
-@kernel(forceinline=True)
+@kernel
 def _beyond_yield(x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law) -> bool:
     """True where an elastic solution leaves the yield surface."""
     there = end_of_step(_moved((x[0], x[1], 0.0, x[3]), -1), z, Input(step.dt, step.target, step.control, True), law)
     return there.excess.real * law.mu.real > YIELD_TOLERANCE * there.yield_stress.real
 
 
-@kernel
+@kernel(inline="always")
 def solve_step(
     z: np.ndarray, step: Input, law: Law, exchange: Exchange, guess: tuple[float, float, float, float], w: Work
 ) -> tuple[int, tuple[float, float, float, float], bool, int]:
@@ -267,6 +267,12 @@ def _set_new_state(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, 
 
 
 @kernel
+def _set_state(x: Complex, z: np.ndarray, step: Input, law: Law, exchange: Exchange, out: np.ndarray) -> None:
+    """New state of a solved step; not inlined, for it is asked once per step."""
+    new_state(x, z, step, law, exchange, out)
+
+
+@kernel
 def _residual_with_effects(x: Complex, z: np.ndarray, step: Input, numbers: np.ndarray, flags: Flags) -> Complex:
     law, around = law_and_surroundings(numbers, flags, step.dt)
     return residual(x, z, step, law, exchange_of(step.dt, around))
@@ -278,7 +284,7 @@ def _set_new_state_with_effects(x: Complex, z: np.ndarray, step: Input, numbers:
     new_state(x, z, step, law, exchange_of(step.dt, around), out)
 
 
-@kernel
+@kernel(inline="always")
 def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flags, w: Work) -> None:
     """Derivatives of the state at the end of a solved step into w.rates_out, from those at its start, w.rates; w holds the Jacobian.
 
@@ -305,7 +311,7 @@ def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flag
             w.rates_out[i, p] = w.z_out[i].imag / STEP
 
 
-@kernel
+@kernel(inline="always")
 def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags, w: Work) -> tuple[int, bool, int]:
     """One step from w.s to w.out, and its derivatives by the parameters that w follows: status, whether it flows, iterations."""
     law, around = law_and_surroundings(w.numbers[-1], flags, step.dt)
@@ -315,7 +321,7 @@ def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags,
     if status != CONVERGED:
         return status, flows, n
     taken = Input(step.dt, step.target, step.control, flows)
-    new_state(_moved(x, -1), w.z, taken, law, exchange, w.z_out)
+    _set_state(_moved(x, -1), w.z, taken, law, exchange, w.z_out)
     for i in range(N_STATE):
         w.out[i] = w.z_out[i].real
     if w.rates.shape[1] > 0:
@@ -329,7 +335,7 @@ def _guess(s: np.ndarray, before: np.ndarray) -> tuple[float, float, float, floa
     return (s[ACROSS], s[ALONG], s[LAMBDA] - before[LAMBDA], s[THETA])
 
 
-@kernel
+@kernel(inline="always")
 def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits, w: Work) -> tuple[int, bool, int, int, int]:
     """One interval (length s, target, control, did the step before flow) in equal steps, twice as many where one fails or strains too much.
 
@@ -395,28 +401,27 @@ def run(
     w.s[REST] = 1.0
     for p in range(along.shape[1]):
         w.rates[THETA, p] = w.rates[SENSOR, p] = along[START, p]
-    rest = (numbers[START] * 0.0, 0.0, 0.0, numbers[START])
-    status, _, used = advance(Input(1.0, 0.0, AT_REST, False), rest, flags, w)
-    if status != CONVERGED:
-        return 0
-    w.s[:] = w.out
-    w.rates[:] = w.rates_out
     flows = False
-    for n in range(len(time)):
-        if n > 0 or target[0] != 0.0:
-            length = time[n] - time[n - 1] if n > 0 else time[1] - time[0]
-            interval = (length, target[n], int(by_stress[n]), flows)
-            for p in range(n_p + 1):
-                for k in range(2):
-                    at = max(n - 1 + k, 0)
-                    w.air[1 + k, p] = complex(warmer[at], STEP * warmer_along[at, p] if p < n_p else 0.0)
-            status, flows, steps, cuts, used = cross(interval, flags, limits, w)
-            counts[0] += steps
-            counts[1] += cuts
-            counts[2] += used
+    for n in range(-1, len(time)):
+        # The first interval finds the specimen at rest. One call of `cross`, and of `advance` in it: every further one is compiled anew.
+        if n != 0 or target[0] != 0.0:
+            length, to, control = 1.0, 0.0, AT_REST
+            if n >= 0:
+                length = time[n] - time[n - 1] if n > 0 else time[1] - time[0]
+                to, control = target[n], int(by_stress[n])
+                for p in range(n_p + 1):
+                    for k in range(2):
+                        at = max(n - 1 + k, 0)
+                        w.air[1 + k, p] = complex(warmer[at], STEP * warmer_along[at, p] if p < n_p else 0.0)
+            status, flows, steps, cuts, used = cross((length, to, control, flows), flags, limits, w)
             if status != CONVERGED:
-                return n
-        states[n] = w.s
-        if along.shape[1] > 0:
-            rates[n] = w.rates
+                return max(n, 0)
+            if n >= 0:
+                counts[0] += steps
+                counts[1] += cuts
+                counts[2] += used
+        if n >= 0:
+            states[n] = w.s
+            if n_p > 0:
+                rates[n] = w.rates
     return -1

@@ -16,10 +16,9 @@ from importlib.resources import files
 from pathlib import Path
 from urllib.parse import quote
 
-import yaml
-
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, StudyError
+from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.errors import near_miss
 
 DATA_VARIABLE = "THERMOFIT_DATA"
@@ -83,7 +82,7 @@ def data_sets() -> Mapping[str, DataSet]:
 
 
 def _load(file_name: str) -> DataSet:
-    tree = yaml.safe_load((files("thermofit.read") / "sets" / file_name).read_text(encoding="utf-8"))
+    tree = parse_yaml((files("thermofit.read") / "sets" / file_name).read_text(encoding="utf-8"), file_name, DataError)
     origins = {key: Origin(**value) for key, value in tree["origins"].items()}
     entries = tuple(
         SetFile(f["path"], f["size"], f["sha256"], _url(origins[f["origin"]], f["remote"]) if "origin" in f else None, f.get("note", ""))

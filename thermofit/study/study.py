@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
+from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
 from thermofit.study.effect_files import declare_effects
 from thermofit.study.errors import near_miss, sentence
@@ -230,44 +229,6 @@ def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
     return f"{source}{cause}: {text}{more}"
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1 as in PyYAML, but 1e-4 is a number, dates are texts, and a repeated key is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                continue
-            key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, str):
-                raise yaml.MarkedYAMLError(problem=f"the key {key!r} is not a text", problem_mark=key_node.start_mark)
-            if key in seen:
-                raise yaml.MarkedYAMLError(problem=f"the key '{key}' is given twice", problem_mark=key_node.start_mark)
-            seen.add(key)
-        return super().construct_mapping(node, deep=deep)
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:timestamp"]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789"))
-
-
-def _yaml(text: str, source: str) -> Any:
-    """Parse YAML; StudyError with file and line."""
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f"{source}, line {mark.line + 1}" if mark else source
-        begin = error.context_mark.line + 1 if error.context_mark else None
-        context = f" ({error.context} that begins in line {begin})" if error.context and begin else ""
-        raise StudyError(f"{where}: {error.problem or error.context}{context}; expected YAML, mend the line") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise StudyError(f"{source}: {' '.join(str(error).split())}; expected YAML text") from None
-
-
 def _read_tree(source: Path) -> dict[str, Any]:
     """The study file as nested dictionaries."""
     try:
@@ -277,7 +238,7 @@ def _read_tree(source: Path) -> dict[str, Any]:
     except OSError as error:
         reason = error.strerror or "cannot be read"
         raise StudyError(f"{source}: {reason.lower()}; expected a study file, `thermofit new {source}` writes a commented one") from None
-    tree = _yaml(text, str(source))
+    tree = parse_yaml(text, str(source), StudyError)
     if not isinstance(tree, dict):
         what = "nothing" if tree is None else f"a {type(tree).__name__}"
         raise StudyError(f"{source}: expected a study (keys such as 'name:' and 'experiment:'), found {what}; compare `thermofit new`")
@@ -300,4 +261,4 @@ def set_key(tree: dict[str, Any], override: str) -> None:
         # A copy: sections that share a YAML anchor are one object, and only the named one is meant.
         place[part] = dict(inner)
         place = place[part]
-    place[parts[-1]] = _yaml(text, f"override '{override}'")
+    place[parts[-1]] = parse_yaml(text, f"override '{override}'", StudyError)

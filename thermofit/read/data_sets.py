@@ -18,6 +18,7 @@ from urllib.parse import quote
 
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, StudyError
+from thermofit.core.folders import cache_root
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.errors import near_miss
 
@@ -26,7 +27,6 @@ DATA_VARIABLE = "THERMOFIT_DATA"
 SETS_FOLDER = "real"
 _HOST = "https://raw.githubusercontent.com"
 _TIMEOUT = 30.0
-_CACHE_VARIABLE = "THERMOFIT_CACHE_DIR"
 
 Downloader = Callable[[str, Path], None]
 """Writes what lies at a URL to a file; OSError where it cannot be had."""
@@ -117,12 +117,9 @@ def mirror_root() -> Path | None:
     return root
 
 
-def cache_root() -> Path:
-    """Where downloaded sets go when no folder is named: the user's cache folder, or that of THERMOFIT_CACHE_DIR."""
-    import pooch
-
-    folder = os.environ.get(_CACHE_VARIABLE)
-    return (Path(folder) if folder else Path(pooch.os_cache("thermofit"))) / "data"
+def download_root() -> Path:
+    """Where downloaded sets go when no folder is named."""
+    return cache_root() / "data"
 
 
 def place_of(root: Path, data: DataSet, file: SetFile) -> Path:
@@ -157,7 +154,7 @@ def obtain(data: DataSet, file: SetFile, target: Path | None, download: Download
     """
     mirror = mirror_root()
     source = None if mirror is None else place_of(mirror, data, file)
-    local = place_of(target or cache_root(), data, file)
+    local = place_of(target or download_root(), data, file)
     if source is not None and source.is_file():
         check(source, file)
         if target is None or local == source:

@@ -15,7 +15,7 @@ from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
-from thermofit.study.effect_files import declare_effects
+from thermofit.study.effect_files import Check, declare_effects
 from thermofit.study.errors import near_miss, sentence
 from thermofit.study.experiments import virtual_of
 from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
@@ -166,8 +166,10 @@ class Study(Sections):
         return config
 
 
-def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
+def load_study(path: str | Path, overrides: Sequence[str] = (), check_effects: Check | None = None) -> Study:
     """Read a study file and apply overrides such as `mesh=coarse` or `stages.thermal.method=nelder-mead`.
+
+    `check_effects` is asked about effect files of the user's own, before anything is made of them.
 
     Raises StudyError with one sentence for anything that is wrong in the file, in an override or in the environment.
     """
@@ -175,7 +177,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     tree = _read_tree(source)
     for override in overrides:
         set_key(tree, override)
-    declare_effects(tree, source)
+    declare_effects(tree, source, check_effects)
     try:
         # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
         file = StudyFile.model_validate(json.loads(json.dumps(tree)))

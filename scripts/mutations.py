@@ -25,7 +25,7 @@ import yaml
 
 from thermofit.core.atomic import replacing
 from thermofit.core.digest import path_digest
-from thermofit.core.jit import CACHE_VARIABLE
+from thermofit.core.folders import CACHE_VARIABLE
 
 ROOT = Path(__file__).resolve().parent.parent
 LIST = ROOT / "scripts" / "mutations.yaml"

@@ -51,7 +51,7 @@ def test_import_contract() -> None:
         ("observe/wrong.py", "import thermofit.read", "Imports only go down"),
         ("point/wrong.py", "import thermofit.body", "Imports only go down"),
         ("law/wrong.py", "import thermofit.point", "Imports only go down"),
-        ("records/wrong.py", "import thermofit.effects", "Imports only go down"),
+        ("effects/wrong.py", "import thermofit.study", "Imports only go down"),
         ("study/wrong.py", "import thermofit.records", "Imports only go down"),
         ("fit/wrong.py", "import thermofit.body", "never finite elements"),
         ("read/wrong.py", "import h5py", "HDF5"),
@@ -63,7 +63,7 @@ def test_import_contract() -> None:
 def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: str) -> None:
     """In a skeleton of the house one wrong import breaks the contract that forbids it."""
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    rooms = "stages report diagnose identify experiment fit virtual read observe body point law effects records study core".split()
+    rooms = "stages report diagnose identify experiment fit virtual read observe body point law records study effects core".split()
     knows_hdf5 = ("records/artefact.py", "records/foreign_hdf5.py")
     for name in ("cli.py", *knows_hdf5, "stages/one.py", "stages/two.py", "__init__.py", *(f"{room}/__init__.py" for room in rooms)):
         path = tmp_path / "thermofit" / name

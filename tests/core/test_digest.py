@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -155,3 +157,18 @@ def test_results_among_the_data_are_no_data(tmp_path: Path) -> None:
     (raw / "force.csv").write_text("3")
     assert path_digest(raw, without=raw / "run") != before
     assert path_digest(raw, without=tmp_path) == path_digest(raw, without=raw) == path_digest(raw)
+
+
+def test_effect_files_are_named_before_kernels_are_loaded_or_not_at_all(tmp_path: Path) -> None:
+    """In a process of its own: this one has kernels."""
+    code = (
+        "import os, sys; from pathlib import Path; from thermofit.core.digest import effect_files, use_effect_files; "
+        "one, two = [Path(name) for name in sys.argv[1:]]; assert use_effect_files([one]) and effect_files() == (one,); "
+        "import thermofit.core.jit; assert use_effect_files([one]); assert not use_effect_files([two]) and effect_files() == (one,)"
+    )
+    files = [tmp_path / "one.py", tmp_path / "two.py"]
+    for file in files:
+        file.write_text("A = 1")
+    environment = {key: value for key, value in os.environ.items() if key != EFFECTS_VARIABLE}
+    done = subprocess.run([sys.executable, "-c", code, *map(str, files)], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

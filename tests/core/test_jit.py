@@ -14,6 +14,7 @@ import pytest
 
 from thermofit.core import digest, jit
 from thermofit.core.errors import StudyError
+from thermofit.core.folders import CACHE_VARIABLE, cache_root
 
 CALLEE = """
 from thermofit.core.jit import kernel
@@ -63,7 +64,7 @@ def house(tmp_path: Path) -> Path:
         (package / room).mkdir(parents=True)
         (package / room / "__init__.py").write_text("")
     (package / "__init__.py").write_text("")
-    for name in ("jit", "digest", "errors"):
+    for name in ("jit", "digest", "errors", "folders"):
         shutil.copy(digest.PACKAGE / "core" / f"{name}.py", package / "core")
     (package / "effects" / "callee.py").write_text(CALLEE.format(factor=2.0, shift=1.0))
     (package / "law" / "caller.py").write_text(CALLER)
@@ -102,7 +103,7 @@ def test_forgotten_caches_are_removed_and_recent_ones_kept(tmp_path: Path) -> No
 def test_unwritable_cache_falls_back_to_a_private_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("where a folder is expected")
     (tmp_path / "tmp").mkdir()
-    monkeypatch.setenv(jit.CACHE_VARIABLE, str(tmp_path / "file"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "file"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
     folder = jit._use_cache()
     assert folder.is_dir() and folder.is_relative_to(tmp_path / "tmp")
@@ -114,11 +115,13 @@ def test_unwritable_cache_falls_back_to_a_private_temporary_folder(tmp_path: Pat
 
 
 def test_cache_root_honours_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv(jit.CACHE_VARIABLE, str(tmp_path))
-    assert jit.cache_root() == tmp_path
-    monkeypatch.delenv(jit.CACHE_VARIABLE)
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    assert cache_root() == tmp_path
+    monkeypatch.delenv(CACHE_VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert jit.cache_root().name == "thermofit"
+    assert cache_root().name == "thermofit"
+    if sys.platform == "linux":
+        assert cache_root() == tmp_path / "xdg" / "thermofit"
 
 
 def test_kernels_divide_like_numpy() -> None:

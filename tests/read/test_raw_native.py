@@ -58,6 +58,7 @@ def test_exports_are_read_in_place_of_a_folder(tmp_path: Path) -> None:
         ({"files": "exports/*.txt", "rate": 1}, "no file found, expected exports of a DIC system"),
         ({"files": "exports/*.csv", "rate": 1, "axes": {"x": "y"}}, "expected x, y and z of the file, each once"),
         ({"files": "exports/*.csv", "rate": 1, "axes": {"x": "y", "y": "x", "w": "z"}}, "expected x, y and z of the file, each once"),
+        ({"files": "exports/*.csv", "rate": 1, "axes": [1, 2, 3]}, "expected x, y and z of the file, each once"),
         ({"files": "exports/*.csv", "rate": 1, "origin_mm": [1, 2]}, "key 'dic.origin_mm' is .* expected a list of 3 numbers"),
         ({"files": "exports/*.csv", "rate": 1, "coordinates_of": "both"}, "expected reference or deformed"),
         ({"files": "exports/*.csv", "rate": 1, "mm_per_pixel": -1}, "key 'dic.mm_per_pixel' is -1; expected a number above 0"),

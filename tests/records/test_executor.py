@@ -15,7 +15,7 @@ import pytest
 import worker_tasks
 
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.records import executor_dask
+from thermofit.records import executor
 from thermofit.records.executor import SERIAL, Executor, Task, run_all
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -125,7 +125,7 @@ def test_dask_gives_the_same_answers(cluster: str, tmp_path: Path) -> None:
 
 def test_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="needs the extra dask")
-    monkeypatch.setattr(executor_dask, "CONNECT_S", 0.5)
+    monkeypatch.setattr(executor, "CONNECT_S", 0.5)
     with pytest.raises(StudyError, match=r"--scheduler tcp://127\.0\.0\.1:1: no Dask scheduler answers there"):
         run_all(squares(1), Executor(scheduler="tcp://127.0.0.1:1"))
     with pytest.raises(StudyError, match=r"--scheduler nonsense://x: no Dask scheduler answers there"):

@@ -183,7 +183,7 @@ SENTENCES = [
         "key 'sensitivity.quantity' is kappa, which stages.thermal.free identifies",
     ),
     ("sensitivity={stage: thermal, quantity: theta_air, values: [23]}", "key 'sensitivity.values' is 23 K"),
-    ("ir.landmarks.length.p1=3", "key 'ir.landmarks.length.p1' is 3; expected a list"),
+    ("ir.landmarks.length.p1=3", "key 'ir.landmarks.length.p1' is 3; expected a pixel [row, col]"),
     ("experiment=null", "key 'experiment' is missing"),
     ("mesh", "expected key=value"),
     ("parameters.nu.start.x=1", "key 'parameters.nu' is 0.3 in the study, not a section"),

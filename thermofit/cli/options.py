@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json as json_format
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -45,11 +45,18 @@ class Common:
 
         # A path is text whatever it looks like, and JSON's quotes are YAML's.
         folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
-        return load_study(self.study, (*self.settings, *folder))
+        return load_study(self.study, (*self.settings, *folder), _check_effects)
 
     def setting(self, key: str, value: object) -> Common:
         """The same with a key of the study set by an option of its own, which counts more than --set; None: it is not given."""
         return self if value is None else replace(self, settings=(*self.settings, f"{key}={value}"))
+
+
+def _check_effects(files: Sequence[Path]) -> None:
+    """Try the user's effects; imported only then, because kernels come with it."""
+    from thermofit.identify.user_effects import check_effects
+
+    check_effects(files)
 
 
 def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:

@@ -24,11 +24,13 @@ KERNEL_ROOMS = ("effects", "law", "point", "body")
 _NO_KERNEL = b"from thermofit.core.jit import set_threads\n"
 """A module that asks for no more of `core.jit` than this compiles nothing."""
 
-_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "jsonable"))
+_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "folders", "jsonable", "yaml_text"))
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 
 EFFECTS_VARIABLE = "THERMOFIT_EFFECTS"
 """Environment variable that names effect files of the user; set from the key `effects` of a study."""
+_compiled_with: list[tuple[Path, ...]] = []
+"""The effect files by which the kernels of this process are named, once they are loaded."""
 _BLOCK = 1 << 20
 _THREADS = 4
 
@@ -75,6 +77,8 @@ def kernel_digest(package: Path = PACKAGE) -> str:
     imports `thermofit.core.jit`, and the effect files of the user. In doubt a source is in: a needless compilation is slow, a stale
     kernel is wrong.
     """
+    if package == PACKAGE:
+        _compiled_with.append(effect_files())
     return _with_effects(_combined(package, (path for path in _sources(package) if _may_be_compiled(package, path))))
 
 
@@ -95,6 +99,15 @@ def _of_users(files: tuple[Path, ...]) -> tuple[str, ...]:
 def effect_files() -> tuple[Path, ...]:
     """Effect files of the user, as the environment names them (`EFFECTS_VARIABLE`)."""
     return tuple(Path(name) for name in os.environ.get(EFFECTS_VARIABLE, "").split(os.pathsep) if name)
+
+
+def use_effect_files(files: Sequence[Path]) -> bool:
+    """Name the user's effect files to this process and those that it starts; False where it has loaded kernels without them already."""
+    if effect_files() != tuple(files):
+        if _compiled_with:
+            return False
+        os.environ[EFFECTS_VARIABLE] = os.pathsep.join(str(path) for path in files)
+    return True
 
 
 @lru_cache(maxsize=16)

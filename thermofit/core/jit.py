@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,9 +23,7 @@ import numba
 
 from thermofit.core.digest import kernel_digest
 from thermofit.core.errors import StudyError
-
-CACHE_VARIABLE = "THERMOFIT_CACHE_DIR"
-"""Environment variable that replaces the user's cache folder."""
+from thermofit.core.folders import cache_root
 
 KEEP_DAYS = 30.0
 """Caches that no process has used for so long are removed."""
@@ -63,20 +60,6 @@ def set_threads(n: int) -> int:
     number = min(int(n), int(_settings.NUMBA_NUM_THREADS))
     numba.set_num_threads(number)
     return number
-
-
-def cache_root() -> Path:
-    """Folder of thermofit in the user's cache (or `THERMOFIT_CACHE_DIR`); it need not exist."""
-    if given := os.environ.get(CACHE_VARIABLE):
-        return Path(given).expanduser()
-    home = Path(os.path.expanduser("~"))
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = home / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    return base / "thermofit"
 
 
 def _use_cache() -> Path:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import orth
 
 SURE = 2.0
 """Standard errors by which held-out error has to fall."""
@@ -138,8 +139,7 @@ def _predictable(blocks: Sequence[_Block], folds: int, fitted: np.ndarray | None
     if fitted is None or fitted.shape[1] == 0:
         return list(blocks), 0
     size = np.linalg.norm(fitted, axis=0)
-    u, s, _ = np.linalg.svd(fitted[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    basis = u[:, s > 1e-8 * s.max(initial=0.0)]
+    basis = orth(fitted[:, size > 0.0] / size[size > 0.0], rcond=1e-8)
     left, kept = [], 0
     for fold in range(folds):
         own = [b for b in blocks if b.fold == fold]

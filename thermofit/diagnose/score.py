@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import orth
 from scipy.stats import chi2, norm
 
 from thermofit.core.errors import UntrustworthyError
@@ -178,11 +179,7 @@ def _family(effect: str, alike: Mapping[tuple[str, str], float]) -> tuple[str, .
 def _orthonormal(a: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the columns of a; columns are scaled to one, directions below 1e-10 are dropped."""
     size = np.linalg.norm(a, axis=0)
-    kept = a[:, size > 0.0] / size[size > 0.0]
-    if kept.shape[1] == 0:
-        return np.zeros((len(a), 0))
-    u, s, _ = np.linalg.svd(kept, full_matrices=False)
-    return np.asarray(u[:, s > 1e-10 * s.max()])
+    return np.asarray(orth(a[:, size > 0.0] / size[size > 0.0], rcond=1e-10))
 
 
 def _threshold(blocks: Sequence[np.ndarray]) -> float:

@@ -7,7 +7,9 @@ from typing import Any
 
 import yaml
 
+from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, param
+from thermofit.core.yaml_text import parse_yaml
 from thermofit.diagnose.loop import Closed
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.several import own_names
@@ -28,7 +30,7 @@ _RECORDS = (
 
 def study_text(study: Study, closed: Closed) -> str:
     """YAML of the study; an effect's Params stand fixed at what was found, so that every stage and `verify` run with it."""
-    tree: dict[str, Any] = yaml.safe_load(study.source.read_text(encoding="utf-8"))
+    tree: dict[str, Any] = parse_yaml(study.source.read_text(encoding="utf-8"), str(study.source), StudyError)
     for text in study.overrides:
         set_key(tree, text)
     tree["name"] = f"{study.name}-with-effects"

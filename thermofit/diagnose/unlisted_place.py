@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import label
 
 from thermofit.diagnose.unlisted_field import Field
 
@@ -36,25 +37,8 @@ def compact(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     clear = size / np.maximum(noise, 1e-300)
     strong = (size >= KEPT * size.max()) & (clear >= KEPT * clear.max())
     top = np.unravel_index(int(np.argmax(np.where(strong, clear, 0.0))), size.shape)
-    found = np.zeros_like(strong)
-    found[top] = True
-    for _ in range(strong.size):
-        grown = found.copy()
-        for dy in (-1, 0, 1):
-            for dx in (-1, 0, 1):
-                grown |= _shifted(found, dy, dx)
-        grown &= strong
-        if np.array_equal(grown, found):
-            break
-        found = grown
-    return np.asarray(found)
-
-
-def _shifted(mask: np.ndarray, dy: int, dx: int) -> np.ndarray:
-    out = np.zeros_like(mask)
-    n, m = mask.shape
-    out[max(dy, 0) : n + min(dy, 0), max(dx, 0) : m + min(dx, 0)] = mask[max(-dy, 0) : n - max(dy, 0), max(-dx, 0) : m - max(dx, 0)]
-    return out
+    patches, _ = label(strong, structure=np.ones((3, 3)))
+    return np.asarray(patches == patches[top])
 
 
 def place_of(field: Field, volumes: np.ndarray | None) -> Place:

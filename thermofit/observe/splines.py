@@ -3,7 +3,8 @@
 Each piece between two breaks has its own clamped B-spline basis (degree 1 or 3, free slope at the breaks); the last
 coefficient of a piece is the first of the next, so that the curve is continuous. Knots are inserted where the score
 test says that chi-square falls by more than `GAIN`, and taken out where the Wald test says that it rises by less.
-Basis: C. de Boor, A Practical Guide to Splines (1978), chapters IX and XIV.
+Basis: C. de Boor, A Practical Guide to Splines (1978), chapters IX and XIV; scipy's make_lsq_spline and
+generate_knots know one smooth piece and no test of a knot against noise, so that only the basis is scipy's.
 """
 
 from __future__ import annotations

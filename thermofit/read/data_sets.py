@@ -16,10 +16,10 @@ from importlib.resources import files
 from pathlib import Path
 from urllib.parse import quote
 
-import yaml
-
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, StudyError
+from thermofit.core.folders import cache_root
+from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.errors import near_miss
 
 DATA_VARIABLE = "THERMOFIT_DATA"
@@ -27,7 +27,6 @@ DATA_VARIABLE = "THERMOFIT_DATA"
 SETS_FOLDER = "real"
 _HOST = "https://raw.githubusercontent.com"
 _TIMEOUT = 30.0
-_CACHE_VARIABLE = "THERMOFIT_CACHE_DIR"
 
 Downloader = Callable[[str, Path], None]
 """Writes what lies at a URL to a file; OSError where it cannot be had."""
@@ -83,7 +82,7 @@ def data_sets() -> Mapping[str, DataSet]:
 
 
 def _load(file_name: str) -> DataSet:
-    tree = yaml.safe_load((files("thermofit.read") / "sets" / file_name).read_text(encoding="utf-8"))
+    tree = parse_yaml((files("thermofit.read") / "sets" / file_name).read_text(encoding="utf-8"), file_name, DataError)
     origins = {key: Origin(**value) for key, value in tree["origins"].items()}
     entries = tuple(
         SetFile(f["path"], f["size"], f["sha256"], _url(origins[f["origin"]], f["remote"]) if "origin" in f else None, f.get("note", ""))
@@ -118,12 +117,9 @@ def mirror_root() -> Path | None:
     return root
 
 
-def cache_root() -> Path:
-    """Where downloaded sets go when no folder is named: the user's cache folder, or that of THERMOFIT_CACHE_DIR."""
-    import pooch
-
-    folder = os.environ.get(_CACHE_VARIABLE)
-    return (Path(folder) if folder else Path(pooch.os_cache("thermofit"))) / "data"
+def download_root() -> Path:
+    """Where downloaded sets go when no folder is named."""
+    return cache_root() / "data"
 
 
 def place_of(root: Path, data: DataSet, file: SetFile) -> Path:
@@ -158,7 +154,7 @@ def obtain(data: DataSet, file: SetFile, target: Path | None, download: Download
     """
     mirror = mirror_root()
     source = None if mirror is None else place_of(mirror, data, file)
-    local = place_of(target or cache_root(), data, file)
+    local = place_of(target or download_root(), data, file)
     if source is not None and source.is_file():
         check(source, file)
         if target is None or local == source:

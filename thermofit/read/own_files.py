@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import yaml
-
+from thermofit.core.errors import DataError
+from thermofit.core.yaml_text import parse_yaml
 from thermofit.read.formats.contents import Head
 from thermofit.read.formats.text import head_lines
 from thermofit.read.raw_description import DESCRIPTION
@@ -52,8 +52,8 @@ def _yaml(head: Head, lines: list[str]) -> Known | None:
     if head.path.suffix.lower() not in (".yaml", ".yml"):
         return None
     try:
-        tree = yaml.safe_load("\n".join(lines))
-    except yaml.YAMLError:
+        tree = parse_yaml("\n".join(lines), str(head.path), DataError, text_keys=False)
+    except DataError:
         tree = None
     keys = set(tree) if isinstance(tree, dict) else set()
     if head.path.name == DESCRIPTION or {"specimen", "temperatures"} <= keys:

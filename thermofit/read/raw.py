@@ -30,7 +30,7 @@ _LARGEST_ID = 2**53
 
 def read_force(description: Description) -> ForceRecord:
     """Force record over strictly increasing times; the crosshead is None where its column is absent."""
-    path = description.force_file
+    path = description.force.file
     lines = read_lines(path, "the force record with the header time_s,force_N,crosshead_mm")
     header = read_header(lines[0], path, 1, _FORCE_COLUMNS, ("crosshead_mm",))
     table, names = header.in_fixed(read_table(lines[1:], path, 2, header.written)), header.names
@@ -48,17 +48,17 @@ def read_force(description: Description) -> ForceRecord:
     return ForceRecord(time.copy(), table[:, names.index("force_N")].copy(), crosshead, said)
 
 
-def _files(source: FieldSource, stem: str, word: str) -> tuple[list[Path], list[str]]:
+def _files(source: FieldSource, declared: int | None, word: str) -> tuple[list[Path], list[str]]:
     """Files of a field, sorted by name, and remarks on what else lies there or is not there."""
     if not source.folder.is_dir():
         raise DataError(f"{source.folder}: the folder does not exist, but {DESCRIPTION} declares it; put it there or remove the section")
-    paths = sorted(source.folder.glob(f"{stem}_*.csv"))
+    paths = sorted(source.folder.glob(f"{word}_*.csv"))
     if not paths:
-        raise DataError(f"{source.folder}: no file {stem}_NNNN.csv found; put the {word}s there or remove the section from {DESCRIPTION}")
+        raise DataError(f"{source.folder}: no file {word}_NNNN.csv found; put the {word}s there or remove the section from {DESCRIPTION}")
     others = sum(1 for _ in source.folder.iterdir()) - len(paths)
     remarks = [f"{source.folder.name}: {others} other files left unread"] if others else []
-    if source.count is not None and source.count != len(paths):
-        remarks.append(f"{source.folder.name}: {len(paths)} {word}s found, {source.count} declared in {DESCRIPTION}")
+    if declared not in (None, len(paths)):
+        remarks.append(f"{source.folder.name}: {len(paths)} {word}s found, {declared} declared in {DESCRIPTION}")
     return paths, remarks
 
 
@@ -107,8 +107,8 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     if source is None:
         raise DataError(f"{description.folder / DESCRIPTION}: key 'dic' is missing; add it to read displacements")
     if source.files is not None:
-        return _counted(*read_dic_files(source.files, source.rules, source.side), source, "stage")
-    paths, remarks = _files(source, "stage", "stage")
+        return _counted(*read_dic_files(source.files, source, source.side), source, source.stages, "stage")
+    paths, remarks = _files(source, source.stages, "stage")
     read = [_read_stage(path) for path in paths]
     stages, said = [one[:2] for one in read], [text for one in read for text in one[2]]
     remarks += [f"{source.folder.name}: {text} in {said.count(text)} stages" for text in dict.fromkeys(said)]
@@ -139,11 +139,11 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     return DicField(time, point_id.astype(np.int64), reference, displacement, source.side), tuple(remarks)
 
 
-def _counted(field: Field, remarks: tuple[str, ...], source: FieldSource, word: str) -> tuple[Field, tuple[str, ...]]:
+def _counted(field: Field, remarks: tuple[str, ...], source: FieldSource, declared: int | None, word: str) -> tuple[Field, tuple[str, ...]]:
     """A field of native exports; a remark where their number is not the declared one."""
-    if source.count is None or source.count == len(field.time):
+    if declared in (None, len(field.time)):
         return field, remarks
-    return field, (*remarks, f"{source.files}: {len(field.time)} {word}s found, {source.count} declared in {DESCRIPTION}")
+    return field, (*remarks, f"{source.files}: {len(field.time)} {word}s found, {declared} declared in {DESCRIPTION}")
 
 
 def _read_frame(path: Path, shape: tuple[int, int] | None, origin: str) -> tuple[float, np.ndarray]:
@@ -162,9 +162,10 @@ def _read_frame(path: Path, shape: tuple[int, int] | None, origin: str) -> tuple
 
 def _check_landmarks(description: Description, n: int) -> None:
     """DataError where the landmarks are those of a frame that is not among the `n`."""
-    if description.landmarks is not None and description.landmarks.frame >= n:
+    landmarks = description.landmarks
+    if landmarks is not None and landmarks.frame >= n:
         raise DataError(
-            f"{description.folder / DESCRIPTION}: key 'ir.landmarks_frame' is {description.landmarks.frame}, but there are only "
+            f"{description.folder / DESCRIPTION}: key 'ir.landmarks_frame' is {landmarks.frame}, but there are only "
             f"{n} frames, counted from 0; correct it"
         )
 
@@ -175,15 +176,15 @@ def read_infrared(description: Description) -> tuple[InfraredSequence, tuple[str
     if source is None:
         raise DataError(f"{description.folder / DESCRIPTION}: key 'ir' is missing; add it to read temperatures")
     if source.files is not None:
-        infrared, said = _counted(*read_frame_files(source.files, source.rules, source.side), source, "frame")
-        if description.image_shape not in (None, infrared.frames.shape[1:]):
+        infrared, said = _counted(*read_frame_files(source.files, source, source.side), source, source.frames, "frame")
+        if source.image_shape not in (None, infrared.frames.shape[1:]):
             found = "{} x {}".format(*infrared.frames.shape[1:])
             raise DataError(f"{source.files}: the frames have {found} pixels, expected ir.image_shape of {DESCRIPTION}; correct it")
         _check_landmarks(description, len(infrared.time))
         return infrared, said
-    paths, remarks = _files(source, "frame", "frame")
+    paths, remarks = _files(source, source.frames, "frame")
     time = np.empty(len(paths))
-    time[0], first = _read_frame(paths[0], description.image_shape, f"{DESCRIPTION} (ir.image_shape)")
+    time[0], first = _read_frame(paths[0], source.image_shape, f"{DESCRIPTION} (ir.image_shape)")
     frames = np.empty((len(paths), *first.shape), dtype=np.float32)
     frames[0] = first
     for k, path in enumerate(paths[1:], start=1):
@@ -224,15 +225,15 @@ def read_experiment(folder: Path, parts: Collection[str] = ("force", "dic", "ir"
             repairs.append(f"{name}: the folder is there but {DESCRIPTION} has no section '{name}', not read")
     if "dic" in parts and description.dic is not None:
         dic, remarks = read_dic(description)
-        repairs += [*remarks, *_check_span(force, dic.time, description.force_file, "DIC stage")]
+        repairs += [*remarks, *_check_span(force, dic.time, description.force.file, "DIC stage")]
     if "ir" in parts and description.ir is not None:
         ir, remarks = read_infrared(description)
-        repairs += [*remarks, *_check_span(force, ir.time, description.force_file, "infrared frame")]
+        repairs += [*remarks, *_check_span(force, ir.time, description.force.file, "infrared frame")]
     return Experiment(
         description.folder,
-        description.specimen,
-        description.theta_air,
-        description.theta_clamp,
+        description.specimen.lengths(),
+        description.temperatures.theta_air_degC + CELSIUS,
+        description.temperatures.theta_clamp_degC + CELSIUS,
         force,
         dic,
         ir,

@@ -17,7 +17,6 @@ from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset
 from thermofit.records.each import each
 from thermofit.records.staging import Made, Outcome, job, produce
-from thermofit.study.models import LandmarkOverride
 from thermofit.study.study import Study
 
 NAME = "calibrate-ir"
@@ -80,23 +79,12 @@ def _make(study: Study) -> Made:
 def _landmarks(study: Study, experiment: Experiment) -> Landmarks:
     """Landmarks of the study, else of experiment.yaml."""
     override = study.ir.landmarks
-    given = experiment.landmarks if override is None else _from_override(override)
+    given = experiment.landmarks if override is None else override.of_frame(0)
     if given is None:
         raise DataError(
             f"{study.experiment}: neither experiment.yaml nor the study gives ir.landmarks; pick length, edge_left, edge_right and circle"
         )
     return given if study.ir.landmarks_frame is None else replace(given, frame=study.ir.landmarks_frame)
-
-
-def _from_override(marks: LandmarkOverride) -> Landmarks:
-    return Landmarks(
-        frame=0,
-        length=np.array([marks.length.p1, marks.length.p2]),
-        length_mm=marks.length.length_mm,
-        edge_left=np.array([marks.edge_left.p1, marks.edge_left.p2]),
-        edge_right=np.array(marks.edge_right.p1),
-        circle=np.array([marks.circle.p1, marks.circle.p2, marks.circle.p3]),
-    )
 
 
 def _refine(study: Study, experiment: Experiment, pose: CameraPose) -> EdgeRefinement:

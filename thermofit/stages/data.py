@@ -12,9 +12,9 @@ from thermofit.read.data_sets import (
     SETS_FOLDER,
     DataSet,
     Downloader,
-    cache_root,
     data_set,
     data_sets,
+    download_root,
     mirror_root,
     obtain,
     present,
@@ -28,7 +28,7 @@ def listing() -> dict[str, Any]:
 
     StudyError where THERMOFIT_DATA names no folder.
     """
-    mirror, cache = mirror_root(), cache_root()
+    mirror, cache = mirror_root(), download_root()
     sets = [_described(data, mirror, cache) for data in data_sets().values()]
     complete = sum(1 for entry in sets if entry["complete"])
     hint = f"{DATA_VARIABLE} is {mirror}" if mirror else f"{DATA_VARIABLE} is not set; `thermofit data fetch` says how"
@@ -89,7 +89,7 @@ def _verdict(results: list[dict[str, Any]], to: Path | None) -> str:
     downloaded = sum(r["counts"]["downloaded"] for r in results)
     mirror = mirror_root()
     in_mirror = to is None and mirror is not None and all(r["counts"]["there"] + r["counts"]["downloaded"] == 0 for r in results)
-    root = mirror if in_mirror else to or cache_root()
+    root = mirror if in_mirror else to or download_root()
     point = f"they lie in {root}/{SETS_FOLDER}, which {DATA_VARIABLE} names" if in_mirror else f"export {DATA_VARIABLE}={root}"
     sets = f"{len(results)} set{'s' if len(results) > 1 else ''}"
     return f"{files} file{'s' if files > 1 else ''} of {sets} checked by SHA-256, {downloaded} of them downloaded; " + (

@@ -46,7 +46,7 @@ def specimen_of(study: Study) -> Specimen:
         return static_specimen(study)
     if study.simulate is not None and study.virtual:
         return study.specimen_of(Specimen(**study.simulate.specimen.model_dump()))
-    return study.specimen_of(read_description(study.experiment).specimen)
+    return study.specimen_of(read_description(study.experiment).specimen.lengths())
 
 
 def _make(study: Study) -> Made:

@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.digest import EFFECTS_VARIABLE
+from thermofit.core.digest import use_effect_files
 from thermofit.core.errors import StudyError
 from thermofit.study.paths import path_from
 
-CATALOGUE = "thermofit.effects.catalogue"
-"""The module that declares the Params of all effects when it is imported."""
-_COMPILED = "thermofit.law.composition"
-_CHECK = "thermofit.identify.user_effects"
+Check = Callable[[Sequence[Path]], None]
+"""Raises StudyError where an effect file does not do what its slot asks."""
 
 
-def declare_effects(tree: dict[str, Any], source: Path) -> None:
-    """Make the effects known that a study tree speaks of; a study without any costs nothing.
+def declare_effects(tree: dict[str, Any], source: Path, check: Check | None = None) -> None:
+    """Make the effects known that a study tree speaks of, and `check` those of the user; a study without any costs nothing.
 
-    Files of a user are compiled into the kernels: they are named by the environment before these are loaded. StudyError for a file that
-    is not there or does not do what its slot asks, and where kernels without it are loaded already.
+    Files of a user are compiled into the kernels: they are named before these are loaded. StudyError for a file that is not there, and
+    where kernels without it are loaded already.
     """
     files = _files(tree, source)
-    if files:
-        given = os.pathsep.join(str(path) for path in files)
-        if os.environ.get(EFFECTS_VARIABLE, "") != given:
-            if _COMPILED in sys.modules:
-                raise StudyError(f"{source}: key 'effects': the kernels are loaded already without these files; start a new process for it")
-            os.environ[EFFECTS_VARIABLE] = given
+    if files and not use_effect_files(files):
+        raise StudyError(f"{source}: key 'effects': the kernels are loaded already without these files; start a new process for it")
     if files or "." in "".join(_names(tree)):
-        importlib.import_module(CATALOGUE)
-    if files:
-        importlib.import_module(_CHECK).check_effects(files)
+        import thermofit.effects.catalogue  # noqa: F401  (it declares the Params of all effects, and loads numba)
+    if files and check is not None:
+        check(files)
 
 
 def _files(tree: dict[str, Any], source: Path) -> list[Path]:

@@ -13,6 +13,7 @@ from thermofit.study.diagnosis import Diagnosis
 from thermofit.study.errors import content_error
 from thermofit.study.experiments import Experiments, check_experiments
 from thermofit.study.geometry import Geometry, StaticTest
+from thermofit.study.landmarks import PickedLandmarks
 from thermofit.study.literature import Candidates, LiteratureValues, check_literature
 from thermofit.study.necking import Necking
 from thermofit.study.search import GridSearch, Sensitivity
@@ -99,56 +100,10 @@ class Force(Section):
     """Where DIC drives: points within this many mm of the model's end sections give its elongation."""
 
 
-Pixel = tuple[Number, Number]
-
-
-class LengthMark(Section):
-    """Two pixels [row, col] that lie `length_mm` apart."""
-
-    p1: Pixel
-    p2: Pixel
-    length_mm: Positive
-    note: str = ""
-
-
-class EdgeMarks(Section):
-    """Two pixels on one edge."""
-
-    p1: Pixel
-    p2: Pixel
-    note: str = ""
-
-
-class EdgeMark(Section):
-    """One pixel on the other edge."""
-
-    p1: Pixel
-    note: str = ""
-
-
-class CircleMarks(Section):
-    """Three pixels on a circle around the specimen's centre."""
-
-    p1: Pixel
-    p2: Pixel
-    p3: Pixel
-    note: str = ""
-
-
-class LandmarkOverride(Section):
-    """Landmarks with the keys of experiment.yaml; all four are needed."""
-
-    length: LengthMark
-    edge_left: EdgeMarks
-    edge_right: EdgeMark
-    circle: CircleMarks
-    note: str = ""
-
-
 class Infrared(Section):
     """What `calibrate-ir` takes instead of experiment.yaml, and how it reads the frames."""
 
-    landmarks: LandmarkOverride | None = None
+    landmarks: PickedLandmarks | None = None
     landmarks_frame: Annotated[Whole, Field(ge=0)] | None = None
     rotation_deg: Annotated[Number, Field(gt=-45, lt=45)] | None = None
     """Roll of the camera in degrees; null: from the edge (Algorithm 1)."""

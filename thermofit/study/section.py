@@ -6,11 +6,24 @@ import itertools
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Strict, Tag, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Strict,
+    Tag,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import NAMES, is_known, known_names, param
-from thermofit.study.errors import content_error, near_miss, unknown_key
+from thermofit.study.errors import content_error, found, near_miss, unknown_key
 
 Number = Annotated[float, Strict()]
 """A number: neither a text that looks like one nor true."""
@@ -36,6 +49,18 @@ class Section(BaseModel):
                 if key not in cls.model_fields:
                     raise unknown_key(str(key), cls.model_fields)
         return given
+
+
+def expected(what: str) -> WrapValidator:
+    """A type whose errors all read: is ..., expected `what`."""
+
+    def checked(value: Any, valid: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return valid(value)
+        except ValidationError:
+            raise content_error(f"is {found(value)}; expected {what}") from None
+
+    return WrapValidator(checked)
 
 
 def number_or(other: str) -> Discriminator:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
+from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
-from thermofit.study.effect_files import declare_effects
+from thermofit.study.effect_files import Check, declare_effects
 from thermofit.study.errors import near_miss, sentence
 from thermofit.study.experiments import virtual_of
 from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
@@ -199,8 +198,10 @@ class Study(Sections):
         return config
 
 
-def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
+def load_study(path: str | Path, overrides: Sequence[str] = (), check_effects: Check | None = None) -> Study:
     """Read a study file and apply overrides such as `mesh=coarse` or `stages.thermal.method=nelder-mead`.
+
+    `check_effects` is asked about effect files of the user's own, before anything is made of them.
 
     Raises StudyError with one sentence for anything that is wrong in the file, in an override or in the environment.
     """
@@ -208,7 +209,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     tree = _read_tree(source)
     for override in overrides:
         set_key(tree, override)
-    declare_effects(tree, source)
+    declare_effects(tree, source, check_effects)
     try:
         # The way through JSON makes copies of YAML aliases and refuses what JSON does not know (sets, bytes, cycles).
         file = StudyFile.model_validate(json.loads(json.dumps(tree)))
@@ -262,44 +263,6 @@ def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
     return f"{source}{cause}: {text}{more}"
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1 as in PyYAML, but 1e-4 is a number, dates are texts, and a repeated key is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                continue
-            key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, str):
-                raise yaml.MarkedYAMLError(problem=f"the key {key!r} is not a text", problem_mark=key_node.start_mark)
-            if key in seen:
-                raise yaml.MarkedYAMLError(problem=f"the key '{key}' is given twice", problem_mark=key_node.start_mark)
-            seen.add(key)
-        return super().construct_mapping(node, deep=deep)
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:timestamp"]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789"))
-
-
-def _yaml(text: str, source: str) -> Any:
-    """Parse YAML; StudyError with file and line."""
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f"{source}, line {mark.line + 1}" if mark else source
-        begin = error.context_mark.line + 1 if error.context_mark else None
-        context = f" ({error.context} that begins in line {begin})" if error.context and begin else ""
-        raise StudyError(f"{where}: {error.problem or error.context}{context}; expected YAML, mend the line") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise StudyError(f"{source}: {' '.join(str(error).split())}; expected YAML text") from None
-
-
 def _read_tree(source: Path) -> dict[str, Any]:
     """The study file as nested dictionaries."""
     try:
@@ -309,7 +272,7 @@ def _read_tree(source: Path) -> dict[str, Any]:
     except OSError as error:
         reason = error.strerror or "cannot be read"
         raise StudyError(f"{source}: {reason.lower()}; expected a study file, `thermofit new {source}` writes a commented one") from None
-    tree = _yaml(text, str(source))
+    tree = parse_yaml(text, str(source), StudyError)
     if not isinstance(tree, dict):
         what = "nothing" if tree is None else f"a {type(tree).__name__}"
         raise StudyError(f"{source}: expected a study (keys such as 'name:' and 'experiment:'), found {what}; compare `thermofit new`")
@@ -332,4 +295,4 @@ def set_key(tree: dict[str, Any], override: str) -> None:
         # A copy: sections that share a YAML anchor are one object, and only the named one is meant.
         place[part] = dict(inner)
         place = place[part]
-    place[parts[-1]] = _yaml(text, f"override '{override}'")
+    place[parts[-1]] = parse_yaml(text, f"override '{override}'", StudyError)

@@ -8,9 +8,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-import yaml
-
 from thermofit.core.errors import StudyError
+from thermofit.core.yaml_text import parse_yaml
 
 _TEMPLATE = """\
 ## A study of thermofit: which experiment, which parameters are identified, and how.
@@ -224,7 +223,7 @@ def template(name: str = "my-study", experiment: str = "my-experiment", look: Lo
 
 def _quoted(text: str) -> str:
     """The text as YAML takes it: plain where YAML reads that very text, else in quotes (JSON's are YAML's)."""
-    plain = re.fullmatch(r"[A-Za-z_./$][A-Za-z0-9_./${}-]*", text) and yaml.safe_load(text) == text
+    plain = re.fullmatch(r"[A-Za-z_./$][A-Za-z0-9_./${}-]*", text) and parse_yaml(text, "", StudyError) == text
     return text if plain else json.dumps(text)
 
 

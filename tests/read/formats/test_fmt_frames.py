@@ -40,7 +40,7 @@ def files(folder: Path, *texts: str) -> Path:
 
 
 def test_frames_of_one_file(tmp_path: Path) -> None:
-    sequence, remarks = read_frame_files(files(tmp_path / "a", "degC;;0 0.5 1;2;3;20"), Rules(time_offset=2.0), "back")
+    sequence, remarks = read_frame_files(files(tmp_path / "a", "degC;;0 0.5 1;2;3;20"), Rules(time_offset_s=2.0), "back")
     assert sequence.time.tolist() == [2.0, 2.5, 3.0]
     assert sequence.frames.shape == (3, 2, 3) and sequence.frames.dtype == np.float32
     np.testing.assert_allclose(sequence.frames[2], 295.15)

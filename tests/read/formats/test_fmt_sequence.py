@@ -95,7 +95,7 @@ def test_times_are_required(tmp_path: Path) -> None:
     pattern = write(tmp_path / "f", {f"a_{k}.csv": table(k) for k in (1, 2, 10)})
     with pytest.raises(DataError, match=r"a_1.csv: 3 of 3 stages have no time, neither in the file nor in its name; give 'times'"):
         read_dic_files(pattern, Rules())
-    field, remarks = read_dic_files(pattern, Rules(rate=2.0, time_offset=1.0))
+    field, remarks = read_dic_files(pattern, Rules(rate=2.0, time_offset_s=1.0))
     assert field.time.tolist() == [1.0, 1.5, 5.5]
     assert "7 numbers of stages are missing: gaps in time" in remarks
     assert read_dic_files(pattern, Rules(times=(0.0, 4.0, 5.0)))[0].time.tolist() == [0.0, 4.0, 5.0]
@@ -241,7 +241,7 @@ def test_units_pixels_and_axes(tmp_path: Path) -> None:
     pattern = write(tmp_path / "f", {"a.csv": TABLE.replace(b" [mm]", b" [px]")})
     with pytest.raises(DataError, match="the file is in pixels; give 'mm_per_pixel'"):
         read_dic_files(pattern, Rules(times=(0.0,)))
-    rules = Rules(times=(0.0,), mm_per_pixel=0.5, axes=("-y", "x", "z"), origin=(1.0, 2.0, 0.0))
+    rules = Rules(times=(0.0,), mm_per_pixel=0.5, axes=("-y", "x", "z"), origin_mm=(1.0, 2.0, 0.0))
     field, _ = read_dic_files(pattern, rules)
     np.testing.assert_allclose(field.reference[0, :2], [-(18.6820 * 0.5 - 2.0), -1.2132 * 0.5 - 1.0])
     np.testing.assert_allclose(field.displacement[0, 0, :2], [0.0073 * 0.5, 0.0370 * 0.5])
@@ -258,10 +258,10 @@ def test_units_pixels_and_axes(tmp_path: Path) -> None:
 
 def test_open_coordinates_can_be_declared_deformed(tmp_path: Path) -> None:
     pattern = write(tmp_path / "f", {"a.csv": TABLE})
-    field, _ = read_dic_files(pattern, Rules(times=(0.0,), coordinates="deformed"))
+    field, _ = read_dic_files(pattern, Rules(times=(0.0,), coordinates_of="deformed"))
     np.testing.assert_allclose(field.reference[0, :2], [-1.2132 - 0.0370, 18.6820 + 0.0073])
     with pytest.raises(DataError, match="'coordinates_of' is deformed, but the format says itself"):
-        read_dic_files(series(tmp_path / "g"), Rules(coordinates="deformed"))
+        read_dic_files(series(tmp_path / "g"), Rules(coordinates_of="deformed"))
 
 
 def check_field(field: DicField) -> None:

@@ -5,30 +5,51 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, Field
 
 from thermofit.core.errors import DataError
 from thermofit.read.formats.naming import number_order
+from thermofit.study.section import Number, Positive, Section, expected
+
+Above0 = Annotated[Positive, expected("a number above 0")]
 
 
-@dataclass(frozen=True)
-class Rules:
-    """`unit` of lengths or temperatures where the files have none; `mm_per_pixel` for exports in pixels.
+def _axes(value: Any) -> tuple[str, ...]:
+    """Axis of the file, with sign, for each of x, y, z of the specimen, those that are left out as in the file."""
+    if not isinstance(value, dict | tuple) or (isinstance(value, dict) and set(value) - set("xyz")):
+        raise ValueError
+    axes = tuple(str(axis) for axis in (value if isinstance(value, tuple) else (value.get(name, name) for name in "xyz")))
+    if sorted(axis.lstrip("+-") for axis in axes) != ["x", "y", "z"] or any(len(axis) > 2 for axis in axes):
+        raise ValueError
+    return axes
 
-    `times` s for every file in the order of their numbers, or `rate` 1/s of the stages or frames; both replace times in the files.
-    `time_offset` s is added. `axes`: which axis of the file, with its sign, is x, y, z of the specimen; `origin` mm: where the file has the
-    centre of the specimen, in its own axes. `coordinates`: "reference" or "deformed" where a format leaves it open.
-    """
 
-    unit: str = ""
-    mm_per_pixel: float | None = None
-    times: tuple[float, ...] = ()
-    rate: float | None = None
-    time_offset: float = 0.0
-    axes: tuple[str, str, str] = ("x", "y", "z")
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    coordinates: str = ""
+class Rules(Section):
+    """What experiment.yaml says of native files; without it nothing is said."""
+
+    unit: Annotated[str, Field(min_length=1), expected("a text")] = ""
+    """Of lengths or temperatures where the files have none."""
+    mm_per_pixel: Above0 | None = None
+    """For exports in pixels."""
+    times: Annotated[tuple[Number, ...], Field(min_length=1), expected("a list of the numbers")] = ()
+    """s, one for every file in the order of their numbers; replace times in the files."""
+    rate: Above0 | None = None
+    """Stages or frames per second; replaces times in the files."""
+    time_offset_s: Number = 0.0
+    """Added to all times."""
+    axes: Annotated[tuple[str, str, str], BeforeValidator(_axes), expected("x, y and z of the file, each once, such as {x: y, y: -x}")] = (
+        "x",
+        "y",
+        "z",
+    )
+    """Which axis of the file, with its sign, is x, y, z of the specimen."""
+    origin_mm: Annotated[tuple[Number, Number, Number], expected("a list of 3 numbers")] = (0.0, 0.0, 0.0)
+    """Where the file has the centre of the specimen, in its own axes."""
+    coordinates_of: Annotated[Literal["reference", "deformed"], expected("reference or deformed")] | None = None
+    """Where a format leaves it open."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +96,7 @@ def set_clock(members: Sequence[Member], rules: Rules, word: str) -> Clock:
         raise DataError(
             f"{second.path}: the time {second.time:g} s is also that of {first.path.name}; remove one of them, or give 'rate' or 'times'"
         )
-    return Clock(order, time[order] + rules.time_offset, tuple(remarks))
+    return Clock(order, time[order] + rules.time_offset_s, tuple(remarks))
 
 
 def _given(members: Sequence[Member], order: np.ndarray, rules: Rules, named: str) -> Clock:
@@ -87,7 +108,7 @@ def _given(members: Sequence[Member], order: np.ndarray, rules: Rules, named: st
         raise DataError(
             f"{named}: 'times' does not increase, expected one later time for each file in the order of their numbers; correct it"
         )
-    return Clock(order, time + rules.time_offset, _replaced(members))
+    return Clock(order, time + rules.time_offset_s, _replaced(members))
 
 
 def _replaced(members: Sequence[Member]) -> tuple[str, ...]:
@@ -98,13 +119,12 @@ def _replaced(members: Sequence[Member]) -> tuple[str, ...]:
 
 def _from_rate(members: Sequence[Member], order: np.ndarray, rules: Rules, word: str) -> Clock:
     """Times from the rate and the numbers, so that a missing file leaves a gap; from the order alone where there are no numbers."""
-    if rules.rate is None or not rules.rate > 0.0:
-        raise DataError(f"{members[0].path}: 'rate' is {rules.rate}, expected {word}s per second above 0; correct it")
+    assert rules.rate is not None
     found = [members[k].number for k in order]
     known = [number for number in found if number is not None]
     if len(known) < len(found):
         remark = f"{word}s have no numbers: times from 'rate' and the order of the names"
-        return Clock(order, np.arange(len(found)) / rules.rate + rules.time_offset, (*_replaced(members), remark))
+        return Clock(order, np.arange(len(found)) / rules.rate + rules.time_offset_s, (*_replaced(members), remark))
     number = np.array(known)
     again = np.flatnonzero(np.diff(number) == 0)
     if len(again):
@@ -112,7 +132,7 @@ def _from_rate(members: Sequence[Member], order: np.ndarray, rules: Rules, word:
         raise DataError(f"{second}: the number {number[again[0]]} is also that of {first.name}; remove one of them")
     gaps = int(number[-1] - number[0]) + 1 - len(number)
     remarks = (f"{gaps} numbers of {word}s are missing: gaps in time",) if gaps else ()
-    return Clock(order, (number - number[0]) / rules.rate + rules.time_offset, (*_replaced(members), *remarks))
+    return Clock(order, (number - number[0]) / rules.rate + rules.time_offset_s, (*_replaced(members), *remarks))
 
 
 def files_of(pattern: Path, what: str) -> list[Path]:

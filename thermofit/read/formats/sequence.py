@@ -108,7 +108,7 @@ def _with_coordinates(stages: list[DicStage], rules: Rules) -> list[DicStage]:
 
     A file of reference coordinates beside files of displacements is brought to them by point number. DataError for other mixtures.
     """
-    if rules.coordinates == "deformed":
+    if rules.coordinates_of == "deformed":
         stages = [_taken_as_deformed(stage) for stage in stages]
     moving = [stage for stage in stages if stage.displacement is not None]
     resting = [stage for stage in stages if stage.displacement is None]
@@ -169,9 +169,7 @@ def _clean(time: np.ndarray, joined: Joined, paths: list[Path]) -> tuple[DicFiel
 def _turned(field: DicField, rules: Rules) -> DicField:
     """The field in the axes of the specimen."""
     names = [axis.lstrip("+-") for axis in rules.axes]
-    if sorted(names) != ["x", "y", "z"]:
-        raise ValueError(f"axes are {rules.axes}, expected x, y and z, each once")
     pick = ["xyz".index(name) for name in names]
     sign = np.array([-1.0 if axis.startswith("-") else 1.0 for axis in rules.axes])
-    reference = (field.reference - np.array(rules.origin))[:, pick] * sign
+    reference = (field.reference - np.array(rules.origin_mm))[:, pick] * sign
     return replace(field, reference=reference, displacement=field.displacement[:, :, pick] * sign)

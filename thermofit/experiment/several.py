@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.parameters import AT, Parameters, bare_name
+from thermofit.core.parameters import AT, Parameters, acting, bare_name
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, ON_FACETS, effects
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.coupon_records import CouponData
@@ -25,7 +25,7 @@ from thermofit.records.stale import read_current
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
-BOUNDARY = ("alpha_air", "alpha_clamp", "theta_air", "theta_clamp", "theta_ref")
+BOUNDARY = acting("film", "reference")
 """Parameters of the base law that belong to a test and not to the material."""
 _SLOTS = (*ON_FACETS, "initial_temperature", *LOAD, *KINEMATICS, *MEASUREMENT)
 

@@ -7,9 +7,9 @@ import pytest
 from coupons import LOSSY, SHEET, WHOLE, corners, cycles
 
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import LAW, Parameters, acting
 from thermofit.law.page import internal_energy, law_of
-from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
+from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate, simulate_rates
 from thermofit.point.step import ACROSS, ALONG, decay_share
 
 
@@ -197,3 +197,13 @@ def test_stress_that_cannot_be_carried_names_the_time() -> None:
 def test_programmes_that_cannot_be_meant(time: list[float], value: list[float], message: str) -> None:
     with pytest.raises(StudyError, match=message):
         simulate(SHEET, Programme.by_strain(np.array(time), np.array(value)))
+
+
+def test_a_parameter_acts_on_a_point_where_it_says_and_nowhere_else() -> None:
+    """Rates of stress and sensor along all base parameters of a coupon that loses heat: without conduction and films, but with its air."""
+    names = tuple(p.name for p in LAW)
+    rates = simulate_rates(LOSSY.replace(lag=2.0), names, cycles())[1]
+    moved = {name for k, name in enumerate(names) for channel in ("stress", "theta_sensor") if np.abs(rates[channel][:, k]).max() > 0.0}
+    felt = set(acting("stress", "across", "expansion", "heat", "reference", "coupon"))
+    assert all(p.acts for p in LAW) and felt.isdisjoint(set(acting("film", "conduction")) - {"theta_air"})
+    assert moved == felt - {"G", "L", "M", "N"}, "Hill's parameters of shear, and of stresses across the load, do not act in tension"

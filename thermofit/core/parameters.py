@@ -36,42 +36,59 @@ class Param:
     logarithmic: bool = False
     """True where the order of magnitude is what is known: it is fitted by its logarithm."""
     prior: float | None = None
-    """Standard error, in `unit`, of what was declared: a departure from neutral counts against it in a joint fit. None: nothing was."""
+    """Standard error, in `unit`, of what was declared (by a thermocouple, or as neutral): a departure from it counts against it in a joint
+    fit. None: nothing was."""
+    acts: tuple[str, ...] = ()
+    """Where a Param of the base law acts: "stress" of a uniaxial test, strain and yield "across" the load, thermal "expansion", "heat" made
+    and held at a point, "conduction", "film" to the surroundings, "reference" state, "coupon": its heat balance and sensor. Of an effect
+    the slot says it."""
 
 
 _INF = float("inf")
 AT = "@"
 """Between a parameter and the experiment that alone it belongs to: alpha_air@second."""
 
+THERMOCOUPLE = 0.1
+"""Standard error of a declared temperature of air or jaws, K."""
+
 LAW: tuple[Param, ...] = (
-    Param("E", "MPa", 69000.0, 1.0, 1e7, 7e4, "Young's modulus"),
-    Param("nu", "1", 0.33, 0.0, 0.499, 0.3, "Poisson's ratio"),
-    Param("M_y0", "MPa", 130.0, 1e-3, 1e5, 1e2, "initial yield limit (4.19)"),
-    Param("M_yinf", "MPa", 290.0, 1e-3, 1e5, 3e2, "exponential hardening limit (4.6), (4.28)"),
-    Param("H_exp", "1", 11.0, 1e-3, 1e4, 1e1, "exponential saturation speed (4.6), (4.27)"),
-    Param("H_lin", "MPa", 0.0, 0.0, 1e5, 1e2, "linear hardening modulus (4.6)"),
-    Param("F", "1", 0.5, 1e-3, 1e2, 0.5, "Hill parameter of (M11 - M22)^2 (4.19)"),
-    Param("G", "1", 0.5, 1e-3, 1e2, 0.5, "Hill parameter of (M33 - M11)^2 (4.19)"),
-    Param("H", "1", 0.5, 1e-3, 1e2, 0.5, "Hill parameter of (M22 - M33)^2 (4.19)"),
-    Param("L", "1", 1.5, 1e-3, 1e2, 1.5, "Hill parameter of M12 (4.19)"),
-    Param("M", "1", 1.5, 1e-3, 1e2, 1.5, "Hill parameter of M23 (4.19)"),
-    Param("N", "1", 1.5, 1e-3, 1e2, 1.5, "Hill parameter of M13 (4.19)"),
-    Param("alpha_exp", "1/K", 0.0, 0.0, 1e-3, 2e-5, "thermal expansion coefficient (4.4)"),
-    Param("kappa", "mW/(mm K)", 150.0, 1e-3, 1e5, 1.5e2, "thermal conductivity (4.12)"),
-    Param("c0", "mJ/(mm^3 K)", 2.4, 1e-3, 1e2, 2.0, "heat capacity at constant elastic deformation (4.3)"),
-    Param("beta", "1", 1.0, 0.0, 1e2, 1.0, "dissipation factor (4.5), not a Taylor-Quinney factor"),
-    Param("alpha_air", "W/(m^2 K)", 0.0, 0.0, 1e5, 1e1, "film coefficient to the air (4.13)"),
-    Param("alpha_clamp", "W/(m^2 K)", 1e8, 0.0, 1e9, 1e2, "contact coefficient to the jaws (4.13)"),
-    Param("theta_air", "K", 297.0, 200.0, 1000.0, 1.0, "air temperature (4.13)"),
-    Param("theta_clamp", "K", 297.0, 200.0, 1000.0, 1.0, "jaw temperature (4.13)"),
-    Param("theta_ref", "K", 297.0, 200.0, 1000.0, 1.0, "stress-free reference temperature theta_0 (4.3)"),
-    Param("tau", "s", 1e12, 1e-3, 1e12, 1e2, "time constant of the heat loss of a coupon"),
-    Param("lag", "s", 0.0, 0.0, 1e3, 1.0, "time constant of the temperature sensor on a coupon"),
+    Param("E", "MPa", 69000.0, 1.0, 1e7, 7e4, "Young's modulus", acts=("stress",)),
+    Param("nu", "1", 0.33, 0.0, 0.499, 0.3, "Poisson's ratio", acts=("across",)),
+    Param("M_y0", "MPa", 130.0, 1e-3, 1e5, 1e2, "initial yield limit (4.19)", acts=("stress",)),
+    Param("M_yinf", "MPa", 290.0, 1e-3, 1e5, 3e2, "exponential hardening limit (4.6), (4.28)", acts=("stress",)),
+    Param("H_exp", "1", 11.0, 1e-3, 1e4, 1e1, "exponential saturation speed (4.6), (4.27)", acts=("stress",)),
+    Param("H_lin", "MPa", 0.0, 0.0, 1e5, 1e2, "linear hardening modulus (4.6)", acts=("stress",)),
+    Param("F", "1", 0.5, 1e-3, 1e2, 0.5, "Hill parameter of (M11 - M22)^2 (4.19)", acts=("across",)),
+    Param("G", "1", 0.5, 1e-3, 1e2, 0.5, "Hill parameter of (M33 - M11)^2 (4.19)", acts=("across",)),
+    Param("H", "1", 0.5, 1e-3, 1e2, 0.5, "Hill parameter of (M22 - M33)^2 (4.19)", acts=("across",)),
+    Param("L", "1", 1.5, 1e-3, 1e2, 1.5, "Hill parameter of M12 (4.19)", acts=("across",)),
+    Param("M", "1", 1.5, 1e-3, 1e2, 1.5, "Hill parameter of M23 (4.19)", acts=("across",)),
+    Param("N", "1", 1.5, 1e-3, 1e2, 1.5, "Hill parameter of M13 (4.19)", acts=("across",)),
+    Param("alpha_exp", "1/K", 0.0, 0.0, 1e-3, 2e-5, "thermal expansion coefficient (4.4)", acts=("expansion",)),
+    Param("kappa", "mW/(mm K)", 150.0, 1e-3, 1e5, 1.5e2, "thermal conductivity (4.12)", acts=("conduction",)),
+    Param("c0", "mJ/(mm^3 K)", 2.4, 1e-3, 1e2, 2.0, "heat capacity at constant elastic deformation (4.3)", acts=("heat",)),
+    Param("beta", "1", 1.0, 0.0, 1e2, 1.0, "dissipation factor (4.5), not a Taylor-Quinney factor", acts=("heat",)),
+    Param("alpha_air", "W/(m^2 K)", 0.0, 0.0, 1e5, 1e1, "film coefficient to the air (4.13)", acts=("film",)),
+    Param("alpha_clamp", "W/(m^2 K)", 1e8, 0.0, 1e9, 1e2, "contact coefficient to the jaws (4.13)", acts=("film",)),
+    Param("theta_air", "K", 297.0, 200.0, 1000.0, 1.0, "air temperature (4.13)", acts=("film", "coupon"), prior=THERMOCOUPLE),
+    Param("theta_clamp", "K", 297.0, 200.0, 1000.0, 1.0, "jaw temperature (4.13)", acts=("film",), prior=THERMOCOUPLE),
+    Param("theta_ref", "K", 297.0, 200.0, 1000.0, 1.0, "stress-free reference temperature theta_0 (4.3)", acts=("reference",)),
+    Param("tau", "s", 1e12, 1e-3, 1e12, 1e2, "time constant of the heat loss of a coupon", acts=("coupon",)),
+    Param("lag", "s", 0.0, 0.0, 1e3, 1.0, "time constant of the temperature sensor on a coupon", acts=("coupon",)),
 )
 
 NAMES: tuple[str, ...] = tuple(param.name for param in LAW)
 _BY_NAME = {param.name: param for param in LAW}
 _OF_EFFECTS: dict[str, Param] = {}
+
+
+def acting(*where: str) -> tuple[str, ...]:
+    """Names of the Params of the base law that act in any of these places (`Param.acts`)."""
+    return tuple(p.name for p in LAW if set(p.acts) & set(where))
+
+
+THERMOCOUPLES: tuple[str, ...] = tuple(p.name for p in LAW if p.prior is not None)
+"""Temperatures that are declared with a standard error."""
 
 
 def declare(params: Iterable[Param]) -> None:

@@ -15,10 +15,10 @@ from thermofit.body.body import Body
 from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
 from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
 from thermofit.body.solve.history import NOBODY, History, MarchSettings, Watch
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, acting
 from thermofit.effects.catalogue import HEATING, effects
 
-_IN_HEAT_EQUATION = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
+_IN_HEAT_EQUATION = acting("expansion", "heat", "conduction", "film")
 """Of the base law. alpha_exp is in both fields: its thermoelastic heat follows it here, its thermal strain stays that of the history."""
 
 

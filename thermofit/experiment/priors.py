@@ -9,24 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from thermofit.core.parameters import THERMOCOUPLE as THERMOCOUPLE
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.effects.catalogue import effects
 from thermofit.experiment.model import Prior
-from thermofit.study.diagnosis import THERMOCOUPLES
 from thermofit.study.study import Study
 
-THERMOCOUPLE = 0.1
-"""Standard error of a declared temperature of air or jaws, K."""
 UNLIKELY = 5.0
 """Standard errors off what was declared from which it is no error of that: one in two million readings."""
 
 
 def prior_sigma(study: Study, name: str) -> float | None:
-    """Standard error of the declared value of a parameter: the study's, else that of a thermocouple or of the Param; None: none."""
+    """Standard error of the declared value of a parameter: the study's, else that of the Param; None: none."""
     bare = bare_name(name)
     if bare in study.diagnosis.priors:
         return study.diagnosis.priors[bare]
-    return THERMOCOUPLE if bare in THERMOCOUPLES else param(bare).prior
+    return param(bare).prior
 
 
 def priors_of(study: Study, declared: Mapping[str, float]) -> tuple[Prior, ...]:

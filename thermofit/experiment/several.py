@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermofit.core.parameters import AT, Parameters, bare_name
+from thermofit.core.parameters import AT, Parameters, acting, bare_name
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, ON_FACETS, effects
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.study.study import Study
 
-BOUNDARY = ("alpha_air", "alpha_clamp", "theta_air", "theta_clamp", "theta_ref")
+BOUNDARY = acting("film", "reference")
 """Parameters of the base law that belong to a test and not to the material."""
 _SLOTS = (*ON_FACETS, "initial_temperature", *LOAD, *KINEMATICS, *MEASUREMENT)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from thermofit.core.errors import StudyError
+from thermofit.core.parameters import acting
 from thermofit.study.stages import ChannelSettings, StageSettings
 
 CHANNELS = ("stress", "strain", "lateral", "theta", "dtheta")
@@ -21,7 +22,7 @@ BY_LATERAL = ("nu", "F")
 """Parameters that a coupon tells by its strain across the load alone."""
 COUPON_CHOICES = ("E", "nu", "F")
 """Parameters that a stage identifies from coupons only where the study gives a start: what it gives as a plain number is prescribed."""
-UNDETERMINED = ("nu", "F", "G", "H", "L", "M", "N", "kappa", "alpha_air", "alpha_clamp", "theta_clamp")
+UNDETERMINED = set(acting("across", "conduction", "film")) - set(acting("coupon"))
 """Parameters that load, elongation and temperature of a coupon do not tell: they have no influence, or that of another one."""
 
 

@@ -7,12 +7,10 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, field_validator
 
 from thermofit.core.parameters import AT, param
+from thermofit.core.parameters import THERMOCOUPLES as THERMOCOUPLES
 from thermofit.study.errors import content_error
 from thermofit.study.section import Mesh, ParameterName, Positive, Section, Whole, no_repeats
 from thermofit.study.stages import Channel, Free
-
-THERMOCOUPLES = ("theta_air", "theta_clamp")
-"""Declared temperatures that the joint fit frees."""
 
 
 class Diagnosis(Section):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, StrictBool, Tag, model_validator
 
-from thermofit.core.parameters import AT, bare_name, param
+from thermofit.core.parameters import AT, acting, bare_name, param
 from thermofit.study.coupon import Coupon
 from thermofit.study.diagnosis import Diagnosis
 from thermofit.study.errors import content_error
@@ -40,7 +40,7 @@ from thermofit.study.stages import Stages, StageSettings
 from thermofit.study.virtual import Simulate
 from thermofit.study.windows import Mask
 
-FROM_EXPERIMENT = ("theta_air", "theta_clamp", "theta_ref")
+FROM_EXPERIMENT = tuple(name for name in acting("film", "reference") if param(name).unit == "K")
 """Parameters that need no start: thermocouples of the experiment give it."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from thermofit.core.parameters import AT, Parameters, bare_name
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.body_check import checked
+from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, start_parameters, temperature_of
@@ -76,6 +77,10 @@ class BodyExperiment:
     def unseen(self) -> tuple[UnseenBody, ...]:
         """The declared held-out experiments of the study."""
         return unseen_bodies(self.study)
+
+    def compile(self) -> None:
+        """The drivers of specimen and machine, side by side."""
+        compiled()
 
     def no_use(self, stage: str) -> str:
         """Why a stage has nothing to do: there is nothing to simulate, or the cameras have not seen what it takes."""

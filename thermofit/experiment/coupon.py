@@ -89,6 +89,9 @@ class CouponExperiment:
             return ()
         return (UnseenRecords(CouponExperiment(self.study, held_out=True)),)
 
+    def compile(self) -> None:
+        """One driver is compiled when it is called."""
+
     def no_use(self, stage: str) -> str:
         """Why a stage has nothing to do: nothing to simulate, no camera, no temperature."""
         if stage in ("simulate", "calibrate-ir"):

@@ -15,6 +15,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
+from thermofit.experiment.compiling import compiled
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
@@ -69,6 +70,10 @@ class SeveralExperiments:
     def unseen(self) -> tuple[UnseenBody, ...]:
         """The declared held-out experiments."""
         return unseen_bodies(self.study)
+
+    def compile(self) -> None:
+        """The drivers of specimens and machine, side by side."""
+        compiled()
 
     def no_use(self, stage: str) -> str:
         """Why a stage has nothing to do on any of them."""

@@ -170,6 +170,9 @@ class Experiment(Protocol):
     def no_use(self, stage: str) -> str:
         """Why a stage of the chain has nothing to do here; empty where it has."""
 
+    def compile(self) -> None:
+        """Compile the kernels of its runs where that is worth doing at once; otherwise they are compiled when they are called."""
+
     @property
     def last_stage(self) -> str:
         """Key of the stage that is analysed where none is named."""

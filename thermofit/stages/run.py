@@ -22,6 +22,8 @@ OPTIONAL = ("gridsearch", "sensitivity")
 ALONE = "necking"
 """The only link of the chain of a necking test."""
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
+_SOLVES = {"simulate", *IDENTIFY, "verify"}
+"""Stages that run a model."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ def chain(
     """
     names = selected([link.name for link in links], selection)
     functions = {link.name: link.run for link in links}
+    if _SOLVES & set(names):
+        experiment_of(study).compile()
     steps = []
     for name in names:
         reason = _does_not_apply(study, name)

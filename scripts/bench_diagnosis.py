@@ -9,11 +9,11 @@ import operating_body as body
 from bench_measure import Limits, Options, Part, Row, Target, cpu
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, linearised, scans, slots_of
+from thermofit.diagnose.case import Case, linearised, scans
 from thermofit.experiment.joint import Joint, joint_settings, station_names
+from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.known_motion import acts_in_heat
 from thermofit.experiment.residuals import named_phases
-from thermofit.observe.stations import INFRARED
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, load_study
 
@@ -24,7 +24,7 @@ def measure(options: Options, limits: Limits) -> Part:
     data = body.SMALL.measured(study, {}, 1)
     joint = Joint(study, data, joint_settings(study, body.FREE, data), size)
     parameters = Parameters.of(body.TRUTH, body.FREE)
-    case = Case(joint.model, parameters, slots_of("body", INFRARED), named_phases(data.phases), station_names(), scored=joint.scored)
+    case = Case(joint.model, parameters, effects_of_fields(infrared=True), named_phases(data.phases), station_names(), scored=joint.scored)
     # A joint model does not repeat its last run: a parameter that is moved by nothing that matters asks for another.
     numbers = iter(range(10**6))
     forward = cpu(lambda: joint.model.residual(parameters.replace(E=parameters["E"] + 1e-3 * next(numbers))), options.repeat)

@@ -19,7 +19,7 @@ from thermofit.body.solve.history import History
 from thermofit.body.solve.march import Loading
 from thermofit.core.experiment import ForceRecord, Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import JOINT_EVALUATIONS
 from thermofit.diagnose.refit import JointFit
@@ -31,11 +31,11 @@ from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_ob
 from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
 from thermofit.experiment.instruments import Instruments
 from thermofit.experiment.joint import Joint, joint_settings, station_names
+from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.residuals import named_phases
 from thermofit.observe.force import smooth_force
 from thermofit.observe.observation import FieldObservation
-from thermofit.observe.stations import INFRARED
 from thermofit.records.staging import job
 from thermofit.study.section import PRESETS, MeshSize
 from thermofit.study.study import Study, load_study
@@ -133,7 +133,13 @@ def _study(text: str) -> Study:
 def _case(joint: Joint, data: Measured, parameters: Parameters, largest_strain: float) -> Case:
     spans = named_phases(data.phases)
     return Case(
-        joint.model, parameters, slots_of("body", INFRARED), spans, station_names(), scored=joint.scored, largest_strain=largest_strain
+        joint.model,
+        parameters,
+        effects_of_fields(infrared=True),
+        spans,
+        station_names(),
+        scored=joint.scored,
+        largest_strain=largest_strain,
     )
 
 

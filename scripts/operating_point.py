@@ -16,19 +16,21 @@ import numpy as np
 from operating_draw import World, worlds
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, slots_of, untold
+from thermofit.diagnose.case import Case, untold
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, with_elastic
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
+from thermofit.experiment.coupon import CouponExperiment
+from thermofit.experiment.coupon_check import record_spans
 from thermofit.experiment.coupon_model import coupon_model, coupon_run
 from thermofit.experiment.coupon_records import CouponData, CouponTest, whole
-from thermofit.experiment.coupon_sensor import SENSOR, shown
+from thermofit.experiment.coupon_sensor import shown
 from thermofit.experiment.fields import TestPhase
 from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.joint import station_names
+from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.point.programmes import Usual, programme
@@ -187,7 +189,7 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     hot = KINDS[world.programme].hot
     study = _study(hot)
     start = study.start_parameters(data)
-    settings = with_elastic(study, data, start)
+    settings = CouponExperiment(study, given=data).widened(start)
     base = start.with_free(settings.free)  # type: ignore[arg-type]
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
@@ -203,8 +205,8 @@ def _case(study: Study, data: CouponData, model: StageModel, parameters: Paramet
     run = coupon_run(study, data, parameters.free)
     strain = max(float(run.history(parameters, test).accumulated.max()) for test in data.tests)
     there = flow_conditions(data.tests, lambda test: run.history(parameters, test))
-    known, _ = untold(slots_of("point", SENSOR if hot else ()), parameters, there)
-    return Case(model, parameters, known, coupon_spans(data), station_names(), largest_strain=strain)
+    known, _ = untold(effects_of_point(sensor=hot), parameters, there)
+    return Case(model, parameters, known, record_spans(data), station_names(), largest_strain=strain)
 
 
 def at_truth(world: World) -> Traced:
@@ -212,6 +214,6 @@ def at_truth(world: World) -> Traced:
     data = measured(replace(world, declared={}), {})
     hot = KINDS[world.programme].hot
     study = _study(hot)
-    settings = coupon_joint_settings(study, data)
+    settings = CouponExperiment(study, given=data).joint_settings()
     truth = Parameters.of(TRUTH, settings.free)
     return traced(_case(study, data, coupon_model(study, data, settings, truth), truth, hot))

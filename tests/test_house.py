@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+ABOVE = ("report", "diagnose", "identify", "stages", "cli")
+"""Rooms above `experiment`."""
 MODULES = sorted((ROOT / "thermofit").rglob("*.py"))
 
 
@@ -73,6 +76,97 @@ def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: s
     result = lint_imports(tmp_path)
     assert result.returncode != 0
     assert broken in result.stdout.split("Broken contracts")[-1], result.stdout
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_of(tree: ast.AST, module: str, modules: frozenset[str]) -> set[str]:
+    """Modules of the house that a source imports: at its top, inside its functions, and for types alone."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = module.split(".")[: -node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            whole = {f"{base}.{alias.name}" for alias in node.names}
+            names |= (whole & modules) or {base}
+    return (names & modules) - {module}
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules that reach each other (Tarjan 1972, SIAM Journal on Computing 1, 146-160)."""
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(v: str) -> None:
+        number[v] = low[v] = len(number)
+        stack.append(v)
+        for w in graph[v]:
+            if w not in number:
+                visit(w)
+                low[v] = min(low[v], low[w])
+            elif w in stack:
+                low[v] = min(low[v], number[w])
+        if low[v] == number[v]:
+            group = stack[stack.index(v) :]
+            del stack[stack.index(v) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for v in graph:
+        if v not in number:
+            visit(v)
+    return found
+
+
+def test_no_circle_among_the_files() -> None:
+    """None by an import inside a function, none by one that only types need."""
+    modules = frozenset(map(module_of, MODULES))
+    graph = {module_of(p): imports_of(ast.parse(p.read_text(encoding="utf-8")), module_of(p), modules) for p in MODULES}
+    assert circles(graph) == []
+    assert len(graph["thermofit.stages.run"]) > 3, "imports are found"
+
+
+@pytest.mark.parametrize(
+    "back",
+    [
+        *("from a.one import f", "import a.one", "from a import one", "from . import one", "from .one import f"),
+        *("def f():\n    from a.one import f", "if TYPE_CHECKING:\n    import a.one"),
+    ],
+)
+def test_circles_are_seen(back: str) -> None:
+    sources = {"a": "", "a.one": "from a.two import g", "a.two": back, "a.three": "import a.one"}
+    graph = {name: imports_of(ast.parse(text), name, frozenset(sources)) for name, text in sources.items()}
+    assert circles(graph) == [["a.one", "a.two"]]
+
+
+def test_one_place_asks_what_kind_of_study_it_is() -> None:
+    """All others ask the Experiment that it makes; what is below has it from the study."""
+    asking = [name_of(p) for p in MODULES if re.search(r"study\.coupon is|isinstance\(data", p.read_text(encoding="utf-8"))]
+    assert asking == ["thermofit/experiment/forms.py"]
+    forms = re.compile(r"BodyExperiment|CouponExperiment|SeveralExperiments")
+    knowing = [p for room in ABOVE for p in (ROOT / "thermofit" / room).rglob("*.py") if forms.search(p.read_text(encoding="utf-8"))]
+    assert knowing == []
+
+
+def test_no_room_above_the_experiment_is_named_after_a_form_of_it() -> None:
+    """Neither its modules, nor the tests of them, nor what stands in the modules."""
+    folders = [ROOT / top / room for top in ("thermofit", "tests") for room in ABOVE]
+    files = [p for folder in folders for p in folder.rglob("*.py")]
+    form = re.compile(r"coupon|body|bodies", re.IGNORECASE)
+    assert [name_of(p) for p in files if form.search(p.name)] == []
+    named = []
+    for path in (p for p in MODULES if p.relative_to(ROOT).parts[1] in ABOVE):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, Function | ast.ClassDef) and form.search(node.name):
+                named.append(f"{name_of(path)}: {node.name}")
+    assert named == []
 
 
 def test_functions_have_return_types() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans, slots_of
-from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, effect, effects
-from thermofit.experiment.coupon_sensor import SENSOR
+from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans
+from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, Effect, effect, effects
+from thermofit.experiment.known_effects import effects_of_fields, effects_of_point
 from thermofit.experiment.residuals import Span
 from thermofit.law.composition import POINT_ONLY
 from thermofit.observe.stations import INFRARED
@@ -61,21 +61,21 @@ def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:
 
 
 @pytest.mark.parametrize(
-    ("driver", "infrared", "slots"),
+    ("known", "slots"),
     [
-        ("body", INFRARED, POINT_ONLY),
-        ("body", (), (*POINT_ONLY, *HEAT, *INFRARED)),
-        ("point", SENSOR, (*HEAT, *LOAD, *KINEMATICS, "emission", "reflection", "optics", "camera")),
-        ("point", (), (*HEAT, *LOAD, *KINEMATICS, *INFRARED, "camera")),
+        (effects_of_fields(infrared=True), POINT_ONLY),
+        (effects_of_fields(infrared=False), (*POINT_ONLY, *HEAT, *INFRARED)),
+        (effects_of_point(sensor=True), (*HEAT, *LOAD, *KINEMATICS, "emission", "reflection", "optics", "camera")),
+        (effects_of_point(sensor=False), (*HEAT, *LOAD, *KINEMATICS, *INFRARED, "camera")),
     ],
 )
-def test_what_a_driver_does_not_have_is_not_asked(driver: str, infrared: tuple[str, ...], slots: tuple[str, ...]) -> None:
+def test_what_a_driver_does_not_have_is_not_asked(known: tuple[Effect, ...], slots: tuple[str, ...]) -> None:
     """Of the base law a coupon lacks films and what needs a field; one of several experiments is asked as <effect>@<experiment>."""
-    known = slots_of(driver, infrared)
+    point = "bending" not in {e.name for e in known}
     case = Case(cast(Any, None), AT, known, (Span("all", 0.0, 1.0),), frozenset())
     spans = {"softening_power", "rate_by_temperature"}
-    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if driver == "point" else spans
-    has = {"air_drift", "capacity_by_temperature"} if driver == "point" and infrared else set()
+    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if point else spans
+    has = {"air_drift", "capacity_by_temperature"} if point and "ir_drift" in {e.name for e in known} else set()
     assert set(case.not_asked()) == {e.name for e in effects(slots)} - has | without
     assert set(case.not_asked()).isdisjoint(e.name for e in known)
     own = replace(case, known=tuple(effect(f"{e.name}@second") if e.name == "ir_drift" else e for e in known))

@@ -10,27 +10,27 @@ from typing import cast
 import numpy as np
 import pytest
 from strip import fitted, refitting
-from test_unlisted_coupon import NOISE as RECORD
-from test_unlisted_coupon import TRUTH, case_of, study
+from test_unlisted_records import NOISE as RECORD
+from test_unlisted_records import TRUTH, case_of, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.decide import (
     Decision,
-    _on_coupon,
+    _at_point,
     added_families,
     columns,
     decided,
     decisions,
-    felt_by_coupons,
+    felt_at_point,
     in_words,
 )
 from thermofit.diagnose.decide_told import Told
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.coupon_check import record_spans
 from thermofit.experiment.coupon_model import coupon_model
 from thermofit.experiment.coupon_records import CouponData, CouponTest
 from thermofit.experiment.fields import TestPhase
@@ -154,7 +154,7 @@ def hardened(folder: Path) -> Case:
     made, data, free = study(folder), CouponData((test,), "strain"), ("E", "M_y0", "M_yinf", "H_exp", "beta", "tau")
     settings = made.stage("thermal").model_copy(update={"free": free})
     model = coupon_model(made, data, settings, TRUTH.with_free(free))
-    return Case(model, TRUTH.with_free(free), tuple(effect(n) for n in PAIR), coupon_spans(data), frozenset())
+    return Case(model, TRUTH.with_free(free), tuple(effect(n) for n in PAIR), record_spans(data), frozenset())
 
 
 def test_the_family_of_an_effect_that_was_added_is_decided(tmp_path: Path) -> None:
@@ -193,6 +193,6 @@ def test_what_was_added_besides_is_in_no_family_and_is_a_parameter() -> None:
     on = on.with_free((*LAW.free, "kappa", "H_lin", "backstress_first.C", "ir_drift.rate"))
     case = SimpleNamespace(parameters=on, model=SimpleNamespace(missing=None))
     here = cast(Traced, SimpleNamespace(case=case))
-    coupon = _on_coupon(here, family, felt_by_coupons(here))
+    coupon = _at_point(here, family, felt_at_point(here))
     assert coupon.free == (*LAW.free, "backstress_first.C"), "what it was added by is not taken out of its own column"
     assert coupon["ir_drift.rate"] == 0.0 and coupon["H_lin"] == 100.0 and coupon["second_hardening.b"] == 100.0

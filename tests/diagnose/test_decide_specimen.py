@@ -13,7 +13,7 @@ from virtual_pulls import SIZE, TIME, TRUTH, pulled, study
 
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, slots_of
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.decide import Decision, decided, decisions, in_words
 from thermofit.diagnose.decide_specimen import (
     COOLING,
@@ -24,9 +24,9 @@ from thermofit.diagnose.decide_specimen import (
     STEPS,
     STOP,
     Course,
-    can_be_driven,
     columns,
     course_of,
+    drivable,
     planned,
     spread,
 )
@@ -35,8 +35,8 @@ from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.experiment.fields import LoadSteps, Measured
 from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel
-from thermofit.observe.stations import INFRARED
 
 FREE = ("E", "M_y0", "M_yinf", "H_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 LAMP = ("lamp", "latent_heat")
@@ -62,7 +62,7 @@ def left(*families: tuple[str, ...], **on: float) -> Traced:
     """A trace of which only the families count that it leaves undecided, at the truth with what is `on`."""
     scores = tuple(SimpleNamespace(effect=f[0], family=f, detectability=1.0, z=9.0) for f in families)
     model = cast(StageModel, SimpleNamespace(missing=None, comparisons=()))
-    case = Case(model, Parameters.of({**TRUTH, **on}, FREE), slots_of("body", INFRARED), (), frozenset())
+    case = Case(model, Parameters.of({**TRUTH, **on}, FREE), effects_of_fields(infrared=True), (), frozenset())
     ranking = SimpleNamespace(scores=scores, threshold=3.0)
     return cast(Traced, SimpleNamespace(case=case, promising=lambda: scores, ranking=ranking, settings=SETTINGS))
 
@@ -70,10 +70,10 @@ def left(*families: tuple[str, ...], **on: float) -> Traced:
 def test_a_rest_or_a_cooling_parts_a_lamp_from_a_heat_of_transformation() -> None:
     """A lamp heats what does not flow; the rate, at which both go along, does not part them."""
     (found,) = decisions(left(LAMP), (), joint())
-    assert found.as_it_was is not None and found.as_it_was.cosine > ALIKE and found.failed_on_body == ()
-    cosine = {t.programme.name: t.cosine for t in found.on_body}
+    assert found.as_it_was is not None and found.as_it_was.cosine > ALIKE and found.failed_on_specimen == ()
+    cosine = {t.programme.name: t.cosine for t in found.on_specimen}
     assert max(cosine["long-rest"], cosine["long-cooling"]) < 0.3 and min(cosine["half-rate"], cosine["twice-rate"]) > ALIKE
-    assert found.best_on_body is not None and found.best_on_body.programme.name == "long-rest"
+    assert found.best_on_specimen is not None and found.best_on_specimen.programme.name == "long-rest"
     said = in_words(found)
     assert said.startswith(
         "lamp and latent_heat: no coupon feels lamp and latent_heat, which act on the field of temperature; on the specimen"
@@ -109,13 +109,13 @@ def test_a_test_that_parts_too_weakly_asks_for_one_that_shows_more() -> None:
 
     was = told("own", 1.0, 1.0)
     weak = Decision(LAMP, (), LAMP, (), "", was, (told("long-rest", 0.1, 1.1), told("stop", 0.4, 0.9)))
-    assert weak.best_on_body is not None and weak.best_on_body.programme.name == "stop"
-    none = replace(weak, on_body=weak.on_body[:1])
-    assert none.best_on_body is None and "none would part them" in in_words(none)
-    assert replace(weak, as_it_was=replace(was, cosine=0.95)).best_on_body is weak.on_body[0]
+    assert weak.best_on_specimen is not None and weak.best_on_specimen.programme.name == "stop"
+    none = replace(weak, on_specimen=weak.on_specimen[:1])
+    assert none.best_on_specimen is None and "none would part them" in in_words(none)
+    assert replace(weak, as_it_was=replace(was, cosine=0.95)).best_on_specimen is weak.on_specimen[0]
     same = (told("unloadings", 1.0, 1.0, cosine=0.0),)
-    assert replace(weak, on_body=same).best_on_body is None, "0.87 of the amplitude"
-    assert replace(weak, on_body=same, as_it_was=replace(was, cosine=0.88)).best_on_body is same[0], "0.47 of it"
+    assert replace(weak, on_specimen=same).best_on_specimen is None, "0.87 of the amplitude"
+    assert replace(weak, on_specimen=same, as_it_was=replace(was, cosine=0.88)).best_on_specimen is same[0], "0.47 of it"
 
 
 def test_programmes_are_changes_of_the_test() -> None:
@@ -153,8 +153,8 @@ def test_few_steps_and_points_stand_for_all() -> None:
 
 
 def test_what_cannot_be_driven_is_told_as_before() -> None:
-    assert can_be_driven(joint()) and not can_be_driven(None)
-    assert not can_be_driven(joint("force: {drives: dic}\n"))
+    assert drivable(joint()) is not None and drivable(None) is None
+    assert drivable(joint("force: {drives: dic}\n")) is None
     (found,) = decisions(left(LAMP))
     assert found.as_it_was is None and in_words(found).endswith("which act on the field of temperature")
     weak = Parameters.of({**TRUTH, "M_y0": 20.0, "M_yinf": 25.0, "H_exp": 0.1}, FREE)

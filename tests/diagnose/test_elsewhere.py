@@ -12,10 +12,11 @@ from test_loop import BASE, KNOWN, SIGMA, case_of, refitting
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import still_needed
 from thermofit.diagnose.before_after import before_after
-from thermofit.diagnose.case import Case
-from thermofit.diagnose.elsewhere import Carried, Elsewhere, held_out_words, predicted_beyond, unseen_rms
+from thermofit.diagnose.case import Case, Elsewhere
 from thermofit.diagnose.loop import Closed, close_loop, ranking_rows
+from thermofit.diagnose.proof_elsewhere import held_out_words, predicted_beyond, unseen_rms
 from thermofit.diagnose.trace import traced
+from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span
 from thermofit.report.findings import _errors
 

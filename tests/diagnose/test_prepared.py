@@ -12,12 +12,13 @@ from test_loop import case_of, settled
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import prepared as module
-from thermofit.diagnose.prepared import Prepared, _Joint, prepared
+from thermofit.diagnose.prepared import Prepared, prepared
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.protocol import JointProblem
 from thermofit.fit.result import FitResult
 from thermofit.study.section import MeshSize
 
-STUDY = cast(Any, SimpleNamespace(coupon=None, fitted=(), source=SimpleNamespace(name="study.yaml")))
+STUDY = cast(Any, SimpleNamespace(source=SimpleNamespace(name="study.yaml")))
 
 
 @dataclass(frozen=True)
@@ -32,13 +33,15 @@ class Refit:
         return self.end
 
 
-def joint_of(model: StageModel, base: Parameters, **known: Any) -> _Joint:
+def joint_of(model: StageModel, base: Parameters, **known: Any) -> JointProblem:
     settings, numerical = cast(Any, None), np.zeros(len(model.residual(base)))
-    return _Joint(settings, base, model, lambda _: numerical, 0.1, (), (), MeshSize(n_x=1, n_y=1, n_z=1), **known)
+    size = MeshSize(n_x=1, n_y=1, n_z=1)
+    return JointProblem(settings, base, model, (), size, numerical=lambda _: numerical, **known)
 
 
-def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: _Joint, end: tuple[Parameters, FitResult]) -> Prepared:
-    monkeypatch.setattr(module, "_body", lambda *_: joint)
+def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: JointProblem, end: tuple[Parameters, FitResult]) -> Prepared:
+    experiment = SimpleNamespace(start=lambda: joint.base, diagnosed=lambda base: joint, unseen=())
+    monkeypatch.setattr(module, "experiment_of", lambda _: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit(end))
     return prepared(STUDY, cast(Any, None), ())
 

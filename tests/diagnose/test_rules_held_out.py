@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from thermofit.diagnose.elsewhere import _told
+from thermofit.diagnose.elsewhere import proof_of_change
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared, groups_of, held_out_residual, scatter, split_by_blocks, split_by_phase
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -197,6 +197,6 @@ def test_a_held_out_test_judges_where_it_feels_the_change(before: float, after: 
     above 0.003 r.r, which is one of 0.0548 times r."""
     one, other = np.full(600, before), np.full(600, after)
     beyond: Any = [Beyond()]
-    found = _told(one, other, beyond)
+    found = proof_of_change(one, other, beyond)
     assert (found is not None) is judged
     assert found is None or (found.on == "second" and (found.gain > 0.0) is (after < before))

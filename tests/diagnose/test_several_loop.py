@@ -11,14 +11,16 @@ from virtual_pulls import FORCE, TRUTH, pulled, study
 
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
-from thermofit.diagnose import prepared as preparing
-from thermofit.diagnose import unseen as unseen_tests
 from thermofit.diagnose.decide import decided
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared, prepared
 from thermofit.diagnose.study_with_effects import study_text
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.experiment.several import Part, Several, own_names
+from thermofit.experiment import body
+from thermofit.experiment.body import BodyExperiment
+from thermofit.experiment.fields import Measured
+from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.many import SeveralExperiments
 from thermofit.records.staging import Job
 from thermofit.report.findings import diagnosis_parameters, loop_summary
 from thermofit.report.unlisted import described, with_unlisted
@@ -47,12 +49,10 @@ def pulls() -> dict[str, Any]:
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """What `interpolate` would have left."""
 
-    def part(whole: Study, name: str) -> Part:
-        return Part(name, whole.one_of(name), pulls()[name])
+    def left(one: Study) -> Measured:
+        return pulls()[one.run_dir.name if one.run_dir.name in pulls() else "first"]
 
-    monkeypatch.setattr(preparing, "several", lambda whole: Several(tuple(part(whole, n) for n in whole.fitted), own_names(whole)))
-    monkeypatch.setattr(preparing, "measured", lambda _: pulls()["first"])
-    monkeypatch.setattr(unseen_tests, "part_of", part)
+    monkeypatch.setattr(body, "measured", left)
 
 
 def looped(whole: Study, folder: Path) -> tuple[Prepared, Closed]:
@@ -105,7 +105,7 @@ def test_the_study_with_effects_of_one_test_reads(measured: None, tmp_path: Path
     import yaml
 
     from thermofit.core.parameters import Parameters
-    from thermofit.experiment.several import seen_by, several_start
+    from thermofit.experiment.several import seen_by
     from thermofit.study.study import load_study
 
     text = {"name": "three", "experiments": {"first": {"experiment": "a"}, "second": {"experiment": "b"}}, "parameters": dict(STARTS)}
@@ -119,8 +119,8 @@ def test_the_study_with_effects_of_one_test_reads(measured: None, tmp_path: Path
     made = tmp_path / "with-effects.yaml"
     made.write_text(study_text(whole, cast(Closed, closed)), encoding="utf-8")
     again = load_study(made)
-    data = Several(tuple(Part(n, again.one_of(n), pulls()[n]) for n in ("first", "second")), own_names(again))
-    start = several_start(again, data)
+    tests = tuple(BodyExperiment(again.one_of(n), n, pulls()[n]) for n in ("first", "second"))
+    start = SeveralExperiments(again, tests).start()
     assert seen_by(start, "second")["lamp.absorbed"] == 0.05 and seen_by(start, "second")["lamp.start"] == 12.0
     assert seen_by(start, "first")["lamp.absorbed"] == 0.0
 
@@ -128,4 +128,4 @@ def test_the_study_with_effects_of_one_test_reads(measured: None, tmp_path: Path
 def test_a_held_out_test_that_is_not_interpolated_is_named(tmp_path: Path) -> None:
     whole = study(ONE_OF_THREE + FREE, STARTS)
     with pytest.raises(StudyError, match="thermofit interpolate"):
-        unseen_tests.unseen(whole, whole.mesh_size)
+        experiment_of(whole).unseen[0].experiment.start()

@@ -11,9 +11,10 @@ import yaml
 from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.coupon_model import coupon_model, memory_remarks, observations, segments
+from thermofit.experiment.coupon_model import coupon_model, observations, segments
 from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_test
 from thermofit.experiment.fields import TestPhase
+from thermofit.identify.stage import memory_remarks
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.study.study import Study, load_study
 

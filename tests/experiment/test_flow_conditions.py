@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import slots_of, untold
+from thermofit.diagnose.case import untold
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.coupon_records import CouponTest, whole
-from thermofit.experiment.coupon_sensor import SENSOR
 from thermofit.experiment.flow_conditions import FlowConditions, flow_conditions
+from thermofit.experiment.known_effects import effects_of_point
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
 STEEL = Parameters.of(
@@ -85,7 +85,7 @@ def names(known: tuple[Effect, ...]) -> set[str]:
 def test_effects_are_asked_by_what_the_records_hold() -> None:
     """Rate effects only with more than one rate, what grows with temperature only with temperatures far apart; the reasons are said. One
     that the study switches on or frees is not dormant, and stays."""
-    every = slots_of("point", SENSOR)
+    every = effects_of_point(sensor=True)
     rates, spans = {"rate_logarithmic", "rate_power", "rate_by_temperature"}, {"rate_by_temperature", "softening_power"}
     at = {
         "neither": FlowConditions((1e-3, 1.2e-3), (293.0, 296.0), 400),

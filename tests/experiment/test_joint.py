@@ -18,7 +18,7 @@ from thermofit.diagnose.score import Columns, ranked
 from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effect, effects
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
-from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_model, joint_settings, station_names
+from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_settings, station_names
 from thermofit.experiment.model import StageModel, stage_model
 from thermofit.experiment.residuals import Span
 from thermofit.observe.observation import FieldObservation
@@ -81,7 +81,7 @@ def data() -> Measured:
 
 
 def model(case: Study, free: tuple[str, ...] = ()) -> StageModel:
-    return joint_model(case, data(), joint_settings(case, free, data()), SIZE)
+    return Joint(case, data(), joint_settings(case, free, data()), SIZE).model
 
 
 def part(joint: StageModel, channel: str) -> slice:

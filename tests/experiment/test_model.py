@@ -20,7 +20,7 @@ from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_ob
 from thermofit.experiment.forward import Run, Sampler, march_settings, sampler, specimen_body
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.instruments import station_names
-from thermofit.experiment.joint import joint_model, joint_settings
+from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.model import StageModel, stage_model
 from thermofit.identify.solve import solve
 from thermofit.observe.observation import FieldObservation
@@ -172,6 +172,7 @@ def test_effects_of_heat_and_instruments_are_fitted_on_mechanics_that_is_solved_
             base,
             lambda size, at, case=case, data=measured: stage_model(case, data, case.stage("thermal"), at, size, (0.0, 40.0, "")),
             Job(coupling, tmp_path / f"{coupling}.h5", {}, {}),
+            scalable=True,
         )
         turns = 1 + len(found[coupling].earlier)
         if coupling == "one-way":
@@ -201,7 +202,7 @@ def test_a_run_is_not_repeated_for_what_only_instruments_feel(data: Measured, tm
     """Other Params of instruments: the same run; another number of the body, or a wish for its derivatives: a run of its own."""
     free = ("c0", "ir_drift.rate", "ir_lag.time", "dic_scale.error")
     case = study(tmp_path)
-    model = joint_model(case, data, joint_settings(case, free, data), SIZE)
+    model = Joint(case, data, joint_settings(case, free, data), SIZE).model
     base = Parameters.of(TRUTH).with_free(free)
     first = model.errors(base)
     other = model.errors(base.replace(**{"ir_drift.rate": 1e-3, "dic_scale.error": 0.01}))

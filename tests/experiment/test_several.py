@@ -12,17 +12,17 @@ from virtual_pulls import FORCE, SIZE, TRUTH, pulled, study
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case, scans, slots_of
-from thermofit.diagnose.experiments import joined_rows, spans_of
+from thermofit.diagnose.case import Case, scans
+from thermofit.diagnose.rows import joined_rows
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.joint import THERMOCOUPLE
-from thermofit.experiment.joint_several import joint_several, known_in
+from thermofit.experiment.joint_several import JointSeveral
+from thermofit.experiment.many import SeveralExperiments
 from thermofit.experiment.model import StageModel, stage_model
-from thermofit.experiment.several import Part, Several, expanded, free_in, joined, own_names, seen_by, several_model, several_start
+from thermofit.experiment.several import free_in, joined, own_names, seen_by
 from thermofit.identify.solve import solve
-from thermofit.observe.stations import INFRARED
 from thermofit.records.staging import Job
-from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
 OTHER = {"alpha_air": 40.0, "alpha_clamp": 900.0, "theta_air": 300.0, "theta_clamp": 295.5, "theta_ref": 295.5}
@@ -39,24 +39,28 @@ def case(extra: str = THERMAL) -> Study:
     return study(TWO + extra, STARTS, raw="")
 
 
+def both_of(whole: Study) -> SeveralExperiments:
+    pulls = {"first": pulled(), "second": pulled(OTHER, 0.9 * FORCE, seed=8)}
+    return SeveralExperiments(whole, tuple(BodyExperiment(whole.one_of(name), name, data) for name, data in pulls.items()))
+
+
 @lru_cache(maxsize=1)
-def data() -> Several:
+def data() -> SeveralExperiments:
     set_threads(1)
-    both = case()
-    return Several(
-        (Part("first", both.one_of("first"), pulled()), Part("second", both.one_of("second"), pulled(OTHER, 0.9 * FORCE, seed=8))),
-        own_names(both),
-    )
+    return both_of(case())
+
+
+def joint_of(several: SeveralExperiments, names: tuple[str, ...]) -> JointSeveral:
+    parts = several.joint(several.joint_settings(names), Parameters.of(TRUTH), SIZE).parts
+    assert isinstance(parts, JointSeveral)
+    return parts
 
 
 def model(names: tuple[str, ...], base: Parameters) -> StageModel:
     both = case()
     settings = both.stage("thermal").model_copy(update={"free": names})
 
-    def make(part: Part, own: StageSettings, here: Parameters) -> StageModel:
-        return stage_model(part.study, part.data, own, here, SIZE, (0.0, 40.0, ""))
-
-    return several_model(data(), settings, base, make)
+    return data().model(settings, base, SIZE)
 
 
 def test_names_of_one_experiment() -> None:
@@ -78,12 +82,12 @@ def test_own_parameters_are_those_of_boundary_and_measurement() -> None:
 
 def test_start_bounds_and_windows_of_each() -> None:
     both = case()
-    start = several_start(both, data())
+    start = data().start()
     assert start["alpha_air@first"] == 15.0 and start["alpha_air@second"] == 30.0 and start["theta_air@second"] == 300.0
     assert start["theta_ref@second"] == 295.5  # at rest in its own jaws
     assert both.bounds("alpha_air@second") == (0.0, 200.0) and both.bounds("alpha_air@first") == (0.0, 1e5)
     assert both.one_of("second").stages.elastic.window == (0.0, 3.5) and both.one_of("first").stages.elastic.window == "auto"
-    assert expanded(("E", "alpha_air"), data()) == ("E", "alpha_air@first", "alpha_air@second")
+    assert data().expanded(("E", "alpha_air")) == ("E", "alpha_air@first", "alpha_air@second")
     assert both.fitted == ("first", "second") and both.held_out == ("third",)
 
 
@@ -120,15 +124,15 @@ def test_joint_fit_finds_one_material_and_two_boundaries(tmp_path: Path) -> None
     """Everything within four standard errors, and the common parameter better known than from either test."""
     both = case()
     settings = both.stage("thermal")
-    free = expanded(settings.free, data())
+    free = data().expanded(settings.free)
     settings = settings.model_copy(update={"free": free})
-    start = several_start(both, data()).replace(c0=2.6)
+    start = data().start().replace(c0=2.6)
 
     def on(size: object, base: Parameters) -> StageModel:
         return model(free, base)
 
     job = Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {})
-    solved = solve(both, settings, start, on, job)
+    solved = solve(both, settings, start, on, job, scalable=True)
     truth = {"c0": 2.2, "alpha_air@first": 15.0, "alpha_air@second": 40.0, "alpha_clamp@first": 240.0, "alpha_clamp@second": 900.0}
     assert solved.covariance is not None and set(free) == set(truth)
     sigma = dict(zip(free, solved.covariance.sigma, strict=True))
@@ -169,25 +173,24 @@ DIRECTIONS = (
 
 def test_joint_stage_of_several_is_that_of_each() -> None:
     """Residual, Jacobian and columns along the heat equation: rows of data, then of priors; each test feels what is its own."""
-    both = case()
-    joint = joint_several(both, data(), NAMES, SIZE)
+    joint = joint_of(data(), NAMES)
     base = Parameters.of({**TRUTH, "c0": 2.3, **{f"{n}@second": v for n, v in OTHER.items()}}, NAMES)
     residual, jacobian, along = joint.scored(base, NAMES, DIRECTIONS)
     plain, columns = joint.model.linearised(base, NAMES)
     assert [p.name for p in joint.model.priors] == ["theta_air@first", "theta_clamp@second"]
     np.testing.assert_allclose(residual, plain, atol=1e-6)
     np.testing.assert_allclose(jacobian, columns, atol=1e-5 * np.abs(columns).max())
-    n = sum(c.n for c in joint.parts["first"].model.comparisons)
+    n = sum(c.n for c in joint.each["first"].model.comparisons)
     whole = sum(c.n for c in joint.model.comparisons)
     felt = [(bool(along[:n, k].any()), bool(along[n:whole, k].any())) for k in range(3)]
     assert felt == [(True, True), (False, True), (True, False)] and not along[whole:].any()
-    second = joint.parts["second"]
+    second = joint.each["second"]
     alone = second.scored(seen_by(base, "second"), (), [("air_drift.rate", {"air_drift.time": 20.0})])[2]
     np.testing.assert_allclose(along[n:whole, 1], alone[: whole - n, 0])
 
 
 def test_a_common_parameter_meets_the_prior_of_every_test() -> None:
-    joint = joint_several(case("shared: [theta_air]\n" + THERMAL), data(), ("theta_air",), SIZE)
+    joint = joint_of(both_of(case("shared: [theta_air]\n" + THERMAL)), ("theta_air",))
     base = Parameters.of(TRUTH, ("theta_air",))
     _, columns = joint.model.linearised(base, ("theta_air",))
     assert [p.name for p in joint.model.priors] == ["theta_air@first", "theta_air@second"]
@@ -195,7 +198,7 @@ def test_a_common_parameter_meets_the_prior_of_every_test() -> None:
 
 
 def test_effects_of_boundary_and_instruments_are_those_of_one_test() -> None:
-    known = {e.name: e for e in known_in(data(), lambda hot: slots_of("body", INFRARED if hot else ()))}
+    known = {e.name: e for e in data().known()}
     assert {"rate_logarithmic", "ir_drift@first", "ir_drift@second", "lamp@second", "thermal_expansion"} <= set(known)
     assert not {"ir_drift", "rate_logarithmic@first", "lamp"} & set(known)
     assert known["lamp@second"].names == ("lamp.absorbed@second", "lamp.start@second")
@@ -203,9 +206,9 @@ def test_effects_of_boundary_and_instruments_are_those_of_one_test() -> None:
 
 
 def test_rows_of_two_tests_keep_apart() -> None:
-    joint = joint_several(case(), data(), NAMES, SIZE)
-    spans = spans_of(data())
-    rows = joined_rows({name: part.model for name, part in joint.parts.items()}, spans)
+    joint = joint_of(data(), NAMES)
+    spans = data().spans
+    rows = joined_rows({name: part.model for name, part in joint.each.items()}, spans)
     assert len(rows.time) == len(joint.model.residual(Parameters.of({**TRUTH, **{f"{n}@second": v for n, v in OTHER.items()}}, NAMES)))
     names = [c.channel for c in joint.model.comparisons]
     for k, name in enumerate(names):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermofit.experiment.curves import followed_points, moments
+from thermofit.experiment.body_check import followed_points, moments
 from thermofit.experiment.fields import LoadSteps
 from thermofit.experiment.residuals import ResidualField, Span
 from thermofit.experiment.trust import PHASE, WHOLE

@@ -12,7 +12,7 @@ from repeated_coupon import FREE, TRUTH, bench, intervals
 
 from thermofit.experiment.coupon_model import coupon_model
 from thermofit.experiment.coupon_records import CouponData
-from thermofit.experiment.planned_coupon import planned_coupon
+from thermofit.experiment.planned_coupon import planned_records
 from thermofit.fit.information import Flat, Invariant
 from thermofit.identify.identifiability import analysed, mend, relation
 from thermofit.identify.intervals import allowed_rises, laplace
@@ -126,7 +126,7 @@ def test_planned_coupon_predicts_what_a_repeat_finds(tmp_path: Path) -> None:
     """The plan of the record's own programme has the standard errors of a fit to noisy data, and its residual is zero."""
     made = bench(tmp_path, 200)
     settings = made.study.stage("plastic")
-    data = planned_coupon(made.study, CouponData((made.test,), "strain"), "own", TRUTH)
+    data = planned_records(made.study, CouponData((made.test,), "strain"), "own", TRUTH)
     linear = linear_of(made.study, settings, coupon_model(made.study, data, settings, TRUTH), TRUTH, True)
     assert np.abs(linear.residual).max() < 1e-6
     analysis = analysed(linear)
@@ -139,6 +139,6 @@ def test_planned_coupon_of_a_named_programme(tmp_path: Path) -> None:
     """Half as much strain tells less of where hardening ends; cycles go into compression; the record's own response is not used."""
     made = bench(tmp_path, 200)
     silent = replace(made.test, stress=np.full(200, 1e3))
-    cycles = planned_coupon(made.study, CouponData((silent,), "strain"), "cycles", TRUTH).tests[0]
+    cycles = planned_records(made.study, CouponData((silent,), "strain"), "cycles", TRUTH).tests[0]
     assert cycles.strain.min() == pytest.approx(-cycles.strain.max()) and cycles.strain.max() == pytest.approx(0.06)
     assert cycles.stress.min() < -300.0 and cycles.stress.max() < 700.0 and cycles.name == "cycles"

@@ -62,7 +62,7 @@ class Counted:
 
 def solved(case: Study, counted: Counted, start: Parameters = START) -> Solved:
     task = Job("identify-thermal", case.run_dir / "identify-thermal.h5", {}, {})
-    return solve(case, case.stage("thermal"), start, lambda size, base: counted.model, task)
+    return solve(case, case.stage("thermal"), start, lambda size, base: counted.model, task, scalable=True)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,9 @@ def test_fine_mesh_starts_at_the_coarse_optimum(tmp_path: Path) -> None:
         models[size.n_x] = Counted(wall_model(comparisons(), OBSERVATIONS, bias=1.5 if size.n_x == 6 else 0.0))
         return models[size.n_x].model
 
-    found = solve(case, case.stage("thermal"), START, model_on, Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {}))
+    found = solve(
+        case, case.stage("thermal"), START, model_on, Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {}), scalable=True
+    )
     assert sizes == [6, 12] and len(found.earlier) == 1
     assert found.fit.log[0].x == pytest.approx(found.earlier[0].x, rel=1e-12)
     assert models[12].linearised <= 3 < models[6].linearised and models[12].plain == models[6].plain == 0
@@ -191,7 +193,9 @@ def test_turns_of_a_one_way_stage_take_exact_derivatives(tmp_path: Path) -> None
         models.append(Counted(wall_model(comparisons(), OBSERVATIONS, bias=0.01 * (base["kappa"] - 130.0))))
         return dataclasses.replace(models[-1].model, one_way=True)
 
-    found = solve(case, case.stage("thermal"), START, model_on, Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {}))
+    found = solve(
+        case, case.stage("thermal"), START, model_on, Job("identify-thermal", tmp_path / "identify-thermal.h5", {}, {}), scalable=True
+    )
     assert 2 <= len(models) <= 4 and not found.remarks
     assert all(counted.plain == 0 for counted in models) and models[-1].linearised <= 2
 

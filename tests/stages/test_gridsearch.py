@@ -38,13 +38,13 @@ def test_all_starts_reach_the_optimum_of_the_stage(study_of: StudyOf) -> None:
 
 def test_mechanics_is_solved_once_for_all_starts(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     study, made = study_of(), []
-    original = trials.model_maker
+    original = trials.model_on
 
     def counted(*args: object) -> object:
         inner = original(*args)  # type: ignore[arg-type]
         return lambda size, base: made.append(size) or inner(size, base)
 
-    monkeypatch.setattr(trials, "model_maker", counted)
+    monkeypatch.setattr(trials, "model_on", counted)
     gridsearch.run(study, force=True)
     assert len(made) == 1
 
@@ -52,10 +52,10 @@ def test_mechanics_is_solved_once_for_all_starts(study_of: StudyOf, monkeypatch:
 def test_a_start_that_fails_is_counted_and_named(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     solve = trials.solve
 
-    def failing(*args: object) -> object:
+    def failing(*args: object, **how: object) -> object:
         if args[2]["c0"] == 4.0:  # type: ignore[index]
             raise NumericsError("step 3 does not converge")
-        return solve(*args)  # type: ignore[arg-type]
+        return solve(*args, **how)  # type: ignore[arg-type]
 
     monkeypatch.setattr(trials, "solve", failing)
     study = study_of(gridsearch={"stage": "thermal", "starts": [FIRST, SECOND, {"beta": 0.5}]})
@@ -86,11 +86,11 @@ def test_starts_cut_short_are_not_compared(study_of: StudyOf) -> None:
 def test_finished_starts_are_not_repeated(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     study, solve, calls = study_of(), trials.solve, []
 
-    def interrupted(*args: object) -> object:
+    def interrupted(*args: object, **how: object) -> object:
         calls.append(args)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return solve(*args)  # type: ignore[arg-type]
+        return solve(*args, **how)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         patch.setattr(trials, "solve", interrupted)
@@ -109,11 +109,11 @@ def test_evaluations_of_other_data_are_not_taken_over(study_of: StudyOf, monkeyp
 
     study, solve, calls = study_of(), trials.solve, []
 
-    def interrupted(*args: object) -> object:
+    def interrupted(*args: object, **how: object) -> object:
         calls.append(args)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return solve(*args)  # type: ignore[arg-type]
+        return solve(*args, **how)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
         patch.setattr(trials, "solve", interrupted)

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from thermofit.core.experiment import ForceRecord
+from thermofit.experiment.interpolated import label_phases
 from thermofit.observe.force import smooth_force
-from thermofit.stages.interpolate import label_phases
 
 
 def record() -> ForceRecord:

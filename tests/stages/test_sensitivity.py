@@ -83,13 +83,13 @@ def test_jaw_temperature_of_the_thermal_stage(study_of: StudyOf) -> None:
 
 def test_quantity_that_reaches_the_mechanics_is_solved_anew(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     prepared = []
-    original = trials.model_maker
+    original = trials.model_on
 
     def counted(*args: object) -> object:
         inner = original(*args)  # type: ignore[arg-type]
         return lambda size, base: prepared.append(base["E"]) or inner(size, base)
 
-    monkeypatch.setattr(trials, "model_maker", counted)
+    monkeypatch.setattr(trials, "model_on", counted)
     sensitivity.run(study_of(sensitivity={"stage": "thermal", "quantity": "E", "values": [60000.0]}))
     assert set(prepared[1:]) - {prepared[0]} == {60000.0}
     prepared.clear()
@@ -100,10 +100,10 @@ def test_quantity_that_reaches_the_mechanics_is_solved_anew(study_of: StudyOf, m
 def test_a_value_that_fails_is_named(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
     solve = trials.solve
 
-    def failing(*args: object) -> object:
+    def failing(*args: object, **how: object) -> object:
         if args[2]["kappa"] == 100.0:  # type: ignore[index]
             raise NumericsError("no heat balance")
-        return solve(*args)  # type: ignore[arg-type]
+        return solve(*args, **how)  # type: ignore[arg-type]
 
     monkeypatch.setattr(trials, "solve", failing)
     summary = sensitivity.run(study_of(), force=True).record.summary

@@ -12,12 +12,11 @@ import tiny
 from typer.testing import CliRunner
 
 from thermofit.cli import app
-from thermofit.diagnose.held_out import Proof
-from thermofit.diagnose.prepared import diagnosis_mesh
-from thermofit.diagnose.unseen import predicting, prediction_proof, unseen
+from thermofit.diagnose.held_out import Proof, compared
+from thermofit.diagnose.rows import rows_of_tests
 from thermofit.experiment.fields import with_identified
+from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.verification import fitted_parameters, identified_stages
-from thermofit.identify.stage import data_of, start_of
 from thermofit.records.artefact import open_record
 from thermofit.study.study import load_study
 
@@ -100,12 +99,14 @@ def test_a_change_of_the_model_is_proved_on_the_held_out_experiment(chain: dict[
     """The interface of the loop: the same held-out rows before and after."""
     study = load_study(path)
     stages = identified_stages(study)
-    base, _ = with_identified(study, start_of(study, data_of(study)), stages)
-    results = fitted_parameters(study, base, stages)
-    others = unseen(study, diagnosis_mesh(study))
-    after = [predicting(study, o.part, base, results)[0] for o in others]
-    before = [p.replace(M_yinf=1.03 * p["M_yinf"]) for p in after]
-    found = prediction_proof(others, before, after)
+    experiment = experiment_of(study)
+    base, _ = with_identified(study, experiment.start(), stages)
+    identified = [name for name, result in fitted_parameters(study, base, stages).items() if result.free]
+    (third,) = experiment.unseen
+    after = third.predicted(base, identified)
+    problem = third.problem(experiment.joint_settings(), after, ())
+    before, then = (problem.model.residual(p) for p in (after.replace(M_yinf=1.03 * after["M_yinf"]), after))
+    found = compared(before, then, rows_of_tests(problem.each, problem.spans), 1)
     assert isinstance(found, Proof) and found.gain > 3.0 * found.sigma > 0.0 and found.folds == 1
 
 

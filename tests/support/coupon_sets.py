@@ -9,14 +9,15 @@ import numpy as np
 import yaml
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, slots_of, untold
+from thermofit.diagnose.case import Case, untold
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans
 from thermofit.diagnose.refit import JointFit
+from thermofit.experiment.coupon import CouponExperiment
 from thermofit.experiment.coupon_model import coupon_model, coupon_run
 from thermofit.experiment.coupon_records import CouponData, CouponTest, whole
 from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.joint import station_names
+from thermofit.experiment.known_effects import effects_of_point
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.records.staging import job
 from thermofit.study.study import Study, load_study
@@ -79,14 +80,15 @@ def followed_record(name: str, e: np.ndarray, rate: float, theta: float, seed: i
 def looped(study: Study, tests: tuple[CouponTest, ...], folder: Path) -> Closed:
     """The loop on records, from the joint fit of the base model on."""
     data = CouponData(tests, "strain")
-    settings = coupon_joint_settings(study, data)
+    experiment = CouponExperiment(study, given=data)
+    settings = experiment.joint_settings()
     base = study.start_parameters(data).with_free(settings.free)  # type: ignore[arg-type]
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "set", {}, {}))
     parameters, fit = refit(base, "joint")
     run = coupon_run(study, data, settings.free)
-    known, _ = untold(slots_of("point", ()), parameters, flow_conditions(tests, lambda test: run.history(parameters, test)))
-    case = Case(model, parameters, known, coupon_spans(data), station_names(), cheap=True)
+    known, _ = untold(effects_of_point(sensor=False), parameters, flow_conditions(tests, lambda test: run.history(parameters, test)))
+    case = Case(model, parameters, known, experiment.spans, station_names(), cheap=True)
     return close_loop(case, fit, refit, study.diagnosis.max_effects, None)
 
 

@@ -113,6 +113,11 @@ def seen(p: Parameters, theta: np.ndarray) -> np.ndarray:
 class StripMissing:
     """Heat sources of the strip."""
 
+    records = ()
+    offsets = np.zeros(0)
+    folded = False
+    of_yield = None
+
     @property
     def kinds(self) -> Mapping[str, str]:
         return {"theta": "heat"}

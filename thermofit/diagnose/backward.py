@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.elsewhere import proof_of_need, proof_of_refit
 from thermofit.diagnose.held_out import Room, compared, held_out_residual
+from thermofit.diagnose.proof_elsewhere import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.trace import Traced, room_of, traced
 from thermofit.effects.catalogue import effect

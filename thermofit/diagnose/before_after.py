@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.diagnose.backward import held_out_of
-from thermofit.diagnose.elsewhere import unseen_rms
 from thermofit.diagnose.held_out import rms_with_error
+from thermofit.diagnose.proof_elsewhere import unseen_rms
 from thermofit.diagnose.trace import Traced
 from thermofit.records.artefact import Dataset
 

@@ -5,29 +5,22 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Param, Parameters, bare_name
 from thermofit.diagnose.held_out import Rows
-from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.effects.catalogue import Effect, effects
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.flow_conditions import ONE_RATE, FlowConditions
 from thermofit.experiment.known_motion import Direction, acts_in_heat
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span, span_of
 from thermofit.fit.result import FitResult
-from thermofit.law.composition import FACTORS, POINT_ONLY, SUMS, capacity_effects
 from thermofit.law.page import law_of
-from thermofit.point.driver import air_effects
 
-if TYPE_CHECKING:
-    from thermofit.diagnose.elsewhere import Elsewhere
-
-ON_POINT = ("linear_hardening", "thermal_expansion")
-"""Effects of the base law that a coupon feels."""
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
 surface does not flow, with the least overstress it does. Only effects of the overstress are asked so."""
@@ -62,6 +55,18 @@ class Sharper:
     nearby: Callable[[Parameters, str], tuple[Parameters, FitResult]]
     numerical: np.ndarray
     heated: Callable[[Parameters], HeatFit | None] | None = None
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """A held-out test: the case that parameters of the fit make of it, how fitted names are carried there, the names of effects that it
+    can judge, and its own parameters that are fitted on its own data."""
+
+    name: str
+    case: Callable[[Parameters], Case]
+    carried: Callable[[Sequence[str]], Carried]
+    judges: frozenset[str]
+    own: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,17 +116,6 @@ class Case:
         """Effects of the catalogue that the driver at hand, or its channels, do not have: no data of this test speak of them."""
         known = {bare_name(e.name) for e in self.known}
         return tuple(e.name for e in effects() if e.name not in known)
-
-
-def slots_of(driver: str, infrared: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects that a driver, "body" or "point", knows: `infrared` are the slots of its measuring chain. Without them nothing is measured
-    that the heat balance alone feels; a body is not asked for what only temperatures far apart can tell."""
-    if driver == "point":
-        base = tuple(e for e in effects(BASE) if e.name in ON_POINT)
-        heat = (*air_effects(), *capacity_effects()) if infrared else ()
-        return (*base, *effects((*SUMS, *FACTORS, *POINT_ONLY)), *heat, *effects(tuple(infrared)))
-    slots = (*BASE, *SUMS, *FACTORS, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *infrared, "camera")
-    return tuple(e for e in effects(slots) if not e.span)
 
 
 def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:

@@ -10,27 +10,20 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case, rows_of
-from thermofit.diagnose.experiments import joined_rows, spans_of, stacked
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held_out_residual
-from thermofit.diagnose.prepared import coupon_joint_settings, coupon_spans, diagnosis_mesh, unseen_coupons
 from thermofit.diagnose.refit import JointFit
+from thermofit.diagnose.rows import rows_of_tests, stacked
 from thermofit.diagnose.trace import room_of, split_of
-from thermofit.diagnose.unseen import predicting, unseen
 from thermofit.diagnose.worth import Criteria, criteria, independent, least, mean_squares
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.coupon_model import coupon_model
-from thermofit.experiment.coupon_records import CouponData, coupon_data
-from thermofit.experiment.fields import Measured, with_identified
-from thermofit.experiment.joint import NUISANCES, Joint, joint_free, joint_model, joint_settings
-from thermofit.experiment.joint_several import JointSeveral, joint_several
-from thermofit.experiment.model import StageModel, needs_drive
-from thermofit.experiment.residuals import named_phases
-from thermofit.experiment.several import Several, expanded
+from thermofit.experiment.fields import with_identified
+from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.trust import WHOLE
-from thermofit.experiment.verification import fitted_parameters, identified_stages
+from thermofit.experiment.verification import identified_stages
 from thermofit.fit.result import FitResult
-from thermofit.identify.stage import Data, data_of, start_of
 from thermofit.records.staging import Job
 from thermofit.study.literature import Candidate
 from thermofit.study.stages import StageSettings
@@ -46,17 +39,27 @@ _PLAIN, _STRONG = 2.0, 10.0
 
 @dataclass(frozen=True)
 class Contender:
-    """A model fitted to the joint data: name, study, parameters at the optimum, fit, model, and residuals on fitted and held-out rows."""
+    """A model fitted to the joint data: name, study, experiment, joint problem at the optimum, fit, residual (n,) and columns (n, p)."""
 
     name: str
     study: Study
-    parameters: Parameters
+    experiment: Experiment
+    problem: JointProblem
     fit: FitResult
-    model: StageModel
     residual: np.ndarray
     columns: np.ndarray
     failures: tuple[str, ...] = ()
     """Starts that failed on the way, in words."""
+
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters at the optimum."""
+        return self.problem.base
+
+    @property
+    def model(self) -> StageModel:
+        """Model of all channels."""
+        return self.problem.model
 
 
 def candidate_study(study: Study, candidate: Candidate) -> Study:
@@ -67,19 +70,14 @@ def candidate_study(study: Study, candidate: Candidate) -> Study:
     return study.model_copy(update=changes)
 
 
-def free_of(study: Study, candidate: Candidate, data: Data) -> tuple[str, ...]:
-    """What a candidate fits: all that the stages identify, thermocouples with their error, and what it adds."""
-    if isinstance(data, CouponData):
-        names = candidate.free or coupon_joint_settings(study, data).free
-    else:
-        names = candidate.free or study.diagnosis.free or (*joint_free(study), *NUISANCES)
+def wanted_of(candidate: Candidate, settings: StageSettings) -> tuple[str, ...]:
+    """What a candidate fits: its own choice, else all of the joint fit, and what it adds."""
     added: list[str] = []
     for name in candidate.add:
         added += [name] if "." in name or not _is_effect(name) else [p.name for p in effect(name).amplitudes]
     for name in added:
         param(name)
-    found = tuple(dict.fromkeys((*names, *added)))
-    return expanded(found, data) if isinstance(data, Several) else found
+    return tuple(dict.fromkeys((*(candidate.free or settings.free), *added)))
 
 
 def _is_effect(name: str) -> bool:
@@ -90,49 +88,24 @@ def _is_effect(name: str) -> bool:
     return True
 
 
-def settings_of(study: Study, data: Data, free: Sequence[str]) -> StageSettings:
-    """Settings of the joint fit of a study."""
-    if isinstance(data, CouponData):
-        return coupon_joint_settings(study, data).model_copy(update={"free": tuple(free)})
-    one = data.parts[0].data if isinstance(data, Several) else data
-    return joint_settings(study, free, one)
-
-
-def joint_of(study: Study, data: Data, settings: StageSettings, base: Parameters) -> StageModel:
-    """The joint model of all channels, of coupons, one experiment or several."""
-    if isinstance(data, CouponData):
-        return coupon_model(study, data, settings, base)
-    size = diagnosis_mesh(study)
-    if isinstance(data, Measured):
-        return joint_model(study, data, settings, size)
-    needs_drive(study, settings.channels)
-    return joint_several(study, data, settings.free, size).model
-
-
 def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contender:
     """A candidate fitted from where the stages ended. NumericsError where its model fails at the start."""
     own = candidate_study(study, candidate)
-    data = data_of(study)
-    free = free_of(own, candidate, data)
-    base, _ = with_identified(study, start_of(own, data), identified_stages(study))
+    experiment = experiment_of(own)
+    settings = experiment.joint_settings(wanted_of(candidate, experiment.joint_settings()))
+    free = settings.free
+    base, _ = with_identified(study, experiment.start(), identified_stages(study))
     base = _started(base, candidate, free).with_free(free)
-    settings = settings_of(own, data, free)
-    model = joint_of(own, data, settings, base)
+    problem = experiment.joint(settings, base)
+    model = problem.model
     keyed = replace(task, config={**task.config, "candidate": {"name": name, **candidate.model_dump(mode="json")}})
-    joint = JointFit(own, settings, model, keyed, settings.max_evaluations, _parts(own, data, settings))
+    joint = JointFit(own, settings, model, keyed, settings.max_evaluations, problem.parts)
     try:
         parameters, fit = joint(base, name)
     except NumericsError as error:
         raise NumericsError(f"candidate '{name}': {error}") from error
     residual, columns = model.linearised(parameters, free)
-    return Contender(name, own, parameters, fit, model, residual, columns, tuple(joint.failures))
-
-
-def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | JointSeveral | None:
-    """Where displacements and temperatures of bodies can be approached on their own."""
-    if isinstance(data, Several):
-        return joint_several(study, data, settings.free, diagnosis_mesh(study))
-    return Joint(study, data, settings, diagnosis_mesh(study)) if isinstance(data, Measured) else None
+    return Contender(name, own, experiment, replace(problem, base=parameters), fit, residual, columns, tuple(joint.failures))
 
 
 def _started(base: Parameters, candidate: Candidate, free: Sequence[str]) -> Parameters:
@@ -176,22 +149,14 @@ def judged(study: Study, contenders: Sequence[Contender]) -> Judged:
 
 def _held_out(study: Study, contenders: Sequence[Contender]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
     """Held-out residuals: predictions of declared experiments or records, else of folds by the linearised models."""
-    records = () if study.coupon is None else tuple(r.label for r in study.coupon.records if r.held_out)
-    if records:
-        return _records(contenders, records)
-    if study.held_out:
-        return _experiments(contenders, study.held_out)
     first = contenders[0]
-    data = data_of(study)
-    if isinstance(data, Several):
-        spans = spans_of(data)
-        joint = joint_several(first.study, data, first.parameters.free, diagnosis_mesh(first.study))
-        rows = joined_rows({name: part.model for name, part in joint.parts.items()}, spans)
-    else:
-        spans = coupon_spans(data) if isinstance(data, CouponData) else named_phases(data.phases)
-        rows = rows_of(first.model, spans)
-    together = 0.0 if isinstance(data, CouponData) else data.correlation_length
-    case = Case(first.model, first.parameters, (), spans, frozenset(), isinstance(data, CouponData), correlation_length=together)
+    if first.experiment.unseen:
+        return _unseen(contenders)
+    problem = first.problem
+    rows = rows_of_tests(problem.each, problem.spans)
+    case = Case(
+        first.model, first.parameters, (), problem.spans, frozenset(), first.model.cheap, correlation_length=problem.correlation_length
+    )
     split = split_of(case, rows, first.columns, study.diagnosis.held_out)
     return tuple(_predicted(c, split) for c in contenders), rows, split.by
 
@@ -201,27 +166,16 @@ def _predicted(contender: Contender, split: Split) -> np.ndarray:
     return held_out_residual(contender.residual, contender.columns, split, room)
 
 
-def _records(contenders: Sequence[Contender], names: Sequence[str]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
-    out, rows = [], None
+def _unseen(contenders: Sequence[Contender]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
+    out, rows = [], []
     for c in contenders:
-        data = coupon_data(c.study, held_out=True)
-        model = unseen_coupons(c.study, data, settings_of(c.study, data, c.parameters.free), c.parameters)
-        rows = rows_of(model, coupon_spans(data))
-        out.append(model.residual(c.parameters))
-    assert rows is not None
-    return tuple(out), rows, f"records {', '.join(names)}, which no fit has seen"
-
-
-def _experiments(contenders: Sequence[Contender], names: Sequence[str]) -> tuple[tuple[np.ndarray, ...], Rows, str]:
-    out, rows = [], None
-    for c in contenders:
-        others = unseen(c.study, diagnosis_mesh(c.study))
-        results = fitted_parameters(c.study, c.parameters, ())
-        results |= {n: replace(results[n], free=True) for n in c.parameters.free if n in results}
-        out.append(np.concatenate([o.model.residual(predicting(c.study, o.part, c.parameters, results)[0]) for o in others]))
-        rows = stacked([o.rows for o in others])
-    assert rows is not None
-    return tuple(out), rows, f"experiments {', '.join(names)}, which no fit has seen"
+        free = c.problem.settings.free
+        there = [(test, test.predicted(c.parameters, free)) for test in c.experiment.unseen]
+        problems = [test.problem(c.problem.settings, parameters, ()) for test, parameters in there]
+        out.append(np.concatenate([p.model.residual(at) for p, (_, at) in zip(problems, there, strict=True)]))
+        rows = [rows_of_tests(p.each, p.spans) for p in problems]
+    names = ", ".join(test.label for test in contenders[0].experiment.unseen)
+    return tuple(out), stacked(rows), f"{names}, which no fit has seen"
 
 
 def verdict(found: Judged) -> tuple[str, bool]:

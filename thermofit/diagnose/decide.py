@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import NAMES, Parameters, bare_name, param
+from thermofit.core.parameters import NAMES, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
-from thermofit.diagnose.case import TINY, slots_of
+from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
 from thermofit.diagnose.decide_words import acted_on
 from thermofit.diagnose.loop import Closed
@@ -27,9 +27,8 @@ from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects
 from thermofit.experiment.coupon_records import CouponTest
 from thermofit.experiment.coupon_sensor import SENSOR, shown_rates
 from thermofit.experiment.instruments import station_names
-from thermofit.experiment.joint import Joint
-from thermofit.experiment.joint_several import JointSeveral
-from thermofit.experiment.missing_coupon import CouponMissing
+from thermofit.experiment.joint import JointParts
+from thermofit.experiment.known_effects import effects_of_point
 from thermofit.point.driver import PointSettings, simulate_rates
 from thermofit.point.driver import Programme as Driven
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
@@ -40,7 +39,7 @@ STRESS, TEMPERATURE = 0.5, 0.02
 """Noise in MPa and K where the experiment has no such channel."""
 PEAK, RATE = 0.05, 1e-3
 """Largest nominal strain and rate in 1/s of the programmes where the experiment is no coupon."""
-_OF_BODIES = ("theta_air", "theta_clamp", "kappa", "alpha_air", "alpha_clamp")
+_OF_FIELDS = acting("conduction", "film")
 """Parameters of the base law that no coupon feels."""
 
 
@@ -56,9 +55,9 @@ class Decision:
     added: str = ""
     as_it_was: Told | None = None
     """What the test itself tells of them on the mesh of the programmes of the specimen; None where there are none."""
-    on_body: tuple[Told, ...] = ()
+    on_specimen: tuple[Told, ...] = ()
     """What changes of the test would tell."""
-    failed_on_body: tuple[str, ...] = ()
+    failed_on_specimen: tuple[str, ...] = ()
 
     @property
     def felt(self) -> tuple[str, ...]:
@@ -75,14 +74,14 @@ class Decision:
         return next((t for t in self.told if t.cosine < ALIKE), None)
 
     @property
-    def best_on_body(self) -> Told | None:
+    def best_on_specimen(self) -> Told | None:
         """The first change of the test that parts all of them where the test does not; where it does, but too weakly, the first that tells
         one of them from the others from half the amplitude on, and none of them later. Of one effect: the one that shows least of it, if
         that is half as much."""
         was = self.as_it_was
         if was is None:
             return None
-        parts = [t for t in self.on_body if t.cosine < ALIKE]
+        parts = [t for t in self.on_specimen if t.cosine < ALIKE]
         if was.cosine < ALIKE:
             shares = [(t, [t.apart(n) / was.apart(n) if n in was.detectable else 0.0 for n in self.family]) for t in parts]
             parts = [t for t, share in shares if max(share) <= 1.0 and min(share) < 0.5]
@@ -116,23 +115,27 @@ def added_families(closed: Closed) -> tuple[Family, ...]:
     return tuple(out)
 
 
-def decisions(here: Traced, added: Sequence[Family] = (), parts: Joint | JointSeveral | None = None) -> tuple[Decision, ...]:
+def decisions(here: Traced, added: Sequence[Family] = (), parts: JointParts | None = None) -> tuple[Decision, ...]:
     """A decision for every family of an effect that was added, then for every one that is undecided among dormant effects; `parts`: the
     problem of the specimens, where the records are no coupons."""
-    known = felt_by_coupons(here)
+    known = felt_at_point(here)
     dormant = tuple(f for f in undecided_families(here) if not any(set(f) <= set(other.members) for other in added))
     settings = {n: v for family in dormant for other in family for n, v in here.settings.get(other, {}).items()}
     together = Family(tuple(dict.fromkeys(n for family in dormant for n in family)), "", settings)
-    runs, on_body = _runs(here, together, known), _on_body(here, together, parts)
-    found = [_decision(family, _runs(here, family, known), _on_body(here, family, parts), known) for family in added]
-    return (*found, *(_decision(Family(family), runs, on_body, known) for family in dormant))
+    runs, on_specimen = _runs(here, together, known), _on_specimen(here, together, parts)
+    found = [_decision(family, _runs(here, family, known), _on_specimen(here, family, parts), known) for family in added]
+    return (*found, *(_decision(Family(family), runs, on_specimen, known) for family in dormant))
 
 
-def felt_by_coupons(here: Traced) -> frozenset[str]:
+def felt_at_point(here: Traced) -> frozenset[str]:
     """Names of the effects that a coupon of this material feels; where the records are coupons, with those of their sensor."""
-    if isinstance(here.case.model.missing, CouponMissing):
-        return frozenset(e.name for e in here.case.known)
-    return frozenset(e.name for e in slots_of("point", ()))
+    return frozenset(e.name for e in (here.case.known if _records(here) else effects_of_point(sensor=False)))
+
+
+def _records(here: Traced) -> tuple[CouponTest, ...]:
+    """The records of the point driver that were fitted; none where the test was another one."""
+    missing = here.case.model.missing
+    return () if missing is None else missing.records
 
 
 _Runs = Sequence[tuple[Programme, dict[str, np.ndarray] | None]]
@@ -143,39 +146,39 @@ def _runs(here: Traced, family: Family, known: frozenset[str]) -> _Runs:
     wanted = tuple(effect(n) for n in family.members if n in known)
     if not wanted:
         return []
-    parameters, usual, noise = _on_coupon(here, family, known), _usual(here), _noise(here)
+    parameters, usual, noise = _at_point(here, family, known), _usual(here), _noise(here)
     return [(p, columns(p, usual, parameters, wanted, noise)) for p in PROGRAMMES]
 
 
-def _on_coupon(here: Traced, family: Family, known: frozenset[str]) -> Parameters:
+def _at_point(here: Traced, family: Family, known: frozenset[str]) -> Parameters:
     """The parameters of a coupon: free are those that it feels, but for what the added effect of a family has; the instruments of a body do
     not look at it."""
     base = here.case.parameters
     others = {n: param(n).neutral for n in base.values if n in station_names() and effect_of_param(n).name not in known}
     own = effect(family.added).names if family.added else ()
     free = (n for n in base.free if n not in own and (n in NAMES or ("." in n and effect_of_param(n).name in known)))
-    return base.replace(**others, **family.settings).with_free(tuple(n for n in free if n not in _OF_BODIES))
+    return base.replace(**others, **family.settings).with_free(tuple(n for n in free if n not in _OF_FIELDS))
 
 
-def _on_body(here: Traced, family: Family, parts: Joint | JointSeveral | None) -> _Runs:
+def _on_specimen(here: Traced, family: Family, parts: JointParts | None) -> _Runs:
     """Columns of all members by the test as it was and by its changes; nothing where the specimen's programmes are not known."""
-    if not family.members or not decide_specimen.can_be_driven(parts):
+    specimen = decide_specimen.drivable(parts)
+    if not family.members or specimen is None:
         return []
-    assert isinstance(parts, Joint)
     every = (decide_specimen.OWN, *decide_specimen.PROGRAMMES)
-    return [(p, decide_specimen.columns(parts, p, here.case.parameters, family)) for p in every]
+    return [(p, decide_specimen.columns(specimen, p, here.case.parameters, family)) for p in every]
 
 
 def _all_told(runs: _Runs, members: Sequence[str]) -> tuple[Told, ...]:
     return tuple(t for p, own in runs if own is not None and (t := told_of(p, own, members)) is not None)
 
 
-def _decision(family: Family, runs: _Runs, on_body: _Runs, known: frozenset[str]) -> Decision:
+def _decision(family: Family, runs: _Runs, on_specimen: _Runs, known: frozenset[str]) -> Decision:
     felt, unfelt = (tuple(n for n in family.members if (n in known) is there) for there in (True, False))
-    failed, failed_on_body = (tuple(p.name for p, own in of if own is None) for of in (runs, on_body))
-    was = _all_told(on_body[:1], family.members)
-    told = (_all_told(runs, felt), unfelt, failed, family.added, was[0] if was else None, _all_told(on_body[1:], family.members))
-    return Decision(family.members, *told, failed_on_body)
+    failed, failed_on_specimen = (tuple(p.name for p, own in of if own is None) for of in (runs, on_specimen))
+    was = _all_told(on_specimen[:1], family.members)
+    told = (_all_told(runs, felt), unfelt, failed, family.added, was[0] if was else None, _all_told(on_specimen[1:], family.members))
+    return Decision(family.members, *told, failed_on_specimen)
 
 
 def columns(
@@ -186,7 +189,7 @@ def columns(
     An effect that is on is asked at its value, one that is off beside neutral. None where a coupon of these parameters cannot be driven so;
     `noise` = (MPa, K).
     """
-    free = tuple(n for n in parameters.free if n not in _OF_BODIES)
+    free = tuple(n for n in parameters.free if n not in _OF_FIELDS)
     off = [e for e in wanted if e.slot not in SENSOR and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
     tiny = {e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0) for e in off}
     felt = {e.name: tuple(p.name for p in e.amplitudes) for e in wanted}
@@ -207,25 +210,25 @@ def _whitened(parameters: Parameters, names: tuple[str, ...], made: Driven, nois
     """Derivatives (2 n_t, n_p) of stress and of what the sensor shows, over their noise. NumericsError where the run fails."""
     of_sensor = effects(SENSOR)
     stations = {n for e in of_sensor for n in e.names}
-    body = tuple(n for n in names if n not in stations)
-    history, rates = simulate_rates(parameters, body, made, PointSettings())
+    material = tuple(n for n in names if n not in stations)
+    history, rates = simulate_rates(parameters, material, made, PointSettings())
     start = float(history.theta[0])
     test = CouponTest("", history.time, history.strain, history.stress, None, parameters["theta_air"], start, {}, ())
     stress = np.zeros((len(history.time), len(names)))
-    stress[:, [names.index(n) for n in body]] = rates["stress"]
+    stress[:, [names.index(n) for n in material]] = rates["stress"]
     theta = shown_rates(history.theta_sensor, rates["theta_sensor"], test, parameters, (names, of_sensor))
     return np.concatenate([stress / noise[0], theta / noise[1]])
 
 
 def _usual(here: Traced) -> Usual:
     """Largest strain and usual rate of the records; those of a common tension test where there are none."""
-    missing, start = here.case.model.missing, here.case.parameters["theta_air"]
-    if not isinstance(missing, CouponMissing):
-        return Usual(PEAK, RATE, start)
-    peak = min(max(float(np.abs(t.strain).max()) for t in missing.tests), 0.5)
-    rates = np.concatenate([np.abs(np.diff(t.strain) / np.diff(t.time)) for t in missing.tests])
+    records = _records(here)
+    if not records:
+        return Usual(PEAK, RATE, here.case.parameters["theta_air"])
+    peak = min(max(float(np.abs(t.strain).max()) for t in records), 0.5)
+    rates = np.concatenate([np.abs(np.diff(t.strain) / np.diff(t.time)) for t in records])
     moving = rates[rates > 1e-3 * rates.max()]
-    return Usual(peak, float(np.median(moving)), missing.tests[0].theta_start)
+    return Usual(peak, float(np.median(moving)), records[0].theta_start)
 
 
 def _noise(here: Traced) -> tuple[float, float]:
@@ -233,9 +236,7 @@ def _noise(here: Traced) -> tuple[float, float]:
     return found.get("stress", STRESS), found.get("dtheta", found.get("theta", TEMPERATURE))
 
 
-def decided(
-    summary: dict[str, Any], here: Traced, added: Sequence[Family] = (), parts: Joint | JointSeveral | None = None
-) -> dict[str, Any]:
+def decided(summary: dict[str, Any], here: Traced, added: Sequence[Family] = (), parts: JointParts | None = None) -> dict[str, Any]:
     """A summary with `programmes`, what each would tell of every undecided family, those of `added` effects first, and the sentences of
     `undecided` completed; arguments as `decisions`."""
     found = decisions(here, added, parts)
@@ -261,22 +262,22 @@ def _row(t: Told) -> dict[str, Any]:
 
 def _specimen(d: Decision, was: Told) -> dict[str, Any]:
     """What changes of the test would tell, as a plain row."""
-    best = None if d.best_on_body is None else d.best_on_body.programme.name
-    return {"best": best, "not_driven": list(d.failed_on_body), "as_it_was": _row(was), "told": [_row(t) for t in d.on_body]}
+    best = None if d.best_on_specimen is None else d.best_on_specimen.programme.name
+    return {"best": best, "not_driven": list(d.failed_on_specimen), "as_it_was": _row(was), "told": [_row(t) for t in d.on_specimen]}
 
 
 def in_words(d: Decision) -> str:
     """A decision as a sentence."""
     names = " or ".join(f"{n} (added)" if n == d.added else n for n in d.family) if d.added else " and ".join(d.family)
     missing = [f"no coupon feels {acted_on(d.unfelt)}"] if d.unfelt else []
-    return f"{names}: {'; '.join([*_of_coupons(d), *missing, *_of_specimen(d)])}"
+    return f"{names}: {'; '.join([*_of_programmes(d), *missing, *_of_specimen(d)])}"
 
 
 def _shown(t: Told) -> str:
     return ", ".join(f"{n} from {v:.2g}" for n, v in t.detectable.items())
 
 
-def _of_coupons(d: Decision) -> list[str]:
+def _of_programmes(d: Decision) -> list[str]:
     if not d.felt:
         return []
     if d.best is None:
@@ -289,12 +290,12 @@ def _of_coupons(d: Decision) -> list[str]:
 
 
 def _of_specimen(d: Decision) -> list[str]:
-    was, best = d.as_it_was, d.best_on_body
+    was, best = d.as_it_was, d.best_on_specimen
     if was is None:
-        return ["on the coarse mesh of the programmes this specimen cannot be driven as it was"] if d.failed_on_body else []
+        return ["on the coarse mesh of the programmes this specimen cannot be driven as it was"] if d.failed_on_specimen else []
     if best is None:
-        tried = ", ".join(p.name for p in decide_specimen.PROGRAMMES if p.name not in d.failed_on_body)
-        missed = f" ({', '.join(d.failed_on_body)}: this specimen cannot be driven so)" if d.failed_on_body else ""
+        tried = ", ".join(p.name for p in decide_specimen.PROGRAMMES if p.name not in d.failed_on_specimen)
+        missed = f" ({', '.join(d.failed_on_specimen)}: this specimen cannot be driven so)" if d.failed_on_specimen else ""
         return [f"of the changes of the test {tried} none would {'part them' if len(d.family) > 1 else 'show more of it'}{missed}"]
     part = f" (|cos| {best.cosine:.2f}, as it was {was.cosine:.2f})" if len(d.family) > 1 else ""
     return [f"on the specimen {best.programme.name} ({best.programme.words}) would decide{part}", f"it shows {_shown(best)} on"]

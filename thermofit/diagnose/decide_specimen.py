@@ -19,7 +19,7 @@ from thermofit.diagnose.decide_told import Family
 from thermofit.diagnose.score import Columns
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.joint import Joint, JointParts, joint_settings
 from thermofit.experiment.known_motion import acts_in_heat
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -77,7 +77,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class OnBody:
+class Change:
     """A programme by name: what it is in words, and what it makes of the course of the test."""
 
     name: str
@@ -95,14 +95,14 @@ def _unloaded(c: Course, at: int) -> Course:
     return c.with_legs(at, (seconds, _LOW * float(c.force[at])), (seconds, float(c.force[at])))
 
 
-OWN = OnBody("own", "the test as it was", lambda c: c)
-PROGRAMMES: tuple[OnBody, ...] = (
-    OnBody("long-rest", f"rest {REST:g} s longer before loading, lamp and air as they are", lambda c: _rested(c)),
-    OnBody("long-cooling", f"cool {COOLING:g} s without load at the end", _cooled),
-    OnBody("half-rate", "load at half the rate", lambda c: c.stretched(2.0)),
-    OnBody("twice-rate", "load at twice the rate", lambda c: c.stretched(0.5)),
-    OnBody("stop", f"hold the force for {STOP:g} s half way", lambda c: c.with_legs(c.middle, (STOP, float(c.force[c.middle])))),
-    OnBody("unloadings", "unload half way and at the largest force, and load again", lambda c: _unloaded(_unloaded(c, c.peak), c.middle)),
+OWN = Change("own", "the test as it was", lambda c: c)
+PROGRAMMES: tuple[Change, ...] = (
+    Change("long-rest", f"rest {REST:g} s longer before loading, lamp and air as they are", lambda c: _rested(c)),
+    Change("long-cooling", f"cool {COOLING:g} s without load at the end", _cooled),
+    Change("half-rate", "load at half the rate", lambda c: c.stretched(2.0)),
+    Change("twice-rate", "load at twice the rate", lambda c: c.stretched(0.5)),
+    Change("stop", f"hold the force for {STOP:g} s half way", lambda c: c.with_legs(c.middle, (STOP, float(c.force[c.middle])))),
+    Change("unloadings", "unload half way and at the largest force, and load again", lambda c: _unloaded(_unloaded(c, c.peak), c.middle)),
 )
 """All changes of the test, the simplest first."""
 
@@ -143,7 +143,7 @@ def _blank(seen: FieldObservation, course: Course, own: Course) -> FieldObservat
     return replace(seen, time=course.time, xy=xy, value=np.zeros_like(wide), sigma=wide, mask=np.ones(shape, dtype=bool))
 
 
-def planned(data: Measured, programme: OnBody) -> Measured:
+def planned(data: Measured, programme: Change) -> Measured:
     """The test under a programme as the identification would see it, with nothing observed yet."""
     own = course_of(data)
     course = programme.course(own)
@@ -159,12 +159,14 @@ def planned(data: Measured, programme: OnBody) -> Measured:
     )
 
 
-def can_be_driven(joint: object) -> bool:
-    """Whether the programmes are known of this joint problem: one specimen that its force drives, whose mesh is not one of a file."""
-    return isinstance(joint, Joint) and joint.study.force.drives == "force" and joint.study.mesh_file is None
+def drivable(parts: JointParts | None) -> Joint | None:
+    """The joint problem of a specimen whose programmes are known: one that is alone, that its force drives, whose mesh is not one of a
+    file. None where there is none."""
+    joint = None if parts is None else parts.each.get("")
+    return joint if joint is not None and joint.study.force.drives == "force" and joint.study.mesh_file is None else None
 
 
-def columns(joint: Joint, programme: OnBody, parameters: Parameters, family: Family) -> dict[str, np.ndarray] | None:
+def columns(joint: Joint, programme: Change, parameters: Parameters, family: Family) -> dict[str, np.ndarray] | None:
     """Whitened columns (n, k) of every member that the specimen feels in a programme, without what the other free parameters can do.
 
     A member that is on is asked at its value. None where the specimen cannot be driven so.
@@ -195,7 +197,7 @@ def columns(joint: Joint, programme: OnBody, parameters: Parameters, family: Fam
     return {name: block for name, block in shown.items() if block.shape[1] > 0}
 
 
-def _strip(joint: Joint, programme: OnBody, free: tuple[str, ...]) -> Joint:
+def _strip(joint: Joint, programme: Change, free: tuple[str, ...]) -> Joint:
     """The joint problem of a programme on the coarse mesh."""
     plan = planned(joint.data, programme)
     size = MeshSize(**{n: min(getattr(STRIP, n), getattr(joint.size, n)) for n in ("n_x", "n_y", "n_z")})

@@ -9,37 +9,21 @@ decide; where its error does not fall, the effect is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
-from thermofit.diagnose.experiments import stacked
-from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual, rms_with_error
-from thermofit.effects.catalogue import effect
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case, Elsewhere, Linearised, columns_of, linearised, scans
+from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual
+from thermofit.diagnose.rows import rows_of_tests, stacked
+from thermofit.effects.catalogue import Effect, effect
+from thermofit.experiment.instruments import station_names
+from thermofit.experiment.protocol import UnseenTest
 from thermofit.observe.comparison import NoiseOperator
-
-if TYPE_CHECKING:
-    from thermofit.diagnose.trace import Traced
-
-Carried = tuple[tuple[str, ...], np.ndarray]
-"""Names there, and weights (n_there, n_fitted) with which the fitted parameters make them."""
-
-
-@dataclass(frozen=True)
-class Elsewhere:
-    """A held-out test: the case that parameters of the fit make of it, how fitted names are carried there, the names of effects that it
-    can judge, and its own parameters that are fitted on its own data."""
-
-    name: str
-    case: Callable[[Parameters], Case]
-    carried: Callable[[Sequence[str]], Carried]
-    judges: frozenset[str]
-    own: tuple[str, ...] = ()
+from thermofit.study.stages import StageSettings
 
 
 @dataclass(frozen=True)
@@ -60,6 +44,29 @@ class Beyond:
 
 Settings = Mapping[str, dict[str, float]]
 """Values of the exponents of effects."""
+
+
+def elsewhere_of(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> Elsewhere:
+    """A held-out test for the loop, which begins at `base` with the settings of the joint fit and the `known` effects of fitted tests."""
+    identified = settings.free
+    there = test.predicted(base, identified)
+    problem = test.corrected(test.problem(settings, there, known), there)
+    rows = rows_of_tests(problem.each, problem.spans)
+
+    def case(parameters: Parameters) -> Case:
+        return Case(
+            problem.model,
+            test.predicted(parameters, identified),
+            problem.known,
+            problem.spans,
+            station_names(),
+            cheap=problem.model.cheap,
+            scored=None if problem.parts is None else problem.parts.scored,
+            placed=rows,
+        )
+
+    judges = test.judges(problem.known)
+    return Elsewhere(test.label, case, lambda free: test.carried(free, identified), judges, test.fit_own)
 
 
 def beyond_of(case: Case, wanted: Sequence[str], settings: Settings) -> tuple[Beyond, ...]:
@@ -159,10 +166,10 @@ def proof_beyond(seen: System, name: str, block: np.ndarray, beyond: Sequence[Be
     before = unseen_residual(seen, beyond, fitted, room)
     wider = (np.append(room[0], own[0]), np.append(room[1], own[1]))
     after = unseen_residual((seen[0], np.concatenate([seen[1], block], axis=1)), beyond, both, wider)
-    return _told(before, after, beyond)
+    return proof_of_change(before, after, beyond)
 
 
-def _told(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
+def proof_of_change(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
     """What held-out tests say of a change; None where they do not decide.
 
     A change may be so small there that noise alone would hide a true one: then r + d, what is left, is noise, and the fall of the square
@@ -181,53 +188,3 @@ def _told(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Pr
         return None
     found = compared(before, after, stacked([b.rows for b in beyond]), len(beyond), noise)
     return None if found.gain > 0.0 and not found.convinces else replace(found, on=", ".join(b.name for b in beyond))
-
-
-def predicted_beyond(here: Traced) -> np.ndarray:
-    """Residual (m,) of the held-out tests of a trace."""
-    return unseen_residual((here.columns.residual, here.columns.fitted), here.beyond, [b.fitted for b in here.beyond], _room(here))
-
-
-def _room(here: Traced) -> Room:
-    x, bounds = here.case.parameters.vector(), [param(n) for n in here.case.parameters.free]
-    return np.array([p.lower for p in bounds]) - x, np.array([p.upper for p in bounds]) - x
-
-
-def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
-    """Proof of an effect by two optima, without and with it; None where the held-out tests cannot judge it."""
-    if not any(name in test.judges for test in here.case.elsewhere):
-        return None
-    return _told(predicted_beyond(here), predicted_beyond(there), here.beyond)
-
-
-def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | None:
-    """Proof of an accepted effect against the same model without it, `seen` its residual and columns; None as in `proof_of_refit`."""
-    if not any(name in test.judges for test in here.case.elsewhere):
-        return None
-    own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
-    back = np.array([0.0 if param(n).scan else param(n).neutral - here.case.parameters[n] for n in effect(name).names])
-    back = back[[effect(name).names.index(here.case.parameters.free[k]) for k in own]]
-    without = [replace(b, residual=b.residual + b.fitted[:, own] @ back) for b in here.beyond]
-    before = unseen_residual(seen, without, [np.delete(b.fitted, own, axis=1) for b in here.beyond], room)
-    return _told(before, predicted_beyond(here), here.beyond)
-
-
-def unseen_rms(here: Traced) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
-    """Rms over the noise of every channel of the held-out tests with its standard error, and the noise in the unit of the channel, by
-    <channel>@<test>."""
-    residual, at = (predicted_beyond(here) if here.beyond else np.zeros(0)), 0
-    rms, floors = {}, {}
-    for b in here.beyond:
-        part = residual[at : at + len(b.residual)]
-        at += len(b.residual)
-        for k, (channel, floor) in enumerate(b.floors.items()):
-            rms[f"{channel}@{b.name}"] = rms_with_error(part, b.rows, b.rows.channel == k)
-            floors[f"{channel}@{b.name}"] = floor
-    return rms, floors
-
-
-def held_out_words(here: Traced) -> str:
-    """What was held out, in words."""
-    if not here.beyond:
-        return here.split.by
-    return f"{', '.join(b.name for b in here.beyond)}, which no fit has seen; for what only a fitted test can show: {here.split.by}"

@@ -12,9 +12,9 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.backward import Means, Refit, held_out_of, made_up_for, still_needed, without
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.elsewhere import proof_of_refit
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
+from thermofit.diagnose.proof_elsewhere import proof_of_refit
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, traced

@@ -14,8 +14,7 @@ from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import HeatFit
 from thermofit.effects.catalogue import effect, effect_of_param
-from thermofit.experiment.joint import Joint
-from thermofit.experiment.joint_several import JointSeveral
+from thermofit.experiment.joint import JointParts
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.model import StageModel
 from thermofit.fit.minimise import minimise
@@ -153,7 +152,7 @@ class JointFit:
     job: Job
     at_most: int = REFIT_EVALUATIONS
     """Most evaluations of all together."""
-    parts: Joint | JointSeveral | None = None
+    parts: JointParts | None = None
     """Where displacements and temperatures can be fitted on their own: both are, before all together."""
     failures: list[str] = field(default_factory=list)
     """Starts at which a model failed while others went on, each in words: they are counted and named in the record."""
@@ -163,11 +162,11 @@ class JointFit:
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
-        most *= OFTEN if self.study.coupon is not None else 1
+        most *= OFTEN if self.model.cheap else 1
         start = self._approached(start, label)
         parameters, fit = self._minimised(start, self.model, label, most)
         exponents = [name for name in start.free if param(name).scan]
-        if self.study.coupon is None and exponents and not fit.converged:
+        if not self.model.cheap and exponents and not fit.converged:
             # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
             held = parameters.with_free(tuple(name for name in parameters.free if name not in exponents))
             parameters, fit = self._minimised(held, self.model, f"{label} held", most)
@@ -277,6 +276,6 @@ class JointFit:
                 advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
 
             # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
-            method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(self.study, settings)
+            method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(model, settings)
             fit = change.converted(minimise(problem, method, options, Hooks(store=store, on_evaluation=follow)))
         return start.with_vector(fit.x), fit

@@ -11,8 +11,8 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Param, Parameters, param
 from thermofit.diagnose.backward import Means, Refit, held_out_of, still_needed
 from thermofit.diagnose.case import scans
-from thermofit.diagnose.elsewhere import proof_of_refit
 from thermofit.diagnose.held_out import SURE, Proof, compared
+from thermofit.diagnose.proof_elsewhere import proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.retraced import missed
 from thermofit.diagnose.score import Score, ranked

@@ -24,7 +24,6 @@ from thermofit.experiment.missing_coupon import CouponMissing
 from thermofit.experiment.model import Prior, StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.priors import priors_of
-from thermofit.fit.memory import memories
 from thermofit.observe.comparison import Comparison, Weight, plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import selected
@@ -110,8 +109,9 @@ def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plas
     """CouponRun of a study; `free` parameters are common to all records."""
     departs = "theta_air" in free and "theta_air" not in study.parameters
     common = frozenset({*study.parameters, *free} - ({"theta_air"} if departs else set()))
-    work = study.coupon is not None and study.coupon.heat == "measured-work"
-    return CouponRun(data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval, work, departs)
+    return CouponRun(
+        data, point_settings(study, plastic=plastic), common, study.numerics.steps_per_interval, study.heated_by_measured_work, departs
+    )
 
 
 def offsets(tests: Sequence[CouponTest]) -> np.ndarray:
@@ -248,15 +248,15 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
     comparisons = _comparisons(settings, seen, data)
     priors = (*priors_of(study, {n: base[n] for n in ("theta_air",) if n in settings.free}), *beside)
     return StageModel(
-        lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
-        comparisons,
-        seen,
-        remark,
-        False,
-        linearise,
-        (*segments(comparisons, data), *(1 for _ in priors)),
-        priors,
+        errors=lambda parameters: error_of([run.history(parameters, test) for test in data.tests], parameters),
+        comparisons=comparisons,
+        observations=seen,
+        remark=remark,
+        linearise=linearise,
+        segments=(*segments(comparisons, data), *(1 for _ in priors)),
+        priors=priors,
         missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen)),
+        cheap=True,
     )
 
 
@@ -271,17 +271,3 @@ def _comparisons(settings: StageSettings, seen: Mapping[str, FieldObservation], 
         kept = selected(replace(observation, time=clock), own.window, own.mask)
         found.append(comparison(channel, replace(observation, mask=kept.mask), weight))
     return balanced(found, [own.weight == "balanced" for own in settings.channels.values()])
-
-
-def memory_remarks(model: StageModel, residual: np.ndarray) -> tuple[str, ...]:
-    """How many independent values the correlated misfit of each channel is worth."""
-    if model.segments is None:
-        return ()
-    found, out = memories(residual, model.segments), []
-    at = 0
-    for c in model.comparisons:
-        here = [m for m in found if at <= m.part.start < at + c.n]
-        at += c.n
-        worth = sum(m.independent for m in here)
-        out.append(f"{c.channel}: {c.n} values count as {worth:.3g} independent ones, because their misfit is correlated in time")
-    return tuple(out)

@@ -17,7 +17,6 @@ from thermofit.read.coupon import read_coupon
 from thermofit.records.artefact import Dataset, Record
 from thermofit.records.staging import Made, artefact_path
 from thermofit.records.stale import read_current
-from thermofit.study.coupon import Coupon
 from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 
@@ -74,13 +73,6 @@ class CouponData:
     def theta_clamp(self) -> float:
         """Start of the first record, K: a coupon rests in its jaws."""
         return self.tests[0].theta_start
-
-
-def coupon_section(study: Study) -> Coupon:
-    """The section `coupon` of a study that has one."""
-    if study.coupon is None:
-        raise StudyError(f"{study.source.name}: key 'coupon' is missing: name its records")
-    return study.coupon
 
 
 def with_elastic_strain(record: CouponRecord, modulus: float) -> CouponRecord:
@@ -180,15 +172,13 @@ def whole(time: np.ndarray) -> tuple[TestPhase, ...]:
 
 def read_tests(study: Study) -> list[tuple[CouponTest, tuple[str, ...]]]:
     """All records of a study from their files, ready for the fit, each with its remarks."""
-    section = coupon_section(study)
     setting = study.parameters.get("E")
     modulus = None if isinstance(setting, ParameterStart) else setting
-    return [coupon_test(record, modulus) for record in read_coupon(section, study.source.parent)]
+    return [coupon_test(record, modulus) for record in read_coupon(study.coupon_section, study.source.parent)]
 
 
 def interpolated(study: Study) -> Made:
     """The record of `interpolate` of a study on coupons: every record in SI-like units with its noise, phases and remarks."""
-    section = coupon_section(study)
     found = read_tests(study)
     datasets: dict[str, Dataset] = {}
     rows: list[dict[str, Any]] = []
@@ -216,7 +206,7 @@ def interpolated(study: Study) -> Made:
         "tests": [_facts(test) for test, _ in found],
         "phases": phases,
         "remarks": remarks,
-        "control": section.control,
+        "control": study.coupon_section.control,
     }
     return Made(datasets, summary)
 
@@ -251,7 +241,7 @@ def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
     that is missing."""
     path = artefact_path(study.run_dir, INTERPOLATE)
     data = coupon_data_of(read_current(path, INTERPOLATE, study.source.name))
-    unseen = {record.label for record in coupon_section(study).records if record.held_out}
+    unseen = {record.label for record in study.coupon_section.records if record.held_out}
     return replace(data, tests=tuple(test for test in data.tests if (test.name in unseen) is held_out))
 
 

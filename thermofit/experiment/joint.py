@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -22,18 +23,18 @@ from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
 from thermofit.experiment.known_motion import Direction, along, keeping_points
 from thermofit.experiment.missing_body import BodyMissing
-from thermofit.experiment.model import Prior, StageModel, needs_drive, steps_for
+from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.priors import THERMOCOUPLE, priors_of
 from thermofit.experiment.shared_noise import Modes, shared
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.diagnosis import THERMOCOUPLES
-from thermofit.study.section import MeshSize
+from thermofit.study.section import PRESETS, MeshSize, mesh_size
 from thermofit.study.stages import Channel, ChannelSettings, StageSettings
 from thermofit.study.study import Study
 
-__all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_model", "joint_settings", "station_names"]
+__all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_settings", "station_names"]
 NUISANCES = THERMOCOUPLES
 
 
@@ -41,6 +42,14 @@ def joint_free(study: Study) -> tuple[str, ...]:
     """What all stages of a study identify, each once."""
     names = (*study.stages.elastic.free, *study.stages.plastic.free, *study.stages.thermal.free)
     return tuple(dict.fromkeys(names))
+
+
+def diagnosis_mesh(study: Study) -> MeshSize:
+    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset."""
+    if study.diagnosis.mesh is not None:
+        return mesh_size(study.diagnosis.mesh)
+    own, coarse = study.mesh_size, PRESETS["coarse"]
+    return own if own.n_x * own.n_y * own.n_z <= coarse.n_x * coarse.n_y * coarse.n_z else coarse
 
 
 def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSettings:
@@ -90,6 +99,23 @@ class Joint:
     def steps(self) -> LoadSteps:
         """The load steps through all that is observed."""
         return self._steps(self._observations(heat=True))
+
+    @property
+    def each(self) -> Mapping[str, Joint]:
+        """Itself: a test that is alone has no name."""
+        return {"": self}
+
+    def rebuilt(self, each: Mapping[str, Joint]) -> Joint:
+        """The one of `each`."""
+        return each[""]
+
+    def seen_by(self, parameters: Parameters, test: str) -> Parameters:
+        """The parameters as they are."""
+        return parameters
+
+    def stacked(self, of: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Rows (n, ...) of the residual as they are."""
+        return of[""]
 
     def sampler_of(self, name: str) -> Sampler:
         """The sampler of an observed field at the steps of the coupled run."""
@@ -238,14 +264,54 @@ class Joint:
         return found
 
 
+class JointParts(Protocol):
+    """A joint problem of bodies, whole and by the two fields that hardly act on each other: a `Joint`, or those of several tests."""
+
+    @property
+    def each(self) -> Mapping[str, Joint]:
+        """The problems of the tests in it, by name."""
+
+    def rebuilt(self, each: Mapping[str, Joint]) -> JointParts:
+        """The same with other problems of the tests."""
+
+    def seen_by(self, parameters: Parameters, test: str) -> Parameters:
+        """The parameters, and the free ones, as they read for one test."""
+
+    def stacked(self, of: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Rows (n, ...) of the residual from those of each test."""
+
+    @property
+    def model(self) -> StageModel:
+        """StageModel of all channels."""
+
+    @property
+    def mechanics(self) -> StageModel | None:
+        """StageModel of displacements and force alone; None where neither is compared."""
+
+    def heat(self, parameters: Parameters) -> StageModel | None:
+        """StageModel of the temperatures alone, on the motion of given parameters; None where they are not compared."""
+
+    def histories(self, parameters: Parameters) -> tuple[History, ...]:
+        """The coupled runs, with their points kept."""
+
+    def scored(
+        self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residual (n,), its Jacobian (n, n_p) by named parameters, and its derivatives (n, n_d) along directions of the heat equation."""
+
+    @property
+    def knows_force_error(self) -> bool:
+        """Whether the error of a prescribed force is known."""
+
+    def without_force_error(self) -> JointParts:
+        """The same with forces that are taken as exact."""
+
+    def force_misfit(self, parameters: Parameters) -> float:
+        """Mean square of what the residual shows of the force's error, over its noise: about one where the model is right."""
+
+
 def beyond(residual: np.ndarray, fitted: np.ndarray) -> np.ndarray:
     """A residual (n,) without what the columns (n, p) of the fitted parameters could take of it."""
     size = np.linalg.norm(fitted, axis=0)
     basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
     return np.asarray(residual - basis @ (basis.T @ residual))
-
-
-def joint_model(study: Study, data: Measured, settings: StageSettings, size: MeshSize) -> StageModel:
-    """StageModel of the joint stage on a mesh: all observations, one coupled run."""
-    needs_drive(study, settings.channels)
-    return Joint(study, data, settings, size).model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,59 +10,63 @@ import numpy as np
 
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import AT, Parameters, bare_name
-from thermofit.effects.catalogue import Effect, effect
-from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.joint import Joint
 from thermofit.experiment.known_motion import Direction
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.several import Several, free_in, joined, seen_by
-from thermofit.study.section import MeshSize
-from thermofit.study.study import Study
+from thermofit.experiment.several import free_in, joined, seen_by
 
 
 @dataclass(frozen=True)
 class JointSeveral:
     """The joint stages of several experiments, by name of the experiment."""
 
-    parts: Mapping[str, Joint]
+    each: Mapping[str, Joint]
+
+    def rebuilt(self, each: Mapping[str, Joint]) -> JointSeveral:
+        """Other joint stages of the experiments."""
+        return JointSeveral(each)
+
+    def seen_by(self, parameters: Parameters, test: str) -> Parameters:
+        """Parameters as they read for one experiment, with the free ones that act in it."""
+        return seen_by(parameters, test).with_free(tuple(free_in(parameters.free, test).values()))
 
     @cached_property
     def model(self) -> StageModel:
         """StageModel of all channels of all experiments."""
-        return joined({name: part.model for name, part in self.parts.items()})
+        return joined({name: part.model for name, part in self.each.items()})
 
     @cached_property
     def mechanics(self) -> StageModel | None:
         """StageModel of displacements and forces alone; None where none are compared."""
-        return _joined({name: part.mechanics for name, part in self.parts.items()})
+        return _joined({name: part.mechanics for name, part in self.each.items()})
 
     def heat(self, parameters: Parameters) -> StageModel | None:
         """StageModel of the temperatures alone, on the motions of runs with given parameters; None where none are compared."""
-        return _joined({name: part.heat(seen_by(parameters, name)) for name, part in self.parts.items()})
+        return _joined({name: part.heat(seen_by(parameters, name)) for name, part in self.each.items()})
 
     @property
     def knows_force_error(self) -> bool:
         """Whether the error of a prescribed force is known."""
-        return any(part.knows_force_error for part in self.parts.values())
+        return any(part.knows_force_error for part in self.each.values())
 
     def without_force_error(self) -> JointSeveral:
         """The same with forces that are taken as exact."""
-        return JointSeveral({name: part.without_force_error() for name, part in self.parts.items()})
+        return JointSeveral({name: part.without_force_error() for name, part in self.each.items()})
 
     def force_misfit(self, parameters: Parameters) -> float:
         """The largest one of all experiments, see `Joint`."""
-        own = {name: tuple(free_in(parameters.free, name).values()) for name in self.parts}
-        return max(part.force_misfit(seen_by(parameters, name).with_free(own[name])) for name, part in self.parts.items())
+        return max(part.force_misfit(self.seen_by(parameters, name)) for name, part in self.each.items())
 
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled runs, with their points kept."""
-        return tuple(h for name, part in self.parts.items() for h in part.histories(seen_by(parameters, name)))
+        return tuple(h for name, part in self.each.items() for h in part.histories(seen_by(parameters, name)))
 
     def scored(
         self, parameters: Parameters, names: tuple[str, ...], directions: Sequence[Direction]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As that of `Joint`; a direction of one experiment is felt there alone, any other in all."""
         found: tuple[dict[str, np.ndarray], ...] = ({}, {}, {})
-        for name, part in self.parts.items():
+        for name, part in self.each.items():
             acting = free_in(names, name)
             felt = [k for k, (along, _) in enumerate(directions) if name == along.partition(AT)[2] or AT not in along]
             own = [(bare_name(directions[k][0]), {bare_name(n): v for n, v in directions[k][1].items()}) for k in felt]
@@ -74,7 +78,7 @@ class JointSeveral:
 
     def stacked(self, of: Mapping[str, np.ndarray]) -> np.ndarray:
         """Rows (n, ...) of the residual of all experiments from those of each: all data first, then all priors."""
-        counts = {name: sum(c.n for c in part.model.comparisons) for name, part in self.parts.items()}
+        counts = {name: sum(c.n for c in part.model.comparisons) for name, part in self.each.items()}
         return np.concatenate([*(of[name][:n] for name, n in counts.items()), *(of[name][n:] for name, n in counts.items())])
 
 
@@ -88,27 +92,3 @@ def _spread(columns: np.ndarray, at: Sequence[int], count: int) -> np.ndarray:
     out = np.zeros((len(columns), count))
     out[:, list(at)] = columns
     return out
-
-
-def joint_several(study: Study, data: Several, free: Sequence[str], size: MeshSize) -> JointSeveral:
-    """The joint stages of all fitted experiments of a study on meshes of one size; `free` are names of the joint fit."""
-    parts = {}
-    for part in data.parts:
-        own = part.study.model_copy(update={"model": study.model})
-        parts[part.name] = Joint(own, part.data, joint_settings(own, tuple(free_in(free, part.name).values()), part.data), size)
-    return JointSeveral(parts)
-
-
-def known_in(data: Several, known_of: Callable[[bool], Sequence[Effect]]) -> tuple[Effect, ...]:
-    """Effects of a joint fit: those of the material once, those of boundary and measurement for every experiment on its own.
-
-    `known_of` gives the effects that a body knows, with an infrared camera (True) or without.
-    """
-    hot = {part.name: part.data.temperature is not None for part in data.parts}
-    out: list[Effect] = []
-    for e in known_of(any(hot.values())):
-        if e.amplitude.name not in data.own:
-            out.append(e)
-            continue
-        out += [effect(f"{e.name}{AT}{name}") for name, camera in hot.items() if any(e.name == k.name for k in known_of(camera))]
-    return tuple(out)

@@ -12,6 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.coupon_records import CouponTest
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -66,8 +69,34 @@ def place_hats(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray((along[..., :, None] * across[..., None, :]).reshape(*along.shape[:-1], grid.places))
 
 
+class YieldTerms(Protocol):
+    """What a missing stress shows where it is a step of the yield stress over a state variable."""
+
+    def yielding(self, parameters: Parameters, variable: str, edges: np.ndarray, width: float) -> np.ndarray:
+        """Change (n_t, 1, 1, m) of the stress by steps of one MPa at edges (m,) of a state variable, all of one width."""
+
+    def yield_variables(self, parameters: Parameters, variable: str) -> np.ndarray:
+        """Values (n,) of a state variable wherever the material flows."""
+
+
 class Missing(Protocol):
     """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa)."""
+
+    @property
+    def records(self) -> tuple[CouponTest, ...]:
+        """The records of the point driver behind it, by the number `part` of a grid; empty where a term has a place on a specimen."""
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """What was added to the time of each record (n_records,) s."""
+
+    @property
+    def folded(self) -> bool:
+        """True where the model is one half in x: a source stands on both sides."""
+
+    @property
+    def of_yield(self) -> YieldTerms | None:
+        """What it knows of the yield stress; None where stresses are not what is shown."""
 
     @property
     def kinds(self) -> Mapping[str, str]:
@@ -76,11 +105,11 @@ class Missing(Protocol):
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed, about `counts` of them in time, y and x."""
 
-    def answers(self, kind: str, parameters: object, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the m chosen hats."""
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the specimen under each hat over the face; None where it is not known (coupons)."""
 
-    def states(self, parameters: object, grid: Grid) -> Mapping[str, np.ndarray]:
+    def states(self, parameters: Parameters, grid: Grid) -> Mapping[str, np.ndarray]:
         """State variables (n_k, n_places) at the knots, by name."""

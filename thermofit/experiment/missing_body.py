@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -39,6 +38,20 @@ class BodyMissing:
         return {field: kind for field, kind in FIELDS.items() if field in self.instruments.observations}
 
     @property
+    def records(self) -> tuple[()]:
+        """None: a term has a place on the specimen."""
+        return ()
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """None (0,)."""
+        return np.zeros(0)
+
+    @property
+    def of_yield(self) -> None:
+        """Stresses are not what cameras show."""
+
+    @property
     def folded(self) -> bool:
         """True where the model is one half in x: a source stands on both sides."""
         return bool(self.body.mesh.nodes[:, 0].min() > -1e-9)
@@ -60,10 +73,10 @@ class BodyMissing:
         x, y = (np.linspace(low[k], high[k], counts[2 - k]) for k in (0, 1))
         return Grid(time, np.zeros(counts[0], dtype=int), x, y, 2 if kind == "displacement" else 1)
 
-    def answers(self, kind: str, parameters: object, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and mm."""
         if kind == "heat":
-            return self._warmed(cast(Parameters, parameters), grid, chosen)
+            return self._warmed(parameters, grid, chosen)
         seen = self.instruments.observations["u"]
         return _shown_directly(grid, seen, chosen)
 
@@ -131,10 +144,10 @@ class BodyMissing:
             yield heat_step(self.body, before.mean_with(after), here, history.theta[n], nothing, (float(dt), settings.heat_scheme))
             before = after
 
-    def states(self, parameters: object, grid: Grid) -> Mapping[str, np.ndarray]:
+    def states(self, parameters: Parameters, grid: Grid) -> Mapping[str, np.ndarray]:
         """State variables (n_k, n_places) at the knots: means over the hats of temperature rise and axial strain with its rate, the load
         and its rate, and where and when it is."""
-        history = self.history(cast(Parameters, parameters))
+        history = self.history(parameters)
         weights = place_hats(grid, *self._points(grid)) * self.body.data.volume[:, :, None]
         total = np.maximum(weights.sum(axis=(0, 1)), 1e-12)
         rise, strain = [], []

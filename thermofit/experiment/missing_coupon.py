@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
@@ -20,14 +19,24 @@ FIELDS = {"theta": "heat", "stress": "stress"}
 
 @dataclass(frozen=True)
 class CouponMissing:
-    """What the runs of records lack: the records, what is added to the time of each (n_tests,), their own parameters and histories, and
+    """What the runs of records lack: these, what is added to the time of each (n_tests,), their own parameters and histories, and
     the observed fields."""
 
-    tests: tuple[CouponTest, ...]
+    records: tuple[CouponTest, ...]
     offsets: np.ndarray
     of_test: Callable[[Parameters, CouponTest], Parameters]
     run: Callable[[Parameters, CouponTest], PointHistory]
     fields: tuple[str, ...]
+
+    @property
+    def folded(self) -> bool:
+        """A record has one place."""
+        return False
+
+    @property
+    def of_yield(self) -> CouponMissing:
+        """Itself."""
+        return self
 
     @property
     def kinds(self) -> Mapping[str, str]:
@@ -37,33 +46,33 @@ class CouponMissing:
     @property
     def time(self) -> np.ndarray:
         """All times (n_t,) s on the common axis."""
-        return np.concatenate([t.time + offset for t, offset in zip(self.tests, self.offsets, strict=True)])
+        return np.concatenate([t.time + offset for t, offset in zip(self.records, self.offsets, strict=True)])
 
     @property
     def part(self) -> np.ndarray:
         """Record (n_t,) of every time."""
-        return np.repeat(np.arange(len(self.tests)), [len(t.time) for t in self.tests])
+        return np.repeat(np.arange(len(self.records)), [len(t.time) for t in self.records])
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats in time alone; every record has its share of samples, four at least, one after as many samples as another."""
-        whole = sum(len(t.time) for t in self.tests)
+        whole = sum(len(t.time) for t in self.records)
         knots, part = [], []
-        for n, test in enumerate(self.tests):
+        for n, test in enumerate(self.records):
             own = int(np.clip(round(counts[0] * len(test.time) / whole), 4, len(test.time)))
             index = np.linspace(0, len(test.time) - 1, own)
             knots.append(np.interp(index, np.arange(len(test.time)), test.time) + self.offsets[n])
             part.append(np.full(own, n))
         return Grid(np.concatenate(knots), np.concatenate(part), np.zeros(1), np.zeros(1))
 
-    def answers(self, kind: str, parameters: object, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and MPa."""
         in_time = time_hats(grid, self.time, self.part)[:, chosen]
         if kind == "stress":
             return in_time[:, None, None, :]
-        out, base = np.zeros_like(in_time), cast(Parameters, parameters)
-        for n, test in enumerate(self.tests):
+        out = np.zeros_like(in_time)
+        for n, test in enumerate(self.records):
             own = self.part == n
-            out[own] = self._warmed(self.of_test(base, test), test, in_time[own])
+            out[own] = self._warmed(self.of_test(parameters, test), test, in_time[own])
         return out[:, None, None, :]
 
     def _warmed(self, parameters: Parameters, test: CouponTest, power: np.ndarray) -> np.ndarray:
@@ -77,14 +86,13 @@ class CouponMissing:
         shown = self.run(parameters, test).theta_sensor[:, None]
         return np.stack([seen_along(shown, column[:, None], scene, links, parameters)[:, 0] for column in theta.T], axis=1)
 
-    def yielding(self, parameters: Parameters, variable: str, steps: tuple[np.ndarray, float]) -> np.ndarray:
-        """Change (n_t, 1, 1, m) of the stress by steps of one MPa of the yield stress at edges of a state variable; steps = (edges, width).
+    def yielding(self, parameters: Parameters, variable: str, edges: np.ndarray, width: float) -> np.ndarray:
+        """Change (n_t, 1, 1, m) of the stress by steps of one MPa of the yield stress at edges (m,) of a state variable, all of one width.
 
         While the coupon flows the stress follows the yield stress; while it does not, the change stays, because the plastic strain does.
         """
-        edges, width = steps
         parts = []
-        for test in self.tests:
+        for test in self.records:
             own, history = self.of_test(parameters, test), self.run(parameters, test)
             z = (yield_variable(history, variable)[:, None] - edges) / width
             stretch = (1.0 + history.strain) * np.sqrt(own["F"] + own["H"])
@@ -97,7 +105,7 @@ class CouponMissing:
     def yield_variables(self, parameters: Parameters, variable: str) -> np.ndarray:
         """Values of a state variable wherever a coupon flows."""
         found = []
-        for test in self.tests:
+        for test in self.records:
             history = self.run(parameters, test)
             flows = np.append(False, np.diff(history.accumulated) > 0.0)
             found.append(yield_variable(history, variable)[flows])
@@ -107,12 +115,11 @@ class CouponMissing:
         """Not known of a coupon."""
         return None
 
-    def states(self, parameters: object, grid: Grid) -> Mapping[str, np.ndarray]:
+    def states(self, parameters: Parameters, grid: Grid) -> Mapping[str, np.ndarray]:
         """State variables (n_k, 1) at the knots."""
-        base = cast(Parameters, parameters)
         parts: dict[str, list[np.ndarray]] = {}
-        for test in self.tests:
-            history = self.run(base, test)
+        for test in self.records:
+            history = self.run(parameters, test)
             for name, value in point_states(history).items():
                 parts.setdefault(name, []).append(value)
         time = self.time

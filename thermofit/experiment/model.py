@@ -54,6 +54,8 @@ class StageModel:
     """What it would show of terms that no law names; None where that is not worked out."""
     common: tuple[SharedNoise, ...] = ()
     """Noise that comparisons have in common: what one tells of it, the others know."""
+    cheap: bool = False
+    """True where a run costs next to nothing: that of a point."""
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27); then one entry for each prior."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.coupon_model import coupon_run, point_settings
-from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, coupon_section, read_tests, whole
-from thermofit.experiment.fields import INTERPOLATE, start_parameters
+from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, read_tests, whole
+from thermofit.experiment.fields import INTERPOLATE
 from thermofit.experiment.programmes import OWN
 from thermofit.point.driver import PointHistory, simulate
 from thermofit.point.programmes import Usual, programme
@@ -25,15 +25,10 @@ def records_of(study: Study) -> CouponData:
     """The records of a study, from `interpolate` where it has run, else from their files. DataError where these cannot be read."""
     if artefact_path(study.run_dir, INTERPOLATE).exists():
         return coupon_data(study)
-    return CouponData(tuple(test for test, _ in read_tests(study)), coupon_section(study).control)
+    return CouponData(tuple(test for test, _ in read_tests(study)), study.coupon_section.control)
 
 
-def coupon_assumed(study: Study, records: CouponData, free: tuple[str, ...]) -> Parameters:
-    """The assumed material: the start values of the study."""
-    return start_parameters(study, records).with_free(free)
-
-
-def planned_coupon(study: Study, records: CouponData, name: str, assumed: Parameters) -> CouponData:
+def planned_records(study: Study, records: CouponData, name: str, assumed: Parameters) -> CouponData:
     """The records as the assumed material would give them: under their own programmes, or one test under the programme of that name.
 
     StudyError for an unknown name; NumericsError where the coupon cannot be driven so.

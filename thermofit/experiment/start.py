@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.coupon_records import CouponData
 from thermofit.experiment.fields import Measured
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
@@ -46,13 +45,11 @@ def carries(study: Study, data: Measured, parameters: Parameters) -> bool:
     return bool(capacity > _MARGIN * float(np.max(data.steps["displacement"].force)))
 
 
-def feasible_start(study: Study, data: Measured | CouponData, parameters: Parameters) -> tuple[Parameters, str]:
+def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tuple[Parameters, str]:
     """The given start where it can carry the measured force; else its free plastic parameters read off the mean curve, and a remark.
 
-    Of coupons it is the given start. NumericsError where the curve gives no usable start either.
+    NumericsError where the curve gives no usable start either.
     """
-    if isinstance(data, CouponData):
-        return parameters, ""
     plastic = [name for name in (*HARDENING, "F") if name in parameters.free]
     if not plastic or study.force.drives != "force" or carries(study, data, parameters):
         return parameters, ""

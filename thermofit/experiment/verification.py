@@ -1,28 +1,21 @@
-"""All identified parameters in one coupled run against all data: residuals per channel and phase, coupling error, verdict."""
+"""What checks of given parameters share: the stages they rest on, tables per channel and phase, the verdict, several tests as one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from thermofit.body.body import Body
-from thermofit.body.solve.march import History, Watch
-from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param, physical_bounds
-from thermofit.experiment.channels import reference_times
-from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, read_field
-from thermofit.experiment.forward import Run, march_settings, run_of, sampler
-from thermofit.experiment.instruments import Instruments
-from thermofit.experiment.residuals import ResidualField, Span, Statistics, residual_field, span_of, statistics
+from thermofit.core.parameters import AT, Parameters, param, physical_bounds
+from thermofit.experiment.fields import INTERPOLATE
+from thermofit.experiment.literature import literature_remarks, literature_rows
+from thermofit.experiment.residuals import ResidualField, Span, Statistics, span_of, statistics
+from thermofit.experiment.several import free_in
 from thermofit.experiment.trust import above_floor, level
-from thermofit.observe.comparison import plain, rigid_free, temperature_change
-from thermofit.observe.observation import FieldObservation
-from thermofit.records.artefact import ParameterResult, Record, open_record
+from thermofit.records.artefact import Dataset, ParameterResult, Record, open_record
 from thermofit.records.key import drifted
-from thermofit.records.progress import progress
 from thermofit.records.staging import artefact_path
 from thermofit.records.stale import other_sources
 from thermofit.study.study import Study
@@ -31,23 +24,16 @@ IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
 """The identification stages in their order."""
 INFORMATION = ("u", "theta")
 """Channels that hold what no parameter of the law can explain (rigid-body motion, the camera's offset): shown, not judged."""
-_SAME_TIME = 1e-6
+Summary = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Verification:
-    """A coupled run beside the data: observed and predicted fields ("u", "theta", "force") and the residual of every channel."""
+class Checked:
+    """A prediction beside all data of one test: the summary (verdict, channels, phases, remarks, evaluations) and the datasets of its
+    record."""
 
-    body: Body
-    steps: LoadSteps
-    history: History
-    observed: dict[str, FieldObservation]
-    predicted: dict[str, np.ndarray]
-    residuals: tuple[ResidualField, ...]
-
-    def residual(self, channel: str) -> ResidualField | None:
-        """The residual of a channel, None where the experiment does not have it."""
-        return next((field for field in self.residuals if field.channel == channel), None)
+    summary: Summary
+    datasets: dict[str, Dataset]
 
 
 def identified_stages(study: Study) -> tuple[str, ...]:
@@ -76,49 +62,6 @@ def fitted_parameters(study: Study, parameters: Parameters, stages: Sequence[str
         record = open_record(artefact_path(study.run_dir, stage))
         results |= {name: result for name, result in record.parameters.items() if result.free}
     return results
-
-
-def verification(study: Study, data: Measured, parameters: Parameters) -> Verification:
-    """One coupled run through all load steps, compared at all observations. NumericsError where the specimen cannot carry the force."""
-    steps = data.steps["all"]
-    run = run_of(study, data, study.mesh_size, steps, march_settings(study, "full"))
-    with progress("verify", len(steps.time) - 1) as advance:
-        try:
-            history = run(parameters, Watch(step=lambda _: advance()))
-        except NumericsError as error:
-            text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
-            raise NumericsError(text) from error
-    observed, predicted = _fields(study, data, run, history, parameters)
-    return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
-
-
-def _fields(
-    study: Study, data: Measured, run: Run, history: History, parameters: Parameters
-) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
-    """Observed and predicted fields, as the instruments show them; the force is one of them where the crosshead drives."""
-    steps = data.steps["all"]
-    observed = {"u": data.displacement}
-    if data.temperature is not None:
-        observed["theta"] = data.temperature
-    if study.force.drives != "force":
-        observed["force"] = data.force
-    samplers = {name: sampler(run.body, data.displacement if name == "force" else o, steps) for name, o in observed.items()}
-    instruments = Instruments(run, samplers, observed, data.theta_air)
-    return observed, {name: instruments.predicted(name, history, parameters) for name in observed}
-
-
-def _residuals(
-    study: Study, data: Measured, observed: dict[str, FieldObservation], predicted: dict[str, np.ndarray]
-) -> tuple[ResidualField, ...]:
-    errors = {name: predicted[name] - observed[name].value for name in observed}
-    u, theta = observed["u"], observed.get("theta")
-    du = residual_field(rigid_free(u), errors["u"], u)
-    fields = [du, du.component(0), du.component(1)]
-    if theta is not None:
-        change = temperature_change(theta, reference_times(theta, study, data.load_start))
-        fields.append(residual_field(change, errors["theta"], theta))
-    fields += [residual_field(plain(observed[name]), errors[name], observed[name]) for name in ("force", "u", "theta") if name in observed]
-    return tuple(fields)
 
 
 def channel_table(residuals: Sequence[ResidualField]) -> dict[str, dict[str, Any]]:
@@ -181,29 +124,44 @@ def _outlier(channel: str, found: Statistics, rows: Sequence[dict[str, Any]]) ->
     )
 
 
-def coupling_error(verified: Verification, thermal: Record | None) -> dict[str, Any] | None:
-    """Coupled minus one-way temperature at the observations, max and rms in K; None where no one-way prediction was stored.
+def stages_remarks(study: Study, stages: Sequence[str], results: Mapping[str, ParameterResult]) -> Summary:
+    """What a check says besides its channels: stages that are missing, published values."""
+    published = literature_rows(study, results)
+    missing = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
+    return {"stages": list(stages), "literature": published, "remarks": [*missing, *literature_remarks(published)]}
 
-    The one-way prediction is that of `identify-thermal`, which steps through times of its own: their effect is included.
-    """
-    if thermal is None or not thermal.has("theta/predicted") or "theta" not in verified.predicted:
-        return None
-    settings = thermal.config.get("stages.thermal", {})
-    stored = read_field(thermal, "theta")
-    if settings.get("coupling") != "one-way" or stored.value.shape[1] != verified.predicted["theta"].shape[1]:
-        return None
-    time = verified.observed["theta"].time
-    index = np.minimum(np.searchsorted(time, stored.time - _SAME_TIME), len(time) - 1)
-    same = np.abs(time[index] - stored.time) <= _SAME_TIME
-    difference = verified.predicted["theta"][index[same]] - thermal["theta/predicted"].value[same]
-    used = np.isfinite(difference)
-    if not used.any():
-        return None
-    worst = np.max(np.where(used, np.abs(difference), 0.0), axis=(1, 2))
-    size = difference[used]
-    return {
-        "max_K": float(np.abs(size).max()),
-        "rms_K": float(np.sqrt(np.mean(size**2))),
-        "at_s": float(stored.time[same][int(np.argmax(worst))]),
-        "n": int(used.sum()),
+
+def thermal_record(study: Study, stages: Sequence[str]) -> Record | None:
+    """The record of the thermal stage, None where it has not run."""
+    return open_record(artefact_path(study.run_dir, IDENTIFY[2])) if IDENTIFY[2] in stages else None
+
+
+def with_remarks(summary: Summary, more: Summary) -> Summary:
+    """A summary with further keys; remarks of both are kept."""
+    return {**summary, **more, "remarks": [*more.get("remarks", ()), *summary.get("remarks", ())]}
+
+
+def together(found: Mapping[str, Checked], word: str) -> Checked:
+    """The checks of several experiments as one: channels are called du@first, phases and energies name their experiment, and datasets stay
+    in their own records. That of a test which is alone (it has no name) is as it is."""
+    if set(found) == {""}:
+        return found[""]
+    summaries = {name: one.summary for name, one in found.items()}
+    bad = {name: s for name, s in summaries.items() if not s["trustworthy"]}
+    lines = [f"{name}: {s['verdict'].partition(': ')[2]}" for name, s in (bad or summaries).items()]
+    summary = {
+        "verdict": f"{'not ' if bad else ''}{word}: " + "; ".join(lines),
+        "trustworthy": not bad,
+        "channels": {f"{c}{AT}{name}": row for name, s in summaries.items() for c, row in s["channels"].items()},
+        "phases": [{"experiment": name, **row} for name, s in summaries.items() for row in s["phases"]],
+        "energies": [{"experiment": name, **s["energy_mJ"]} for name, s in summaries.items()],
+        "coupling_error": None,
+        "remarks": [f"{name}: {text}" for name, s in summaries.items() for text in s["remarks"]],
+        "evaluations": {key: sum(s["evaluations"][key] for s in summaries.values()) for key in ("forward", "failed")},
     }
+    return Checked(summary, {})
+
+
+def results_in(results: Mapping[str, ParameterResult], name: str) -> dict[str, ParameterResult]:
+    """The results of a joint fit as they read for one experiment."""
+    return {bare: results[full] for full, bare in free_in(tuple(results), name).items()}

@@ -10,7 +10,8 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.channels import field_of
-from thermofit.identify.solve import ModelOn, Solved, solve
+from thermofit.experiment.protocol import Experiment
+from thermofit.identify.solve import Solved, model_on, solve
 from thermofit.records.staging import Job
 from thermofit.study.stages import ChannelSettings, ElasticStage, RelativeDisplacement
 from thermofit.study.study import Study
@@ -24,16 +25,14 @@ def measure_of(settings: ElasticStage) -> str:
     return settings.du.scheme if "du" in settings.channels else "u"
 
 
-def answers(
-    study: Study, settings: ElasticStage, first: Solved, on: tuple[Callable[[ElasticStage], ModelOn], Job], widen: Widen
-) -> list[dict[str, Any]]:
+def answers(study: Study, settings: ElasticStage, first: Solved, experiment: Experiment, task: Job, widen: Widen) -> list[dict[str, Any]]:
     """One row for the stage itself and for every measure in `beside`: parameters, standard errors, K and G, rms of what is left."""
-    model_on, task = on
     rows = [_row(measure_of(settings), first)]
     for name in settings.beside:
         other = settings.model_copy(update=_compared(name))
         job = dataclasses.replace(task, stage=f"{task.stage}.{name}", config={**task.config, "beside": name})
-        rows.append(_row(name, widen(solve(study, other, first.parameters, model_on(other), job))[0]))
+        solved = solve(study, other, first.parameters, model_on(experiment, other), job, scalable=experiment.scalable)
+        rows.append(_row(name, widen(solved)[0]))
     return rows
 
 

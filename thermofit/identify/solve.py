@@ -15,6 +15,7 @@ from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
+from thermofit.experiment.protocol import Experiment
 from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
 from thermofit.fit.memory import memories, noise_operator
 from thermofit.fit.minimise import minimise
@@ -47,6 +48,11 @@ Target = tuple[ModelOn, MeshSize, float]
 """Model maker, mesh, and tolerance of the objective of one fit."""
 
 
+def model_on(experiment: Experiment, settings: StageSettings) -> ModelOn:
+    """StageModel of a stage on any mesh."""
+    return lambda size, base: experiment.model(settings, base, size)
+
+
 @dataclass(frozen=True)
 class Solved:
     """A stage that is solved: parameters, the model on the final mesh, the fit, and the covariance with correlated noise.
@@ -62,8 +68,17 @@ class Solved:
     remarks: tuple[str, ...]
 
 
-def solve(study: Study, settings: StageSettings, base: Parameters, model_on: ModelOn, job: Job, f_tolerance: float = F_TOLERANCE) -> Solved:
-    """Minimise a stage's objective from `base` to `f_tolerance`; on a fine mesh the optimum of the coarse mesh is the start.
+def solve(
+    study: Study,
+    settings: StageSettings,
+    base: Parameters,
+    model_on: ModelOn,
+    job: Job,
+    *,
+    scalable: bool,
+    f_tolerance: float = F_TOLERANCE,
+) -> Solved:
+    """Minimise a stage's objective from `base` to `f_tolerance`; on a fine mesh, if `scalable`, the optimum of the coarse one is the start.
 
     A one-way stage takes its mechanics from a coupled run with the parameters that it starts from; thermal strain in that run takes
     part in the heat balance (9 K alpha_exp^2 theta beside c0). So the mechanics is solved anew at the optimum until that settles.
@@ -74,7 +89,6 @@ def solve(study: Study, settings: StageSettings, base: Parameters, model_on: Mod
     base = base.with_free(settings.free)
     size, coarse_size = study.mesh_size, PRESETS["coarse"]
     fits: list[FitResult] = []
-    scalable = study.geometry.shape != "file" and study.coupon is None
     if scalable and _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
         _, coarse = _settled(study, settings, base, (model_on, coarse_size, F_TOLERANCE), job)
         fits += coarse
@@ -133,18 +147,18 @@ def _elements(size: MeshSize) -> int:
     return size.n_x * size.n_y * size.n_z
 
 
-def method_of(study: Study, settings: StageSettings) -> str:
-    """Method of a fit. Runs of coupons cost next to nothing, and hardening terms that nearly do each other's work make valleys in which the
-    box of the Gauss-Newton method ends on a wall: there least squares go by the trust region."""
-    return "trust-region" if study.coupon is not None and settings.method == "least-squares" else settings.method
+def method_of(model: StageModel, settings: StageSettings) -> str:
+    """Method of a fit. Hardening terms that nearly do each other's work make valleys in which the box of the Gauss-Newton method ends on a
+    wall: where a run costs next to nothing least squares go by the trust region."""
+    return "trust-region" if model.cheap and settings.method == "least-squares" else settings.method
 
 
 def _minimise(
     study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[np.ndarray | None, int]
 ) -> tuple[StageModel, FitResult]:
     (model_on, size, f_tolerance), (jacobian, turn) = on, start
-    label = ("point" if study.coupon is not None else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")
     model = remembering(model_on(size, base))
+    label = ("point" if model.cheap else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")
     store = Checkpoint(job.path.parent / checkpoint_folder(job, label), evaluation_key(job, base))
     problem, change = stage_problem(study, settings, base, model, jacobian)
     options = Settings(
@@ -156,7 +170,7 @@ def _minimise(
             f = getattr(evaluation, "f", float("nan"))
             advance(1, "failed" if residual is None else f"chi2/n {f / max(len(residual), 1):.4g}")
 
-        fit = minimise(problem, method_of(study, settings), options, Hooks(store=store, on_evaluation=follow))
+        fit = minimise(problem, method_of(model, settings), options, Hooks(store=store, on_evaluation=follow))
     return model, change.converted(fit)
 
 

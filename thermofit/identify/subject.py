@@ -11,15 +11,12 @@ from pathlib import Path
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import with_identified
+from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.planned import planned, simulated
-from thermofit.experiment.planned_coupon import coupon_assumed, planned_coupon, records_of
-from thermofit.experiment.programmes import NAMES as BODY_NAMES
-from thermofit.experiment.programmes import OWN, programme_named
+from thermofit.experiment.programmes import OWN
 from thermofit.identify.linear import MOTION, Linear, Shift, linear_of, motion_shift
 from thermofit.identify.solve import remembering
-from thermofit.identify.stage import Ready, model_maker, ready
-from thermofit.point.programmes import NAMES as COUPON_NAMES
+from thermofit.identify.stage import Ready, ready
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
@@ -72,7 +69,7 @@ def linear_subject(subject: Subject, store: Checkpoint | None = None) -> Linear:
 def _measured(subject: Subject) -> Prepared:
     study = subject.study
     stage, inputs = optimum_of(study, subject.key)
-    model = remembering(model_maker(study, stage.settings, stage.data)(study.mesh_size, stage.base))
+    model = remembering(stage.experiment.model(stage.settings, stage.base, study.mesh_size))
     return Prepared(stage.settings, model, stage.base, inputs, {}, model.remark)
 
 
@@ -89,20 +86,8 @@ def _planned(subject: Subject, name: str) -> Prepared:
     if name != OWN and not isinstance(settings.window, str):
         # A window in seconds belongs to the programme of the study, not to another one.
         settings = settings.model_copy(update={"window": "all"})
-    if study.coupon is not None:
-        records = records_of(study)
-        assumed = coupon_assumed(study, records, settings.free)
-        data = planned_coupon(study, records, name, assumed)
-        model = model_maker(study, settings, data)(study.mesh_size, assumed)
-        return Prepared(settings, model, assumed, {}, {}, f"{name}: {len(data.tests)} planned records, {data.tests[0].time[-1]:.4g} s")
-    assumed = study.truth_parameters().with_free(settings.free)
-    test = planned(study, programme_named(name, simulated(study)), assumed)
-    model = remembering(model_maker(study, settings, test.data)(study.mesh_size, assumed))
-    motion = motion_shift(model, test.data.displacement.time, test.motion)
+    test = experiment_of(study).planned(settings, name)
+    model = remembering(test.experiment.model(settings, test.assumed, study.mesh_size))
+    motion = None if test.motion is None else motion_shift(model, test.motion.time, test.motion.added)
     shifts = {} if motion is None else {MOTION: motion}
-    return Prepared(settings, model, assumed, {}, shifts, f"{name}: {test.duration:.4g} s, at most {test.force:.4g} N")
-
-
-def programme_names(study: Study) -> tuple[str, ...]:
-    """Names of the planned tests that a study knows: its own, and those made by name for its driver."""
-    return (OWN, *(COUPON_NAMES if study.coupon is not None else BODY_NAMES))
+    return Prepared(settings, model, test.assumed, {}, shifts, f"{name}: {test.words}")

@@ -22,10 +22,9 @@ from thermofit.core.jit import set_threads
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, units_of
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.several import feasible
 from thermofit.identify.outcome import made
-from thermofit.identify.solve import COMPARED, ModelOn, Solved, merged_counts, solve
-from thermofit.identify.stage import Ready, model_maker
+from thermofit.identify.solve import COMPARED, ModelOn, Solved, merged_counts, model_on, solve
+from thermofit.identify.stage import Ready
 from thermofit.identify.variation import Change, response, varied
 from thermofit.records.artefact import Dataset, Record, RecordContent, fresh, of_parameters, open_record, write_record
 from thermofit.records.executor import Executor, Task, run_all
@@ -156,9 +155,9 @@ def _answer(common: Setup, keep: Job, given: Mapping[str, float], first: bool) -
         keep = replace(keep, config={**keep.config, "given": given})
     try:
         own = common.shared is None or other.reach == "data"
-        models = other.wrap(model_maker(study, stage.settings, stage.data) if own else _models(common))
-        start, remark = feasible(study, stage.data, stage.base)
-        solved = solve(study, stage.settings, start, models, keep, COMPARED)
+        models = other.wrap(model_on(stage.experiment, stage.settings) if own else _models(common))
+        start, remark = stage.experiment.feasible(stage.base)
+        solved = solve(study, stage.settings, start, models, keep, scalable=stage.experiment.scalable, f_tolerance=COMPARED)
         row = trial_summary(given, stage.base, solved, remark)
         if first and common.change is not None:
             row |= _response(common, stage, solved, models)
@@ -183,11 +182,11 @@ def _models(common: Setup) -> ModelOn:
     key = json_text({"config": common.keep.config, "shared": dict(common.shared.values)})
     if key not in _prepared:
         _prepared.clear()
-        _prepared[key] = shared_models(model_maker(common.study, common.stage.settings, common.stage.data), common.shared)
+        _prepared[key] = shared_models(model_on(common.stage.experiment, common.stage.settings), common.shared)
     return _prepared[key]
 
 
-def shared_models(model_on: ModelOn, base: Parameters) -> ModelOn:
+def shared_models(fresh: ModelOn, base: Parameters) -> ModelOn:
     """One model per mesh for all trials, prepared at `base` when first asked for: a one-way stage solves its mechanics once, there.
 
     All trials then minimise the same function, so that their optima can be compared.
@@ -197,7 +196,7 @@ def shared_models(model_on: ModelOn, base: Parameters) -> ModelOn:
     def model(size: MeshSize, _: Parameters) -> StageModel:
         key = (size.n_x, size.n_y, size.n_z)
         if key not in models:
-            models[key] = replace(model_on(size, base), one_way=False)
+            models[key] = replace(fresh(size, base), one_way=False)
         return models[key]
 
     return model

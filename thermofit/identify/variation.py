@@ -14,12 +14,10 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import is_known
-from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.several import spread
-from thermofit.identify.solve import ModelOn, Solved
-from thermofit.identify.stage import Ready, model_maker
+from thermofit.identify.solve import ModelOn, Solved, model_on
+from thermofit.identify.stage import Ready
 from thermofit.observe.comparison import Comparison
 from thermofit.study.search import CLOCK, THICKNESS, weight_of
 from thermofit.study.section import MeshSize
@@ -36,7 +34,7 @@ class Varied:
 
     stage: Ready
     reach: str
-    wrap: Callable[[ModelOn], ModelOn] = lambda model_on: model_on
+    wrap: Callable[[ModelOn], ModelOn] = lambda plain: plain
 
 
 def nominal(study: Study, stage: Ready, quantity: str) -> float:
@@ -45,9 +43,7 @@ def nominal(study: Study, stage: Ready, quantity: str) -> float:
         return stage.base[quantity]
     key = f"{study.source.name}: key 'sensitivity.quantity' is {quantity}"
     if quantity in (THICKNESS, CLOCK):
-        if not isinstance(stage.data, Measured):
-            raise StudyError(f"{key}, which records of coupons do not have; expected a parameter or weight.<channel>")
-        return stage.data.specimen.thickness if quantity == THICKNESS else 0.0
+        return stage.experiment.prescribed(quantity)
     channel, component = weight_of(quantity) or ("", None)
     channels = stage.settings.channels
     if channel not in channels:
@@ -67,7 +63,7 @@ def nominal(study: Study, stage: Ready, quantity: str) -> float:
 def varied(study: Study, stage: Ready, given: Mapping[str, float]) -> Varied:
     """The stage with the given values by name: parameters, and at most one other quantity."""
     parameters = {name: value for name, value in given.items() if is_known(name)}
-    base = replace(stage, base=stage.base.replace(**spread(parameters, stage.data)))
+    base = replace(stage, base=stage.base.replace(**stage.experiment.spread(parameters)))
     others = {name: value for name, value in given.items() if name not in parameters}
     if not others:
         return Varied(base, "parameters")
@@ -75,16 +71,9 @@ def varied(study: Study, stage: Ready, given: Mapping[str, float]) -> Varied:
     if weight := weight_of(quantity):
         channel, component = weight
         if component is None:
-            return Varied(base, "weights", lambda model_on: _weighted(model_on, channel, value))
+            return Varied(base, "weights", lambda plain: _weighted(plain, channel, value))
         return Varied(replace(base, settings=_with_component(stage.settings, channel, component, value)), "data")
-    if not isinstance(stage.data, Measured):
-        raise StudyError(
-            f"{study.source.name}: key 'sensitivity.quantity' is {quantity}, which one "
-            "full-field experiment has; expected a parameter or a weight"
-        )
-    if quantity == THICKNESS:
-        return Varied(replace(base, data=replace(stage.data, specimen=replace(stage.data.specimen, thickness=value))), "data")
-    return Varied(replace(base, data=_clocked(stage.data, value)), "data")
+    return Varied(replace(base, experiment=stage.experiment.with_prescribed(quantity, value)), "data")
 
 
 def _with_component(settings: StageSettings, channel: str, component: str, value: float) -> StageSettings:
@@ -94,36 +83,17 @@ def _with_component(settings: StageSettings, channel: str, component: str, value
     return settings.model_copy(update={"channels": {**settings.channels, channel: new}})
 
 
-def _weighted(model_on: ModelOn, channel: str, factor: float) -> ModelOn:
+def _weighted(plain: ModelOn, channel: str, factor: float) -> ModelOn:
     """Models whose residual of one channel is multiplied by the root of the factor."""
 
     def heavier(c: Comparison) -> Comparison:
         return c.scaled(factor) if c.channel == channel else c
 
-    return lambda size, base: _with_comparisons(model_on(size, base), heavier)
+    return lambda size, base: _with_comparisons(plain(size, base), heavier)
 
 
 def _with_comparisons(model: StageModel, change: Callable[[Comparison], Comparison]) -> StageModel:
     return replace(model, comparisons=tuple(change(c) for c in model.comparisons))
-
-
-def _clocked(data: Measured, seconds: float) -> Measured:
-    """The infrared frames that many seconds later, the load steps with them. Before the record of the force the specimen rests, so that
-    earlier frames show its beginning; frames that lie after its end go."""
-    theta = temperature_of(data)
-    steps = data.steps["all"].time
-    first, last = float(steps[0]), float(steps[-1])
-    moved = replace(theta, time=np.maximum(theta.time + seconds, first)).between(first, last)
-    kept = {name: _stepping(known, theta.time, moved.time) for name, known in data.steps.items() if name != "displacement"}
-    return replace(data, temperature=moved, steps={**data.steps, **kept})
-
-
-def _stepping(steps: LoadSteps, old: np.ndarray, new: np.ndarray) -> LoadSteps:
-    """Load steps that hit the new times instead of the old ones; the first and the last stay."""
-    gone = np.isin(np.round(steps.time, 6), np.round(old, 6))
-    gone[[0, -1]] = False
-    time = np.unique(np.round(np.concatenate([steps.time[~gone], new]), 9))
-    return steps.at(time)
 
 
 def response(study: Study, stage: Ready, solved: Solved, models: ModelOn, change: Change) -> dict[str, float]:
@@ -166,7 +136,7 @@ def _shifted(stage: Ready, quantity: str, direction: Mapping[str, float], value:
 def _gradient(study: Study, stage: Ready, solved: Solved, models: ModelOn, given: Mapping[str, float]) -> np.ndarray:
     """g = J^T r (n_p,) of the stage with given values at the optimum of the nominal one."""
     other = varied(study, stage, given)
-    makers = other.wrap(models) if other.reach == "weights" else model_maker(study, other.stage.settings, other.stage.data)
+    makers = other.wrap(models) if other.reach == "weights" else model_on(other.stage.experiment, other.stage.settings)
     size: MeshSize = study.mesh_size
     at = other.stage.base.with_vector(solved.fit.x)
     model = makers(size, at)

@@ -15,11 +15,6 @@ from thermofit.study.models import bounds_of, start_of
 from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 
-_INTERPOLATE = (
-    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise"),
-    *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
-)
-"""Keys that `interpolate` reads of a full-field test."""
 SOLVED = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 """Sections that whatever runs the model reads."""
 
@@ -50,11 +45,7 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
     StudyError where a parameter that the stage frees has no start.
     """
     if stage == "interpolate":
-        if study.coupon is None:
-            return read_of(study, *_INTERPOLATE)
-        # A prescribed E tells the elastic strain that is added to a flow curve, and what is no elastic line.
-        modulus = study.parameters.get("E")
-        return read_of(study, "coupon", *(("parameters.E",) if isinstance(modulus, float) else ()))
+        return read_of(study, *study.measured_in)
     if stage == "verify":
         return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
     return stage_key(study, stage.removeprefix("identify-"))

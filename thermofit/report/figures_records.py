@@ -19,7 +19,7 @@ _COLUMNS = 3
 _RECORD: dict[str, Any] = {"color": "black", "linewidth": 0.8}
 
 
-def coupon_figures(records: Mapping[str, Record]) -> dict[str, Figure]:
+def records_figures(records: Mapping[str, Record]) -> dict[str, Figure]:
     """Every figure of coupons, by the name of its file; `records` by stage hold `verify` and the identification stages that have run."""
     verify = records["verify"]
     identified = [records[name] for name in IDENTIFY if name in records]

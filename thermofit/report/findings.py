@@ -11,9 +11,9 @@ import numpy as np
 from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.elsewhere import held_out_words
 from thermofit.diagnose.loop import Closed, Place, Round, place_of, ranking_rows
 from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.proof_elsewhere import held_out_words
 from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Trial

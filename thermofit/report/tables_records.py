@@ -10,7 +10,7 @@ from thermofit.report.tables import parameter_rows, phase_rows, remark_lines, st
 from thermofit.study.study import Study
 
 
-def coupon_report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:
+def records_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:
     """The report of a run on coupons; `records` by stage hold `interpolate`, `verify` and the identification stages that have run, `stale`
     why they are not what the study would give now."""
     verify, interpolate = records["verify"], records["interpolate"]

@@ -15,9 +15,7 @@ from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, Unlisted, solved
 from thermofit.diagnose.unlisted_effect import VARIABLES, camera_file, heat_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field, basis_of
-from thermofit.experiment.missing import Grid
-from thermofit.experiment.missing_body import BodyMissing
-from thermofit.experiment.missing_coupon import CouponMissing
+from thermofit.experiment.missing import Grid, Missing, YieldTerms
 from thermofit.records.artefact import Dataset
 from thermofit.report.figures import STYLE, save_figures
 from thermofit.report.figures_unlisted import unlisted_figure
@@ -115,14 +113,14 @@ def _proof(p: Proof) -> dict[str, float]:
 
 def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
     place, missing = found.place, here.case.model.missing
-    assert place is not None
+    assert place is not None and missing is not None
     when, time = np.array(place.when), place.time
-    if isinstance(missing, CouponMissing):
+    if missing.records:
         record = int(field.basis.grid.part[int(np.argmax(np.abs(place.strength)))])
         own = field.basis.grid.part == record
         when, time = when - missing.offsets[record], time[own] - missing.offsets[record]
         strength, sigma = place.strength[own], place.sigma[own]
-        position: dict[str, Any] = {"record": missing.tests[record].name}
+        position: dict[str, Any] = {"record": missing.records[record].name}
     else:
         strength, sigma = place.strength, place.sigma
         position = {
@@ -130,9 +128,9 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
             "y_mm": place.centroid[1],
             "extent_x_mm": place.extent[0],
             "extent_y_mm": place.extent[1],
-            "both_sides": isinstance(missing, BodyMissing) and missing.folded and field.basis.kind == "heat",
+            "both_sides": missing.folded and field.basis.kind == "heat",
         }
-    unit = "mW" if field.basis.kind == "heat" and not isinstance(missing, CouponMissing) else field.basis.unit
+    unit = "mW" if field.basis.kind == "heat" and not missing.records else field.basis.unit
     phases = [s.name for s in here.case.spans if s.t1 > place.when[0] and s.t0 < place.when[1]]
     return {
         "kind": WORDS[field.basis.kind],
@@ -165,57 +163,51 @@ def errors(here: Traced, field: Field) -> dict[str, Any]:
 def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | None:
     """The effect file of a reconstructed term; None where there is no field."""
     field, missing = found.field, here.case.model.missing
-    if field is None:
+    if field is None or missing is None:
         return None
     source, grid, kind = f"{study_name}, channel {found.channel}", field.basis.grid, field.basis.kind
     name = NAMES[kind]
-    if isinstance(missing, CouponMissing) and kind == "heat":
-        text = sensor_file(name, source, _rises(found, missing, field))
-        return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
-    if isinstance(missing, CouponMissing):
-        return _table(source, here, found, missing)
+    if kind == "stress":
+        return None if missing.of_yield is None else _table(source, here, found, missing.of_yield)
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
-    folded = isinstance(missing, BodyMissing) and missing.folded
-    text = heat_file(name, source, grid, field.values[:, :, :, 0], folded)
+    if missing.records:
+        text = sensor_file(name, source, _rises(found, missing, field))
+        return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
+    text = heat_file(name, source, grid, field.values[:, :, :, 0], missing.folded)
     return EffectFile(name, text, "the missing heat source over place and time", field.proof)
 
 
-def _rises(found: Unlisted, missing: CouponMissing, field: Field) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def _rises(found: Unlisted, missing: Missing, field: Field) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Per record its times and the temperature that is missing there."""
     rise = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
-    out = []
-    for n, test in enumerate(missing.tests):
-        own = missing.part == n
-        out.append((test.name, test.time, rise[own]))
-    return out
+    ends = np.cumsum([len(record.time) for record in missing.records])[:-1]
+    return [(record.name, record.time, own) for record, own in zip(missing.records, np.split(rise, ends), strict=True)]
 
 
-def _table(source: str, here: Traced, found: Unlisted, missing: CouponMissing) -> EffectFile | None:
+def _table(source: str, here: Traced, found: Unlisted, terms: YieldTerms) -> EffectFile | None:
     """A yield stress over the state variable that explains held-out data best."""
-    best: tuple[Field, str, tuple[np.ndarray, float]] | None = None
+    best: tuple[Field, str, np.ndarray, float] | None = None
     for variable in VARIABLES:
-        values = missing.yield_variables(here.case.parameters, variable)
+        values = terms.yield_variables(here.case.parameters, variable)
         if len(values) < _STEPS or float(np.ptp(values)) <= 1e-9 * max(1.0, float(np.abs(values).max())):
             continue
         edges = np.linspace(values.min(), values.max(), _STEPS + 1)[:-1]
         width = 0.5 * float(edges[1] - edges[0])
-        field = _stepped(here, found, missing, variable, (edges, width))
+        field = _stepped(here, found, terms.yielding(here.case.parameters, variable, edges, width), edges)
         if best is None or field.proof.gain > best[0].proof.gain:
-            best = (field, variable, (edges, width))
+            best = (field, variable, edges, width)
     if best is None:
         return None
-    field, variable, (edges, width) = best
+    field, variable, edges, width = best
     text = yield_file(NAMES["stress"], source, variable, (edges, width, field.q))
     return EffectFile(NAMES["stress"], text, f"the part of the missing stress that is a yield stress over {variable}", field.proof)
 
 
-def _stepped(here: Traced, found: Unlisted, missing: CouponMissing, variable: str, steps: tuple[np.ndarray, float]) -> Field:
-    """Field of steps of the yield stress over a state variable."""
-    edges = steps[0]
+def _stepped(here: Traced, found: Unlisted, answers: np.ndarray, edges: np.ndarray) -> Field:
+    """Field of steps of the yield stress at edges (m,) of a state variable; `answers` (n_t, 1, 1, m) are theirs."""
     grid = Grid(edges, np.zeros(len(edges), dtype=int), np.zeros(1), np.zeros(1))
     comparison = here.case.model.comparisons[here.case.channels.index(found.channel)]
-    answers = missing.yielding(here.case.parameters, variable, steps)
     hat = basis_of(("stress", "MPa"), grid, np.arange(len(edges)), found.structure.blocks.rows, (answers, comparison.residual))
     # Steps of the table are independent of each other: only their size is held down.
     return solved(here, replace(hat, rough=np.eye(len(edges))))

@@ -9,12 +9,10 @@ import numpy as np
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.diagnose.comparing import Contender, fitted, judged, parameter_table, table, verdict
-from thermofit.diagnose.prepared import SECTIONS
+from thermofit.diagnose.prepared import SECTIONS, inputs_of
 from thermofit.diagnose.refit import failed_in_words
-from thermofit.experiment.several import interpolate_paths
 from thermofit.experiment.verification import identified_stages
 from thermofit.identify.solve import discard_checkpoints, merged_counts
-from thermofit.identify.stage import data_paths
 from thermofit.records.artefact import Dataset
 from thermofit.records.key import read_of
 from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
@@ -37,7 +35,7 @@ def run(study: Study, *, force: bool = False, others: Sequence[Study] = ()) -> O
     names = [study.name, *study.compare, *(other.name for other in others)]
     if repeated := {name for name in names if names.count(name) > 1}:
         raise StudyError(f"{study.source.name}: key 'compare': {', '.join(sorted(repeated))} is there twice; give every model its own name")
-    inputs = {**data_paths(study), **interpolate_paths(study, study.held_out)}
+    inputs = inputs_of(study)
     for one in (study, *others):
         inputs |= {f"{stage} of {one.name}": artefact_path(one.run_dir, stage) for stage in identified_stages(one)}
     config = {**read_of(study, *SECTIONS, "experiments", "shared", "compare"), "others": {o.name: read_of(o, *SECTIONS) for o in others}}

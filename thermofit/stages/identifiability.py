@@ -14,14 +14,14 @@ from matplotlib.figure import Figure
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param, units_of
+from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.programmes import OWN
 from thermofit.identify.chains import chain_intervals
 from thermofit.identify.identifiability import Analysis, analysed
 from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, half_width, laplace, profiles, wider
 from thermofit.identify.linear import Linear
 from thermofit.identify.solve import discard_checkpoints, evaluation_key
-from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared, programme_names
-from thermofit.read.coupon import coupon_files
+from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
 from thermofit.records.executor import SERIAL, Executor, Task, run_all
 from thermofit.records.key import read_of
@@ -78,7 +78,7 @@ def run(study: Study, options: Options | None = None, *, force: bool = False, wh
     fit; UntrustworthyError where there are too few data; NumericsError where the model fails.
     """
     options = _checked(options or Options())
-    key = options.stage or ("plastic" if study.coupon is not None else "thermal")
+    key = options.stage or experiment_of(study).last_stage
     study.stage(key)
     task = _job(study, options, key)
 
@@ -114,8 +114,8 @@ def _job(study: Study, options: Options, key: str) -> Job:
     inputs: dict[str, Path] = {}
     if not planned:
         inputs = {**optimum_of(study, key)[1]}
-    elif study.coupon is not None:
-        inputs = {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon, study.source.parent))}
+    else:
+        inputs = experiment_of(study).plan_inputs
     config = {**read_of(study, *_SECTIONS, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
     return job(study.run_dir, name, config, inputs)
 
@@ -247,7 +247,7 @@ def _compared(study: Study, key: str, options: Options, how: tuple[Job, Executor
     """Programmes ranked by the intervals that they would give."""
     task, where = how
     assert options.compare is not None
-    names = options.compare or programme_names(study)
+    names = options.compare or experiment_of(study).programmes
     kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, Parameters.of({})))
     tasks = [Task(f"programme {name}", programme_task, (study, key, name, kept)) for name in names]
     with progress("compare", len(tasks)) as advance:

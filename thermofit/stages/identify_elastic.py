@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.experiment.fields import Measured
+from thermofit.experiment.protocol import FieldTest
 from thermofit.experiment.window import window_times
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
@@ -13,8 +13,9 @@ from thermofit.records.staging import Outcome
 from thermofit.study.study import Study
 
 
-def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
+def _remarks(test: FieldTest, solved: Solved) -> tuple[str, ...]:
     """Does the window stay below the yield limit that the study starts from, and below the knee of the measured force?"""
+    study, data = test.study, test.data
     _, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
     steps = data.steps["displacement"].until(t1)
     stress = float(np.max(np.abs(steps.force))) / (data.specimen.gauge_width * data.specimen.thickness)

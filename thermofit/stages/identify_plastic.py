@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from thermofit.experiment.fields import Measured
 from thermofit.experiment.forward import march_settings, run_of
+from thermofit.experiment.protocol import FieldTest
 from thermofit.experiment.window import window_times
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
@@ -13,8 +13,9 @@ from thermofit.records.staging import Outcome
 from thermofit.study.study import Study
 
 
-def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
+def _remarks(test: FieldTest, solved: Solved) -> tuple[str, ...]:
     """With the identified yield limit: was any point plastic within the elastic window?"""
+    study, data = test.study, test.data
     _, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
     run = run_of(study, data, study.mesh_size, data.steps["displacement"].until(t1), march_settings(study, "one-way"))
     history = run(solved.parameters)

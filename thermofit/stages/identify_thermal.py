@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from thermofit.experiment.fields import Measured
+from thermofit.experiment.protocol import FieldTest
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
 from thermofit.records.staging import Outcome
 from thermofit.study.study import Study
 
 
-def _remarks(study: Study, data: Measured, solved: Solved) -> tuple[str, ...]:
+def _remarks(test: FieldTest, solved: Solved) -> tuple[str, ...]:
     """Which heat capacity is it, and what the boundary temperatures were."""
     p = solved.parameters
     bulk = p["E"] / (3.0 * (1.0 - 2.0 * p["nu"]))

@@ -9,6 +9,7 @@ from typing import Any
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import bare_name
+from thermofit.experiment.forms import experiment_of
 from thermofit.records.artefact import ParameterResult, Record, open_record
 from thermofit.records.result import is_trustworthy, result_of
 from thermofit.records.staging import Outcome, artefact_path
@@ -105,29 +106,12 @@ def chain(
 
 def _does_not_apply(study: Study, name: str) -> str:
     """Why a stage is left out, empty where it applies. Asked when its turn comes: `simulate` may have made the raw folder."""
-    if study.coupon is not None:
-        if name in ("simulate", "calibrate-ir"):
-            return "the experiment is a record of coupons"
-        if name == "identify-thermal" and not any(record.temperature for record in study.coupon.records):
-            return "no record holds a temperature"
-    unseen = study.held_out if name in ("simulate", "calibrate-ir") else ()
-    reasons = [_no_use(one, name) for one in [*map(study.one_of, study.fitted or ()), *map(study.one_of, unseen)]]
-    reasons += [] if study.fitted else [_no_use(study, name)]
+    unseen = [test.experiment for test in experiment_of(study).unseen] if name in ("simulate", "calibrate-ir") else []
+    reasons = [one.no_use(name) for one in (experiment_of(study), *unseen)]
     if all(reasons):
         return reasons[0]
     if name in OPTIONAL and getattr(study, name) is None:
         return f"the study has no section '{name}'"
-    return ""
-
-
-def _no_use(study: Study, name: str) -> str:
-    """Why a stage has nothing to do on one full-field experiment, empty where it has."""
-    if name == "simulate" and not study.virtual:
-        return "the experiment is measured"
-    if name == "identify-plastic" and study.static is not None:
-        return "the experiment is one elastic load step"
-    if name in ("calibrate-ir", "identify-thermal") and study.experiment.is_dir() and not (study.experiment / "ir").is_dir():
-        return "the experiment has no infrared frames"
     return ""
 
 

@@ -350,10 +350,10 @@ class CouponSeriesSettings(CouponRecordSettings):
 
     @model_validator(mode="before")
     @classmethod
-    def _files_not_file(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "file" in data:
+    def _files_not_file(cls, given: Any) -> Any:
+        if isinstance(given, dict) and "file" in given:
             raise content_error("is given in a series; expected its files under 'files'", key="file")
-        return data
+        return given
 
 
 class Coupon(Section):

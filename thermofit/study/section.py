@@ -40,15 +40,15 @@ class Section(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _known_keys(cls, given: Any) -> Any:
         """An empty section means its defaults; the first unknown key is reported before anything else."""
-        if data is None and not any(field.is_required() for field in cls.model_fields.values()):
+        if given is None and not any(field.is_required() for field in cls.model_fields.values()):
             return {}
-        if isinstance(data, dict):
-            for key in data:
+        if isinstance(given, dict):
+            for key in given:
                 if key not in cls.model_fields:
                     raise unknown_key(str(key), cls.model_fields)
-        return data
+        return given
 
 
 def expected(what: str) -> WrapValidator:

@@ -96,18 +96,18 @@ def _records(series: CouponSeriesSettings, folder: Path, key: str) -> list[Coupo
 
 def _record(common: Mapping[str, Any], file: str, values: Mapping[str, Value], named: set[str], key: str) -> CouponRecordSettings:
     """The settings of one file; `named` values are from its name."""
-    data: dict[str, Any] = {**common, "file": file}
+    tree: dict[str, Any] = {**common, "file": file}
     for name, given in values.items():
         place, value = _target(name, f"{key}.each.{name}'"), _converted(name, given, f"{key}.each.{name}'")
-        if len(place) > 1 and place[0] in _SOURCES and not isinstance(data.get(place[0]), dict):
+        if len(place) > 1 and place[0] in _SOURCES and not isinstance(tree.get(place[0]), dict):
             raise StudyError(f"{key}.each.{name}' needs {{{_SOURCES[place[0]]}: COLUMN}} under '{place[0]}'; write it so")
-        inner = data
+        inner = tree
         for part in place[:-1]:
             inner[part] = dict(inner.get(part) or {})
             inner = inner[part]
         inner[place[-1]] = value
     try:
-        record = CouponRecordSettings.model_validate(data)
+        record = CouponRecordSettings.model_validate(tree)
     except ValidationError as error:
         raise StudyError(f"{key}', file {file}: {sentence(error.errors(include_url=False)[0])[1]}") from None
     said = tuple(f"{name} {value} from {'the name of the file' if name in named else 'the study'}" for name, value in values.items())

@@ -14,6 +14,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
+from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
 from thermofit.study.effect_files import Check, declare_effects
 from thermofit.study.errors import near_miss, sentence
@@ -23,6 +24,12 @@ from thermofit.study.paths import path_from
 from thermofit.study.section import MeshSize, ParameterStart, mesh_size
 from thermofit.study.series import with_series
 from thermofit.study.stages import StageSettings
+
+_FIELDS = (
+    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise"),
+    *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
+)
+"""Keys by which the data of a full-field test are made ready."""
 
 
 class Study(Sections):
@@ -57,6 +64,31 @@ class Study(Sections):
         if self.necking is None:
             return None
         return path_from(self.source.parent, self.necking.file, f"{self.source}: key 'necking.file'")
+
+    @property
+    def records(self) -> tuple[CouponRecordSettings, ...]:
+        """The records of coupons that were measured, held-out ones too; empty where the experiment is one of full fields."""
+        return () if self.coupon is None else self.coupon.records
+
+    @property
+    def coupon_section(self) -> Coupon:
+        """The section `coupon`. StudyError where there is none."""
+        if self.coupon is None:
+            raise StudyError(f"{self.source.name}: key 'coupon' is missing: name its records")
+        return self.coupon
+
+    @property
+    def heated_by_measured_work(self) -> bool:
+        """True where the measured stress on the measured strain heats the specimen, and not the law."""
+        return self.coupon is not None and self.coupon.heat == "measured-work"
+
+    @property
+    def measured_in(self) -> tuple[str, ...]:
+        """Keys of the study by which its measured data are made ready: of coupon records those of their section, and a prescribed E, which
+        tells the elastic strain that is added to a flow curve, and what is no elastic line."""
+        if self.coupon is None:
+            return _FIELDS
+        return ("coupon", *(("parameters.E",) if isinstance(self.parameters.get("E"), float) else ()))
 
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""

@@ -46,19 +46,19 @@ def read(path: Path) -> Record | Records:
         found = dict(variables(path))
     except (ValueError, OSError) as error:
         raise DataError(f"{path}: the MAT file is damaged ({error}), expected a MATLAB 5 file with tests; save it again") from None
-    data = found.get("data")
-    if not isinstance(data, list) and "F" not in found and (tables := _tables(found)):
+    cells = found.get("data")
+    if not isinstance(cells, list) and "F" not in found and (tables := _tables(found)):
         arrays = {name: _numbered(values, path) for name, values in tables.items()}
         return next(iter(arrays.values())) if len(arrays) == 1 else Records(Traits(NAME, path, remarks=(f"{len(arrays)} arrays",)), arrays)
-    if data is None:
+    if cells is None:
         if not isinstance(found.get("F"), np.ndarray):
             raise DataError(f"{path}: no cell array 'data' and no force 'F' found, expected one of them; save the tests under these names")
         return _record(found, path, "the file")
-    if not isinstance(data, list) or not data:
+    if not isinstance(cells, list) or not cells:
         raise DataError(f"{path}: variable 'data' is no cell array with tests, expected structs with t, F and dL; save it again")
     tests: dict[str, Record] = {}
     remarks = []
-    for number, cell in enumerate(data, start=1):
+    for number, cell in enumerate(cells, start=1):
         fields = _fields(cell, path, number)
         tag = _text(fields.get("tag")) or f"test {number}"
         if tag in tests:

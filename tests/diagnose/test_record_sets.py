@@ -14,8 +14,8 @@ from thermofit.diagnose import trace
 from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.case import Case, columns_of
 from thermofit.diagnose.held_out import Rows, split_by_blocks
-from thermofit.diagnose.prepared import coupon_joint_settings, with_elastic
 from thermofit.effects.catalogue import Effect
+from thermofit.experiment.coupon import CouponExperiment
 from thermofit.experiment.coupon_records import CouponData
 
 SOFTENING = {"thermal_softening", "softening_power"}
@@ -94,10 +94,9 @@ def test_a_modulus_that_no_elastic_range_tells_is_fitted_where_unloadings_tell_i
     up = np.concatenate([[0.0], np.linspace(0.01, 0.08, 8)])
     path = np.concatenate([up, np.linspace(0.08, 0.0785, 6)[1:], np.linspace(0.079, 0.12, 6)]) if unloads else np.linspace(0.0, 0.12, 13)
     study, test = study_of(tmp_path), followed_record("p", path, 1e-3, 293.15, 1, 1.0)
-    data = CouponData((test,), "strain")
-    base = study.start_parameters(data)  # type: ignore[arg-type]
-    assert "E" not in coupon_joint_settings(study, data).free
-    assert ("E" in with_elastic(study, data, base).free) is unloads
+    experiment = CouponExperiment(study, given=CouponData((test,), "strain"))
+    assert "E" not in experiment.joint_settings().free
+    assert ("E" in experiment.widened(experiment.start()).free) is unloads
 
 
 def test_what_cannot_be_run_at_all_is_said_and_is_no_trusted_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

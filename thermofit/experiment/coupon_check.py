@@ -1,8 +1,7 @@
-"""All identified parameters on whole coupon records: residual per channel, phase and record, what the misfit is worth, verdict."""
+"""Records of coupons with given parameters: residual per channel, phase and record, what the misfit is worth."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,24 +11,21 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.coupon_model import HISTORY, comparison, coupon_run, observations, offsets, segments
 from thermofit.experiment.coupon_records import UNITS, CouponData
-from thermofit.experiment.fields import TestPhase, field_datasets
-from thermofit.experiment.literature import literature_remarks, literature_rows
+from thermofit.experiment.fields import field_datasets
 from thermofit.experiment.residuals import ResidualField, Span, named_phases, residual_field, statistics
-from thermofit.experiment.verification import IDENTIFY, channel_table, fitted_parameters, judge, phase_table
+from thermofit.experiment.verification import Checked, channel_table, judge, phase_table
 from thermofit.fit.memory import memories
 from thermofit.observe.observation import FieldObservation
 from thermofit.point.driver import PointHistory
 from thermofit.records.artefact import Dataset
-from thermofit.records.staging import Made
 from thermofit.study.study import Study
 
 _CURVES = (("strain", "1"), ("stress", "MPa"), ("theta", "K"), ("theta_sensor", "K"), ("lateral_x", "1"), ("accumulated", "1"))
 
 
-def verified_coupons(study: Study, data: CouponData, parameters: Parameters, stages: tuple[str, ...], word: str = "verified") -> Made:
-    """The record of `verify`, or with the word "valid" of `validate`, of coupons. NumericsError names the record that the model cannot
+def checked_records(study: Study, data: CouponData, parameters: Parameters, word: str = "verified") -> Checked:
+    """Every record by the point driver beside its data; `word` is the verdict. NumericsError names the record that the model cannot
     follow."""
-    begin = time.perf_counter()
     run = coupon_run(study, data)
     histories = [run.history(parameters, test) for test in data.tests]
     measured = "stress" if data.control == "strain" else "strain"
@@ -46,13 +42,11 @@ def verified_coupons(study: Study, data: CouponData, parameters: Parameters, sta
         fields.append(replace(residual_field(compared, error, observation), shared=np.where(observation.mask[:, :, None], 0.0, np.nan)))
         found = memories(compared.residual(error), segments([compared], data))
         worth[channel] = sum(m.independent for m in found)
-    spans = record_spans(data)
-    results = fitted_parameters(study, parameters, stages)
-    summary = _summary(fields, spans, worth, (stages, word))
-    published = literature_rows(study, results)
-    summary |= {"literature": published, "remarks": [*summary["remarks"], *literature_remarks(published)]}
-    summary |= {"records": _record_rows(data, fields), "evaluations": _cost(histories, time.perf_counter() - begin)}
-    return Made(_datasets(data, seen, fields, histories), summary, results)
+    summary = {**_summary(fields, record_spans(data, ": "), worth, word), "records": _record_rows(data, fields)}
+    steps = sum(h.counts["steps"] for h in histories)
+    return Checked(
+        {**summary, "evaluations": {"forward": len(histories), "failed": 0, "steps": steps}}, _datasets(data, seen, fields, histories)
+    )
 
 
 def _stacked(histories: Sequence[PointHistory], name: str) -> np.ndarray:
@@ -60,26 +54,22 @@ def _stacked(histories: Sequence[PointHistory], name: str) -> np.ndarray:
     return np.concatenate([getattr(h, HISTORY[name]) for h in histories])[:, None, None]
 
 
-def record_spans(data: CouponData) -> tuple[Span, ...]:
-    """Phases of all records on the common time axis; with several records each bears the name of its own."""
-    several = len(data.tests) > 1
-    spans: list[Span] = []
+def record_spans(data: CouponData, mark: str = " ") -> tuple[Span, ...]:
+    """Phases of all records on their common time axis; with several records each bears the name of its own, `mark` between them."""
+    out = []
     for test, offset in zip(data.tests, offsets(data.tests), strict=True):
-        own = named_phases([TestPhase(p.t0 + offset, p.t1 + offset, p.label) for p in test.phases])
-        spans += [replace(span, name=f"{test.name}: {span.name}" if several else span.name) for span in own]
-    return tuple(spans)
+        prefix = f"{test.name}{mark}" if len(data.tests) > 1 else ""
+        out += [Span(f"{prefix}{s.name}", s.t0 + offset, s.t1 + offset, record=test.name) for s in named_phases(test.phases)]
+    return tuple(out)
 
 
-def _summary(
-    fields: Sequence[ResidualField], spans: Sequence[Span], worth: dict[str, float], said: tuple[tuple[str, ...], str]
-) -> dict[str, Any]:
-    stages, word = said
+def _summary(fields: Sequence[ResidualField], spans: Sequence[Span], worth: dict[str, float], word: str) -> dict[str, Any]:
     channels = channel_table(fields)
     for name, count in worth.items():
         channels[name]["n_independent"] = count
     rows = phase_table(fields, spans)
     found = judge(fields, rows, word)
-    remarks = [f"{name} has not run: its parameters keep the start of the study" for name in IDENTIFY if name not in stages]
+    remarks = []
     for field in fields:
         row = channels[field.channel]
         if field.channel in found.outside:
@@ -88,14 +78,7 @@ def _summary(
                 f"{field.channel}: the misfit is that of the model, not of the sensor: {values}; standard errors count that, but not "
                 "what a missing effect does to the parameters"
             )
-    return {
-        "verdict": found.line,
-        "trustworthy": not found.outside,
-        "channels": channels,
-        "phases": rows,
-        "stages": list(stages),
-        "remarks": remarks,
-    }
+    return {"verdict": found.line, "trustworthy": not found.outside, "channels": channels, "phases": rows, "remarks": remarks}
 
 
 def _record_rows(data: CouponData, fields: Sequence[ResidualField]) -> list[dict[str, Any]]:
@@ -113,11 +96,6 @@ def _record_rows(data: CouponData, fields: Sequence[ResidualField]) -> list[dict
                 row |= {f"{field.channel}_rms": found.rms, f"{field.channel}_over_noise": found.over_floor}
         rows.append(row)
     return rows
-
-
-def _cost(histories: Sequence[PointHistory], seconds: float) -> dict[str, float]:
-    steps = sum(h.counts["steps"] for h in histories)
-    return {"forward": len(histories), "failed": 0, "steps": steps, "wall_s": seconds}
 
 
 def _datasets(

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from thermofit.diagnose.case import rows_of
 from thermofit.diagnose.held_out import Rows
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.residuals import Span, named_phases
-from thermofit.experiment.several import Several
+from thermofit.experiment.residuals import Span
 
 
-def spans_of(data: Several) -> tuple[Span, ...]:
-    """Phases of all experiments, each in the time of its own."""
-    return tuple(
-        replace(span, name=f"{part.name} {span.name}", experiment=part.name)
-        for part in data.parts
-        for span in named_phases(part.data.phases)
-    )
+def rows_of_tests(models: Mapping[str, StageModel], spans: Sequence[Span]) -> Rows:
+    """Rows of a joint problem from the models of the tests in it by name; that of a test which is alone has none."""
+    return rows_of(models[""], spans) if set(models) == {""} else joined_rows(models, spans)
 
 
 def joined_rows(models: Mapping[str, StageModel], spans: Sequence[Span]) -> Rows:

@@ -14,11 +14,11 @@ from strip import refitting
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import close_loop
-from thermofit.diagnose.prepared import coupon_spans
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted, unlisted
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.effects.catalogue import effect, load_effect
+from thermofit.experiment.coupon_check import record_spans
 from thermofit.experiment.coupon_model import coupon_model
 from thermofit.experiment.coupon_records import CouponData, CouponTest
 from thermofit.experiment.fields import TestPhase
@@ -77,7 +77,7 @@ def case_of(folder: Path, seed: int, pulse: bool = False, bump: bool = False) ->
     )
     made, data = study(folder), CouponData((test,), "strain")
     model = coupon_model(made, data, made.stage("thermal"), TRUTH.with_free(FREE))
-    return Case(model, TRUTH.with_free(FREE), KNOWN, coupon_spans(data), frozenset(n for e in KNOWN if e.slot == "sensor" for n in e.names))
+    return Case(model, TRUTH.with_free(FREE), KNOWN, record_spans(data), frozenset(n for e in KNOWN if e.slot == "sensor" for n in e.names))
 
 
 def found_in(case: Case) -> tuple[Traced, Unlisted | None]:

@@ -1,0 +1,63 @@
+"""What held-out tests say of two optima, without and with an effect, and of an effect that has been accepted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.core.parameters import param
+from thermofit.diagnose.elsewhere import System, proof_of_change, unseen_residual
+from thermofit.diagnose.held_out import Proof, Room, rms_with_error
+from thermofit.diagnose.trace import Traced
+from thermofit.effects.catalogue import effect
+
+
+def predicted_beyond(here: Traced) -> np.ndarray:
+    """Residual (m,) of the held-out tests of a trace."""
+    return unseen_residual((here.columns.residual, here.columns.fitted), here.beyond, [b.fitted for b in here.beyond], _room(here))
+
+
+def _room(here: Traced) -> Room:
+    x, bounds = here.case.parameters.vector(), [param(n) for n in here.case.parameters.free]
+    return np.array([p.lower for p in bounds]) - x, np.array([p.upper for p in bounds]) - x
+
+
+def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
+    """Proof of an effect by two optima, without and with it; None where the held-out tests cannot judge it."""
+    if not any(name in test.judges for test in here.case.elsewhere):
+        return None
+    return proof_of_change(predicted_beyond(here), predicted_beyond(there), here.beyond)
+
+
+def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | None:
+    """Proof of an accepted effect against the same model without it, `seen` its residual and columns; None as in `proof_of_refit`."""
+    if not any(name in test.judges for test in here.case.elsewhere):
+        return None
+    own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
+    back = np.array([0.0 if param(n).scan else param(n).neutral - here.case.parameters[n] for n in effect(name).names])
+    back = back[[effect(name).names.index(here.case.parameters.free[k]) for k in own]]
+    without = [replace(b, residual=b.residual + b.fitted[:, own] @ back) for b in here.beyond]
+    before = unseen_residual(seen, without, [np.delete(b.fitted, own, axis=1) for b in here.beyond], room)
+    return proof_of_change(before, predicted_beyond(here), here.beyond)
+
+
+def unseen_rms(here: Traced) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Rms over the noise of every channel of the held-out tests with its standard error, and the noise in the unit of the channel, by
+    <channel>@<test>."""
+    residual, at = (predicted_beyond(here) if here.beyond else np.zeros(0)), 0
+    rms, floors = {}, {}
+    for b in here.beyond:
+        part = residual[at : at + len(b.residual)]
+        at += len(b.residual)
+        for k, (channel, floor) in enumerate(b.floors.items()):
+            rms[f"{channel}@{b.name}"] = rms_with_error(part, b.rows, b.rows.channel == k)
+            floors[f"{channel}@{b.name}"] = floor
+    return rms, floors
+
+
+def held_out_words(here: Traced) -> str:
+    """What was held out, in words."""
+    if not here.beyond:
+        return here.split.by
+    return f"{', '.join(b.name for b in here.beyond)}, which no fit has seen; for what only a fitted test can show: {here.split.by}"

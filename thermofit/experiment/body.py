@@ -1,0 +1,302 @@
+"""One specimen under cameras: a finite element model, driven by its force, by the motion of its ends, or by the crosshead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from thermofit.core.parameters import AT, Parameters, bare_name
+from thermofit.effects.catalogue import Effect
+from thermofit.experiment.body_check import checked
+from thermofit.experiment.discretisation import corrected
+from thermofit.experiment.errors_told import told
+from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, start_parameters, temperature_of
+from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
+from thermofit.experiment.known_effects import effects_of_fields
+from thermofit.experiment.model import StageModel, needs_drive, stage_model
+from thermofit.experiment.planned import planned, simulated
+from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.programmes import NAMES, OWN, programme_named
+from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
+from thermofit.experiment.residuals import Span, named_phases
+from thermofit.experiment.several import own_names
+from thermofit.experiment.start import feasible_start
+from thermofit.experiment.verification import Checked
+from thermofit.experiment.window import window_times
+from thermofit.records.artefact import Record
+from thermofit.records.staging import artefact_path
+from thermofit.study.models import FROM_EXPERIMENT
+from thermofit.study.search import CLOCK, THICKNESS
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
+
+
+@dataclass(frozen=True)
+class BodyExperiment:
+    """One specimen under cameras; `name` among several. `given`: what was measured, where it is not that of the artefact."""
+
+    study: Study
+    name: str = ""
+    given: Measured | None = None
+
+    @cached_property
+    def data(self) -> Measured:
+        """What was measured. StudyError that names the command where it has not been interpolated."""
+        return measured(self.study) if self.given is None else self.given
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """Phases of the test; they bear the name of a test that is one of several."""
+        found = named_phases(self.data.phases)
+        return tuple(replace(s, name=f"{self.name} {s.name}", experiment=self.name) for s in found) if self.name else found
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """The artefact of `interpolate`; of one of several it is called by its name."""
+        return {f"{INTERPOLATE}{AT}{self.name}" if self.name else INTERPOLATE: artefact_path(self.study.run_dir, INTERPOLATE)}
+
+    @property
+    def fields(self) -> tuple[BodyExperiment, ...]:
+        """Itself."""
+        return (self,)
+
+    @property
+    def tests(self) -> tuple[BodyExperiment, ...]:
+        """Itself."""
+        return (self,)
+
+    @cached_property
+    def unseen(self) -> tuple[UnseenBody, ...]:
+        """The declared held-out experiments of the study."""
+        return unseen_bodies(self.study)
+
+    def no_use(self, stage: str) -> str:
+        """Why a stage has nothing to do: there is nothing to simulate, or the cameras have not seen what it takes."""
+        study = self.study
+        if stage == "simulate" and not study.virtual:
+            return "the experiment is measured"
+        if stage == "identify-plastic" and study.static is not None:
+            return "the experiment is one elastic load step"
+        if stage in ("calibrate-ir", "identify-thermal") and study.experiment.is_dir() and not (study.experiment / "ir").is_dir():
+            return "the experiment has no infrared frames"
+        return ""
+
+    @property
+    def last_stage(self) -> str:
+        """The temperatures come last."""
+        return "thermal"
+
+    @property
+    def programmes(self) -> tuple[str, ...]:
+        """The programme of the study, and those made from it."""
+        return (OWN, *NAMES)
+
+    @property
+    def plan_inputs(self) -> dict[str, Path]:
+        """Nothing measured: a plan is that of the section `simulate`."""
+        return {}
+
+    def planned(self, settings: StageSettings, programme: str) -> PlannedTest:
+        """The virtual test of that programme, with the declared noise and nothing drawn."""
+        assumed = self.study.truth_parameters().with_free(settings.free)
+        test = planned(self.study, programme_named(programme, simulated(self.study)), assumed)
+        motion = Motion(test.data.displacement.time, test.motion)
+        return PlannedTest(replace(self, given=test.data), assumed, motion, f"{test.duration:.4g} s, at most {test.force:.4g} N")
+
+    @property
+    def scalable(self) -> bool:
+        """A mesh of a file is as it is."""
+        return self.study.geometry.shape != "file"
+
+    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
+        """Settings as the study gives them."""
+        return self.study.stage(key), ()
+
+    def start(self) -> Parameters:
+        """Start values; boundary temperatures are those of the thermocouples where the study gives none."""
+        return start_parameters(self.study, self.data)
+
+    def feasible(self, start: Parameters) -> tuple[Parameters, str]:
+        """A start whose largest force lies above the measured one."""
+        return feasible_start(self.study, self.data, start)
+
+    def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
+        """The finite element model of the stage on a mesh."""
+        times = window_times(settings.window, self.data, self.data.steps["displacement"])
+        return stage_model(self.study, self.data, settings, base, size, times)
+
+    def seen_by(self, parameters: Parameters, test: str) -> Parameters:
+        """The parameters as they are."""
+        return parameters
+
+    def spread(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values as they are."""
+        return dict(values)
+
+    def prescribed(self, quantity: str) -> float:
+        """Thickness in mm; the clock of the camera is that of the machine, 0 s."""
+        return self.data.specimen.thickness if quantity == THICKNESS else 0.0
+
+    def with_prescribed(self, quantity: str, value: float) -> BodyExperiment:
+        """Another thickness, or the infrared frames that many seconds later."""
+        if quantity == THICKNESS:
+            return replace(self, given=replace(self.data, specimen=replace(self.data.specimen, thickness=value)))
+        assert quantity == CLOCK
+        return replace(self, given=_clocked(self.data, value))
+
+    def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
+        """du, the force where it does not drive the model, dtheta where there are frames."""
+        own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
+        return joint_settings(self.study, tuple(dict.fromkeys(own)), self.data)
+
+    def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
+        """One coupled run through all observations."""
+        needs_drive(self.study, settings.channels)
+        size = size or diagnosis_mesh(self.study)
+        return self._problem(settings, base, Joint(self.study, self.data, settings, size), size)
+
+    def diagnosed(self, base: Parameters) -> JointProblem:
+        """With the error of the mesh at the optimum of the stages taken into the data."""
+        settings = self.joint_settings()
+        base, size = base.with_free(settings.free), diagnosis_mesh(self.study)
+        plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study))
+        found = told(plain, base)
+        return replace(
+            self._problem(settings, base, found.parts, size),
+            plain=plain,
+            errors=found,
+            numerical=lambda _: found.left,
+            largest_strain=found.largest_strain,
+        )
+
+    def _problem(self, settings: StageSettings, base: Parameters, parts: JointParts, size: MeshSize) -> JointProblem:
+        return JointProblem(
+            settings=settings,
+            base=base,
+            model=parts.model,
+            spans=named_phases(self.data.phases),
+            size=size,
+            parts=parts,
+            known=effects_of_fields(infrared=self.data.temperature is not None),
+            correlation_length=self.data.correlation_length,
+        )
+
+    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+        """One coupled run on the mesh of the study."""
+        return checked(self.study, self.data, parameters, thermal, word)
+
+
+def _clocked(data: Measured, seconds: float) -> Measured:
+    """The infrared frames that many seconds later, the load steps with them. Before the record of the force the specimen rests, so that
+    earlier frames show its beginning; frames that lie after its end go."""
+    theta = temperature_of(data)
+    steps = data.steps["all"].time
+    first, last = float(steps[0]), float(steps[-1])
+    moved = replace(theta, time=np.maximum(theta.time + seconds, first)).between(first, last)
+    kept = {name: _stepping(known, theta.time, moved.time) for name, known in data.steps.items() if name != "displacement"}
+    return replace(data, temperature=moved, steps={**data.steps, **kept})
+
+
+def _stepping(steps: LoadSteps, old: np.ndarray, new: np.ndarray) -> LoadSteps:
+    """Load steps that hit the new times instead of the old ones; the first and the last stay."""
+    gone = np.isin(np.round(steps.time, 6), np.round(old, 6))
+    gone[[0, -1]] = False
+    time = np.unique(np.round(np.concatenate([steps.time[~gone], new]), 9))
+    return steps.at(time)
+
+
+@dataclass(frozen=True)
+class UnseenBody:
+    """A held-out experiment of the study `whole`.
+
+    The material is that of the fit, temperatures are those of its own thermocouples. Its own boundary and measurement parameters are those
+    that the study gives for it, else what was identified on the fitted experiment, or its mean over several of them. An effect of boundary
+    or instruments that a diagnosis adds belongs to the test that shows it: this one is predicted without.
+    """
+
+    whole: Study
+    experiment: BodyExperiment
+
+    @property
+    def name(self) -> str:
+        """Name of the experiment."""
+        return self.experiment.name
+
+    @property
+    def label(self) -> str:
+        """What it is called in words."""
+        return f"experiment {self.name}"
+
+    @property
+    def fit_own(self) -> tuple[str, ...]:
+        """Its own parameters that are fitted on its own data, as the study says."""
+        return self.whole.experiments[self.name].fit_own
+
+    @cached_property
+    def own(self) -> frozenset[str]:
+        """Parameters that every experiment has for itself."""
+        return own_names(self.whole)
+
+    def taken_over(self, identified: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Own parameters that are taken from the fitted ones, each with the identified names of which it is the mean."""
+        given = self.whole.experiments[self.name].parameters
+        return {
+            name: tuple(n for n in identified if bare_name(n) == name)
+            for name in dict.fromkeys(bare_name(name) for name in identified)
+            if name in self.own and name not in given and name not in FROM_EXPERIMENT
+        }
+
+    def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
+        """Parameters that predict it from fitted ones."""
+        taken, here = self.taken_over(identified), self.experiment.start()
+        values = {name: value for name, value in found.values.items() if AT not in name}
+        for name in self.own | frozenset(FROM_EXPERIMENT):
+            values[name] = float(np.mean([found[n] for n in taken[name]])) if name in taken else here[name]
+        return Parameters.of(values)
+
+    def taken(self, found: Parameters, identified: Sequence[str]) -> tuple[str, ...]:
+        """What is taken from the fitted experiments, in words."""
+        said = []
+        for name, of in self.taken_over(identified).items():
+            how = "identified on the fitted experiment" if len(of) == 1 else f"the mean of {len(of)} fitted experiments"
+            said.append(f"{name} = {np.mean([found[n] for n in of]):.4g} is {how}")
+        return tuple(sorted(said))
+
+    def carried(self, free: Sequence[str], identified: Sequence[str]) -> Carried:
+        """Shared parameters as they are, own ones as the mean that they are taken over as."""
+        taken = self.taken_over(identified)
+        names = tuple(dict.fromkeys(bare_name(n) for n in free if bare_name(n) in taken or not self._stays(n)))
+        weights = np.zeros((len(names), len(free)))
+        for k, n in enumerate(free):
+            if bare_name(n) in names:
+                weights[names.index(bare_name(n)), k] = 1.0 / len(taken[bare_name(n)]) if bare_name(n) in taken else 1.0
+        return names, weights
+
+    def _stays(self, name: str) -> bool:
+        """True for a parameter that it does not take from the fitted ones."""
+        return bare_name(name) in self.own or bare_name(name) in FROM_EXPERIMENT
+
+    def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:
+        """All that its own cameras have seen, on the mesh of the joint fit."""
+        part = self.experiment
+        return part.joint(joint_settings(part.study, (), part.data), base, diagnosis_mesh(self.whole))
+
+    def corrected(self, problem: JointProblem, parameters: Parameters) -> JointProblem:
+        """With the errors of mesh and force at given parameters."""
+        assert problem.parts is not None
+        joint = corrected(problem.parts.each[""], parameters).joint
+        return replace(problem, model=joint.model, parts=joint)
+
+    def judges(self, known: Sequence[Effect]) -> frozenset[str]:
+        """Effects that all tests share: those of the material."""
+        return frozenset(e.name for e in known if e.amplitude.name not in self.own)
+
+
+def unseen_bodies(study: Study) -> tuple[UnseenBody, ...]:
+    """The declared held-out experiments of a study."""
+    return tuple(UnseenBody(study, BodyExperiment(study.one_of(name), name)) for name in study.held_out)

@@ -1,0 +1,273 @@
+"""Records of coupons: every one a run of the point driver with a lumped heat balance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from thermofit.core.errors import StudyError
+from thermofit.core.parameters import Parameters
+from thermofit.effects.catalogue import Effect
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.coupon_check import checked_records, record_spans
+from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run
+from thermofit.experiment.coupon_records import CouponData, coupon_data
+from thermofit.experiment.fields import INTERPOLATE, start_parameters
+from thermofit.experiment.flow_conditions import flow_conditions
+from thermofit.experiment.known_effects import effects_of_point
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.planned_coupon import planned_records, records_of
+from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.programmes import OWN
+from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
+from thermofit.experiment.residuals import Span
+from thermofit.experiment.verification import Checked
+from thermofit.point.programmes import NAMES
+from thermofit.read.coupon import coupon_files
+from thermofit.records.artefact import Record
+from thermofit.records.staging import artefact_path
+from thermofit.study.models import FROM_EXPERIMENT
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import ChannelSettings, StageSettings
+from thermofit.study.study import Study
+
+POINT = MeshSize(n_x=1, n_y=1, n_z=1)
+"""What stands for the mesh of a point."""
+KNOWN = 0.05
+"""Standard error of an elastic constant over its value from which the joint fit leaves it as it is."""
+
+
+@dataclass(frozen=True)
+class CouponExperiment:
+    """All records of a study that are fitted, or those that are held out. `given`: what was measured, where it is not that of the
+    artefact."""
+
+    study: Study
+    held_out: bool = False
+    given: CouponData | None = None
+    name: str = ""
+
+    @cached_property
+    def data(self) -> CouponData:
+        """What was measured. StudyError that names the command where it has not been interpolated."""
+        return coupon_data(self.study, held_out=self.held_out) if self.given is None else self.given
+
+    @property
+    def hot(self) -> bool:
+        """True where a record holds a temperature."""
+        return any(test.theta is not None for test in self.data.tests)
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """Phases of all records on their common time axis."""
+        return record_spans(self.data)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """The artefact of `interpolate`."""
+        return {INTERPOLATE: artefact_path(self.study.run_dir, INTERPOLATE)}
+
+    @property
+    def fields(self) -> tuple[()]:
+        """None: there is no camera."""
+        return ()
+
+    @property
+    def tests(self) -> tuple[CouponExperiment, ...]:
+        """All records are checked together."""
+        return (self,)
+
+    @cached_property
+    def unseen(self) -> tuple[UnseenRecords, ...]:
+        """The records that are held out, all together; nothing where there are none."""
+        if not any(record.held_out for record in self.study.records):
+            return ()
+        return (UnseenRecords(CouponExperiment(self.study, held_out=True)),)
+
+    def no_use(self, stage: str) -> str:
+        """Why a stage has nothing to do: nothing to simulate, no camera, no temperature."""
+        if stage in ("simulate", "calibrate-ir"):
+            return "the experiment is a record of coupons"
+        if stage == "identify-thermal" and not any(record.temperature for record in self.study.records):
+            return "no record holds a temperature"
+        return ""
+
+    @property
+    def last_stage(self) -> str:
+        """The plastic one: few records hold a temperature."""
+        return "plastic"
+
+    @property
+    def programmes(self) -> tuple[str, ...]:
+        """Those of the records themselves, and those made by name."""
+        return (OWN, *NAMES)
+
+    @property
+    def plan_inputs(self) -> dict[str, Path]:
+        """The files of the records: their noise, strains and durations are those of a plan."""
+        return record_files(self.study)
+
+    def planned(self, settings: StageSettings, programme: str) -> PlannedTest:
+        """The records as the assumed material would give them, or one test under a programme by name."""
+        records = records_of(self.study)
+        assumed = start_parameters(self.study, records).with_free(settings.free)
+        data = planned_records(self.study, records, programme, assumed)
+        words = f"{len(data.tests)} planned records, {data.tests[0].time[-1]:.4g} s"
+        return PlannedTest(replace(self, given=data), assumed, None, words)
+
+    @property
+    def scalable(self) -> bool:
+        """A point has no mesh."""
+        return False
+
+    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
+        """Settings without the elastic constants where no record has an elastic range that tells them, and these."""
+        settings, kept = answerable(self.study.stage(key), self.data)
+        return settings.model_copy(update={"beside": ()}) if key == "elastic" else settings, kept
+
+    def start(self) -> Parameters:
+        """Start values; the air is that of the first record where the study gives none."""
+        return start_parameters(self.study, self.data)
+
+    def feasible(self, start: Parameters) -> tuple[Parameters, str]:
+        """The given start: a record can always be followed."""
+        return start, ""
+
+    def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
+        """One run of the point driver for every record."""
+        return coupon_model(self.study, self.data, settings, base)
+
+    def seen_by(self, parameters: Parameters, test: str) -> Parameters:
+        """The parameters as they are."""
+        return parameters
+
+    def spread(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values as they are."""
+        return dict(values)
+
+    def prescribed(self, quantity: str) -> float:
+        """There is neither a thickness nor a camera."""
+        raise self._without(quantity)
+
+    def with_prescribed(self, quantity: str, value: float) -> CouponExperiment:
+        """As `prescribed`."""
+        raise self._without(quantity)
+
+    def _without(self, quantity: str) -> StudyError:
+        return StudyError(
+            f"{self.study.source.name}: key 'sensitivity.quantity' is {quantity}, which records of coupons do not have; expected a "
+            "parameter or weight.<channel>"
+        )
+
+    def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
+        """All that the stages identify, on all that they compare; with temperatures, the air's too, held by a prior."""
+        study = self.study
+        own = [answerable(study.stage(key), self.data)[0] for key in ("elastic", "plastic", *(("thermal",) if self.hot else ()))]
+        wanted = study.diagnosis.channels or tuple(dict.fromkeys(c for s in own for c in s.channels))
+        nuisances = tuple(name for name in ("theta_air",) if {"theta", "dtheta"} & set(wanted) and name not in study.parameters)
+        names = free or study.diagnosis.free or (*(name for s in own for name in s.free), *nuisances)
+        channels = {c: ChannelSettings() for c in wanted}
+        common = {"free": tuple(dict.fromkeys(names)), "channels": channels, "window": "all", "coupling": "full"}
+        return StageSettings.model_construct(**{**own[1].__dict__, **common})
+
+    def widened(self, base: Parameters) -> StageSettings:
+        """Settings of the joint fit with the elastic constants that no elastic range told the first stage free where all of the data
+        together do: unloadings and reverse flow tell E as well. A start is no prescription."""
+        study, data, settings = self.study, self.data, self.joint_settings()
+        kept = tuple(n for n in answerable(study.stage("elastic"), data)[1] if n not in settings.free)
+        if not kept or study.diagnosis.free is not None:
+            return settings
+        wider = settings.model_copy(update={"free": (*kept, *settings.free)})
+        residual, columns = coupon_model(study, data, wider, base).linearised(base, wider.free)
+        basis, _ = np.linalg.qr(columns)
+        size = max(float(np.mean((residual - basis @ (basis.T @ residual)) ** 2)), 1.0) ** 0.5  # what a joint step leaves
+        told = []
+        for k, name in enumerate(kept):
+            others, _ = np.linalg.qr(np.delete(columns, k, axis=1))
+            own = columns[:, k] - others @ (others.T @ columns[:, k])
+            if size < KNOWN * base[name] * float(np.linalg.norm(own)):
+                told.append(name)
+        return settings.model_copy(update={"free": (*told, *settings.free)})
+
+    def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
+        """All records, whole."""
+        model = coupon_model(self.study, self.data, settings, base)
+        return JointProblem(settings=settings, base=base, model=model, spans=self.spans, size=POINT)
+
+    def diagnosed(self, base: Parameters) -> JointProblem:
+        """With the error of the steps, which is of first order: half the steps differ by half of it."""
+        study, data, settings = self.study, self.data, self.widened(base)
+        fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
+        model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
+        run = coupon_run(study, data, settings.free)
+        return JointProblem(
+            settings=settings,
+            base=base.with_free(settings.free),
+            model=model,
+            spans=self.spans,
+            size=POINT,
+            known=effects_of_point(sensor=self.hot and "dtheta" in settings.channels),
+            numerical=lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
+            largest_strain=max(float(run.history(base, test).accumulated.max()) for test in data.tests),
+            flow=flow_conditions(data.tests, lambda test: run.history(base, test)),
+        )
+
+    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+        """Every record by the point driver."""
+        return checked_records(self.study, self.data, parameters, word)
+
+
+def record_files(study: Study) -> dict[str, Path]:
+    """Files of all records of a study, by number."""
+    return {f"record {n}": path for n, path in enumerate(coupon_files(study.coupon_section, study.source.parent))}
+
+
+@dataclass(frozen=True)
+class UnseenRecords:
+    """Held-out records of coupons: every one has its own air, all share everything else with those that are fitted."""
+
+    experiment: CouponExperiment
+
+    @property
+    def label(self) -> str:
+        """Their names."""
+        names = [test.name for test in self.experiment.data.tests]
+        return f"{'record' if len(names) == 1 else 'records'} {', '.join(names)}"
+
+    @property
+    def fit_own(self) -> tuple[str, ...]:
+        """They have no parameters of their own."""
+        return ()
+
+    def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
+        """The fitted parameters."""
+        return found
+
+    def taken(self, found: Parameters, identified: Sequence[str]) -> tuple[str, ...]:
+        """Nothing that would be their own."""
+        return ()
+
+    def carried(self, free: Sequence[str], identified: Sequence[str]) -> Carried:
+        """All but the temperatures that each has measured for itself."""
+        there = tuple(n for n in free if n not in FROM_EXPERIMENT)
+        return there, np.array([[float(n == f) for f in free] for n in there]).reshape(len(there), len(free))
+
+    def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:
+        """The channels of the fit that they hold, each record with the air that was measured beside it."""
+        data, free = self.experiment.data, tuple(n for n in settings.free if n != "theta_air")
+        held = {"lateral": any(t.lateral is not None for t in data.tests), "theta": self.experiment.hot}
+        channels = {c: own for c, own in settings.channels.items() if held.get(field_of(c), True)}
+        own = settings.model_copy(update={"free": free, "channels": channels})
+        return replace(self.experiment.joint(own, base), known=tuple(known))
+
+    def corrected(self, problem: JointProblem, parameters: Parameters) -> JointProblem:
+        """Steps of the records are those of their samples."""
+        return problem
+
+    def judges(self, known: Sequence[Effect]) -> frozenset[str]:
+        """All of them."""
+        return frozenset(e.name for e in known)

@@ -1,0 +1,237 @@
+"""Several specimens under cameras in one fit: shared material parameters, every test with its own boundary and measurement parameters.
+
+The own parameters of a test are called <param>@<test>. The residual of the joint fit is that of all tests, one after the other; every
+test is modelled as if it were alone, with the parameters as they read for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from thermofit.core.errors import StudyError
+from thermofit.core.parameters import AT, Parameters
+from thermofit.effects.catalogue import Effect, effect
+from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
+from thermofit.experiment.errors_told import told
+from thermofit.experiment.fields import start_parameters
+from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
+from thermofit.experiment.joint_several import JointSeveral
+from thermofit.experiment.known_effects import effects_of_fields
+from thermofit.experiment.model import Prior, StageModel, needs_drive
+from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.protocol import JointProblem, PlannedTest
+from thermofit.experiment.residuals import Span
+from thermofit.experiment.several import free_in, joined, own_names, seen_by
+from thermofit.experiment.verification import Checked, together
+from thermofit.records.artefact import Record
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
+
+
+@dataclass(frozen=True)
+class SeveralExperiments:
+    """All fitted experiments of a study. `given`: these, where they are not those of the artefacts."""
+
+    study: Study
+    given: tuple[BodyExperiment, ...] = ()
+    name: str = ""
+
+    @cached_property
+    def tests(self) -> tuple[BodyExperiment, ...]:
+        """The experiments, each as it reads for itself."""
+        return self.given or tuple(BodyExperiment(self.study.one_of(name), name) for name in self.study.fitted)
+
+    @property
+    def fields(self) -> tuple[BodyExperiment, ...]:
+        """All of them."""
+        return self.tests
+
+    @cached_property
+    def own(self) -> frozenset[str]:
+        """Names of the parameters that each has for itself."""
+        return own_names(self.study)
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """Phases of all experiments, each in the time of its own."""
+        return tuple(span for test in self.tests for span in test.spans)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """The artefacts of `interpolate`, by <stage>@<experiment>."""
+        return {name: path for test in self.tests for name, path in test.inputs.items()}
+
+    @cached_property
+    def unseen(self) -> tuple[UnseenBody, ...]:
+        """The declared held-out experiments."""
+        return unseen_bodies(self.study)
+
+    def no_use(self, stage: str) -> str:
+        """Why a stage has nothing to do on any of them."""
+        reasons = [test.no_use(stage) for test in self.tests]
+        return reasons[0] if all(reasons) else ""
+
+    @property
+    def last_stage(self) -> str:
+        """That of the first one."""
+        return self.tests[0].last_stage
+
+    @property
+    def programmes(self) -> tuple[str, ...]:
+        """Those of one test."""
+        return self.tests[0].programmes
+
+    @property
+    def plan_inputs(self) -> dict[str, Path]:
+        """Nothing measured."""
+        return {}
+
+    def planned(self, settings: StageSettings, programme: str) -> PlannedTest:
+        """A test of the study itself: what the experiments have for themselves is left out."""
+        return BodyExperiment(self.study).planned(settings, programme)
+
+    @property
+    def scalable(self) -> bool:
+        """As each of them: they have the geometry of the study."""
+        return self.tests[0].scalable
+
+    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
+        """Settings of the study, what each has for itself free in each."""
+        settings = self.study.stage(key)
+        return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), ()
+
+    def expanded(self, free: Sequence[str]) -> tuple[str, ...]:
+        """Free parameters of the joint fit: one for every experiment of those that each has for itself."""
+        out: list[str] = []
+        for name in free:
+            out += [f"{name}{AT}{test.name}" for test in self.tests] if name in self.own else [name]
+        return tuple(dict.fromkeys(out))
+
+    def start(self) -> Parameters:
+        """The common start values, and for every experiment its own where they differ."""
+        values = dict(start_parameters(self.study, self.tests[0].data).values)
+        for test in self.tests:
+            here = test.start()
+            values |= {f"{name}{AT}{test.name}": here[name] for name in self.own if here[name] != values.get(name, here[name])}
+        return Parameters.of(values)
+
+    def feasible(self, start: Parameters) -> tuple[Parameters, str]:
+        """A start that can carry the measured force of every experiment."""
+        said = []
+        for test in self.tests:
+            here = seen_by(start, test.name).with_free(n for n in start.free if AT not in n)
+            found, remark = test.feasible(here)
+            start = start.replace(**{name: found[name] for name in here.free})
+            said += [f"{test.name}: {remark}"] if remark else []
+        return start, "; ".join(said)
+
+    def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
+        """The models of all experiments as one; channels and fields are called du@first, u@first."""
+        models = {}
+        for test in self.tests:
+            own = next(s for s in _stages(test.study) if type(s) is type(settings))
+            here = settings.model_copy(update={"free": tuple(free_in(settings.free, test.name).values()), "window": own.window})
+            models[test.name] = test.model(here, seen_by(base, test.name).with_free(here.free), size)
+        return joined(models)
+
+    def seen_by(self, parameters: Parameters, test: str) -> Parameters:
+        """The parameters as they read for one experiment, without names of any."""
+        return seen_by(parameters, test)
+
+    def spread(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values by the names of the joint fit: what each experiment has for itself gets the value in each."""
+        return {full: value for name, value in values.items() for full in self.expanded([name])}
+
+    def prescribed(self, quantity: str) -> float:
+        """Every one has its own: none of the study."""
+        raise self._several_of(quantity)
+
+    def with_prescribed(self, quantity: str, value: float) -> SeveralExperiments:
+        """As `prescribed`."""
+        raise self._several_of(quantity)
+
+    def _several_of(self, quantity: str) -> StudyError:
+        return StudyError(
+            f"{self.study.source.name}: key 'sensitivity.quantity' is {quantity}, which every experiment has for itself; expected a "
+            "parameter or weight.<channel>"
+        )
+
+    def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
+        """Those of the first experiment, what each has for itself free in each."""
+        own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
+        return joint_settings(self.study, self.expanded(own), self.tests[0].data)
+
+    def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
+        """The joint problem of each as if it were alone, shared parameters common, one residual after the other."""
+        size = size or diagnosis_mesh(self.study)
+        return self._problem(settings, base, self._joint(settings, size), size)
+
+    def diagnosed(self, base: Parameters) -> JointProblem:
+        """With the error of every mesh at the optimum of the stages taken into the data."""
+        settings, size = self.joint_settings(), diagnosis_mesh(self.study)
+        base, priors = base.with_free(settings.free), self._priors_of_each()
+        plain = self._joint(settings, size)
+        plain = JointSeveral({name: replace(part, beside=priors[name]) for name, part in plain.each.items()})
+        found = told(plain, base)
+        return replace(
+            self._problem(settings, base, found.parts, size),
+            plain=plain,
+            errors=found,
+            numerical=lambda _: found.left,
+            largest_strain=found.largest_strain,
+        )
+
+    def _joint(self, settings: StageSettings, size: MeshSize) -> JointSeveral:
+        needs_drive(self.study, settings.channels)
+        parts = {}
+        for test in self.tests:
+            own = joint_settings(test.study, tuple(free_in(settings.free, test.name).values()), test.data)
+            parts[test.name] = Joint(test.study, test.data, own, size)
+        return JointSeveral(parts)
+
+    def _problem(self, settings: StageSettings, base: Parameters, parts: JointParts, size: MeshSize) -> JointProblem:
+        return JointProblem(
+            settings=settings,
+            base=base,
+            model=parts.model,
+            spans=self.spans,
+            size=size,
+            parts=parts,
+            known=self.known(),
+            correlation_length=max(test.data.correlation_length for test in self.tests),
+        )
+
+    def known(self) -> tuple[Effect, ...]:
+        """Effects that they could show: those of the material once, those of boundary and measurement for every experiment on its own."""
+        hot = {test.name: test.data.temperature is not None for test in self.tests}
+        out: list[Effect] = []
+        for e in effects_of_fields(infrared=any(hot.values())):
+            if e.amplitude.name not in self.own:
+                out.append(e)
+                continue
+            showing = [name for name, camera in hot.items() if any(e.name == k.name for k in effects_of_fields(infrared=camera))]
+            out += [effect(f"{e.name}{AT}{name}") for name in showing]
+        return tuple(out)
+
+    def _priors_of_each(self) -> dict[str, tuple[Prior, ...]]:
+        """Priors of effects by experiment: each has those of its own readings, the first also those of the material, which count once."""
+        every, names = effect_priors(self.study), [test.name for test in self.tests]
+        own = tuple(p for p in every if p.name in self.own or p.name in self.study.shared)
+        return {name: every if name == names[0] else own for name in names}
+
+    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+        """All experiments, channels and phases of each under its name."""
+        found = {test.name: test.checked(seen_by(parameters, test.name), None, word) for test in self.tests}
+        return together(found, word)
+
+
+_ALONE = {"elastic": {"beside": ()}}
+"""What of the settings of a stage is of one experiment alone: other measures of the displacement side by side."""
+
+
+def _stages(study: Study) -> tuple[StageSettings, ...]:
+    return study.stages.elastic, study.stages.plastic, study.stages.thermal

@@ -1,0 +1,53 @@
+"""Figures and text of a report: what the records of a test allow, of full fields or of coupon records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from thermofit.experiment.fields import measured_of
+from thermofit.experiment.residuals import named_phases
+from thermofit.experiment.verification import IDENTIFY
+from thermofit.experiment.window import window_times
+from thermofit.records.artefact import Record
+from thermofit.report.figures_curves import force_figure, over_time_figure, stress_stretch_figure, temperature_figure
+from thermofit.report.figures_maps import residual_maps, rms_maps
+from thermofit.report.figures_records import records_figures
+from thermofit.report.figures_search import correlation_figure, objective_figure
+from thermofit.report.tables import report_text
+from thermofit.report.tables_records import records_text
+from thermofit.study.study import Study
+
+ROWS = "records"
+"""Key of a check that lists coupon records one by one."""
+
+
+def figures_of(study: Study, records: Mapping[str, Record]) -> dict[str, Figure]:
+    """Every figure that the records (by stage) of a test allow, by the name of its file; what it does not have is left out."""
+    verify, interpolate = records["verify"], records["interpolate"]
+    if ROWS in verify.summary:
+        return records_figures(records)
+    data = measured_of(interpolate)
+    spans = named_phases(data.phases)
+    identified = [records[name] for name in IDENTIFY if name in records]
+    t0, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
+    made = {
+        "stress-stretch": stress_stretch_figure(verify, (t0, t1)),
+        "temperature": temperature_figure(verify, spans) if verify.has("curves/temperature/time") else None,
+        "force": force_figure(interpolate, spans),
+        "residual-over-time": over_time_figure(verify, spans),
+        "residual-maps-u": residual_maps(verify, "du"),
+        "residual-maps-theta": residual_maps(verify, "dtheta"),
+        "residual-rms-maps": rms_maps(verify),
+        "objective": objective_figure(identified),
+        "correlation": correlation_figure(identified),
+    }
+    return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def text_of(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str]) -> str:
+    """The report as Markdown; `stale`: why the records are not what the study would give now."""
+    words = records_text if ROWS in records["verify"].summary else report_text
+    return words(study, records, figures, stale)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import NAMES, Parameters, bare_name, param
+from thermofit.core.parameters import NAMES, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
@@ -39,7 +39,7 @@ STRESS, TEMPERATURE = 0.5, 0.02
 """Noise in MPa and K where the experiment has no such channel."""
 PEAK, RATE = 0.05, 1e-3
 """Largest nominal strain and rate in 1/s of the programmes where the experiment is no coupon."""
-_OF_FIELDS = ("theta_air", "theta_clamp", "kappa", "alpha_air", "alpha_clamp")
+_OF_FIELDS = acting("conduction", "film")
 """Parameters of the base law that no coupon feels."""
 
 

@@ -30,13 +30,11 @@ from thermofit.experiment.verification import Checked
 from thermofit.experiment.window import window_times
 from thermofit.records.artefact import Record
 from thermofit.records.staging import artefact_path
+from thermofit.study.models import FROM_EXPERIMENT
 from thermofit.study.search import CLOCK, THICKNESS
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
-
-_OWN_TEMPERATURES = ("theta_air", "theta_clamp", "theta_ref")
-"""Temperatures that every test has measured for itself."""
 
 
 @dataclass(frozen=True)
@@ -255,14 +253,14 @@ class UnseenBody:
         return {
             name: tuple(n for n in identified if bare_name(n) == name)
             for name in dict.fromkeys(bare_name(name) for name in identified)
-            if name in self.own and name not in given and name not in _OWN_TEMPERATURES
+            if name in self.own and name not in given and name not in FROM_EXPERIMENT
         }
 
     def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
         """Parameters that predict it from fitted ones."""
         taken, here = self.taken_over(identified), self.experiment.start()
         values = {name: value for name, value in found.values.items() if AT not in name}
-        for name in self.own | frozenset(_OWN_TEMPERATURES):
+        for name in self.own | frozenset(FROM_EXPERIMENT):
             values[name] = float(np.mean([found[n] for n in taken[name]])) if name in taken else here[name]
         return Parameters.of(values)
 
@@ -286,7 +284,7 @@ class UnseenBody:
 
     def _stays(self, name: str) -> bool:
         """True for a parameter that it does not take from the fitted ones."""
-        return bare_name(name) in self.own or bare_name(name) in _OWN_TEMPERATURES
+        return bare_name(name) in self.own or bare_name(name) in FROM_EXPERIMENT
 
     def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:
         """All that its own cameras have seen, on the mesh of the joint fit."""

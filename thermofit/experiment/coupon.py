@@ -30,6 +30,7 @@ from thermofit.point.programmes import NAMES
 from thermofit.read.coupon import coupon_files
 from thermofit.records.artefact import Record
 from thermofit.records.staging import artefact_path
+from thermofit.study.models import FROM_EXPERIMENT
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import ChannelSettings, StageSettings
 from thermofit.study.study import Study
@@ -38,8 +39,6 @@ POINT = MeshSize(n_x=1, n_y=1, n_z=1)
 """What stands for the mesh of a point."""
 KNOWN = 0.05
 """Standard error of an elastic constant over its value from which the joint fit leaves it as it is."""
-_OWN_TEMPERATURES = ("theta_air", "theta_clamp", "theta_ref")
-"""Temperatures that every record has measured for itself."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ class UnseenRecords:
 
     def carried(self, free: Sequence[str], identified: Sequence[str]) -> Carried:
         """All but the temperatures that each has measured for itself."""
-        there = tuple(n for n in free if n not in _OWN_TEMPERATURES)
+        there = tuple(n for n in free if n not in FROM_EXPERIMENT)
         return there, np.array([[float(n == f) for f in free] for n in there]).reshape(len(there), len(free))
 
     def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:

@@ -17,10 +17,9 @@ from thermofit.diagnose.rows import joined_rows
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.joint import THERMOCOUPLE
-from thermofit.experiment.joint_several import JointSeveral
 from thermofit.experiment.many import SeveralExperiments
 from thermofit.experiment.model import StageModel, stage_model
-from thermofit.experiment.several import free_in, joined, own_names, seen_by
+from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
 from thermofit.identify.solve import solve
 from thermofit.records.staging import Job
 from thermofit.study.study import Study

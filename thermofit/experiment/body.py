@@ -23,7 +23,7 @@ from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
 from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
-from thermofit.experiment.several import own_names
+from thermofit.experiment.several import OWN_TEMPERATURES, own_names
 from thermofit.experiment.start import feasible_start
 from thermofit.experiment.verification import Checked
 from thermofit.experiment.window import window_times
@@ -33,9 +33,6 @@ from thermofit.study.search import CLOCK, THICKNESS
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
-
-_OWN_TEMPERATURES = ("theta_air", "theta_clamp", "theta_ref")
-"""Temperatures that every test has measured for itself."""
 
 
 @dataclass(frozen=True)
@@ -250,14 +247,14 @@ class UnseenBody:
         return {
             name: tuple(n for n in identified if bare_name(n) == name)
             for name in dict.fromkeys(bare_name(name) for name in identified)
-            if name in self.own and name not in given and name not in _OWN_TEMPERATURES
+            if name in self.own and name not in given and name not in OWN_TEMPERATURES
         }
 
     def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
         """Parameters that predict it from fitted ones."""
         taken, here = self.taken_over(identified), self.experiment.start()
         values = {name: value for name, value in found.values.items() if AT not in name}
-        for name in self.own | frozenset(_OWN_TEMPERATURES):
+        for name in self.own | frozenset(OWN_TEMPERATURES):
             values[name] = float(np.mean([found[n] for n in taken[name]])) if name in taken else here[name]
         return Parameters.of(values)
 
@@ -281,7 +278,7 @@ class UnseenBody:
 
     def _stays(self, name: str) -> bool:
         """True for a parameter that it does not take from the fitted ones."""
-        return bare_name(name) in self.own or bare_name(name) in _OWN_TEMPERATURES
+        return bare_name(name) in self.own or bare_name(name) in OWN_TEMPERATURES
 
     def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:
         """All that its own cameras have seen, on the mesh of the joint fit."""

@@ -17,10 +17,9 @@ from thermofit.diagnose.rows import joined_rows
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.joint import THERMOCOUPLE
-from thermofit.experiment.joint_several import JointSeveral
 from thermofit.experiment.many import SeveralExperiments
 from thermofit.experiment.model import StageModel, stage_model
-from thermofit.experiment.several import free_in, joined, own_names, seen_by
+from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
 from thermofit.identify.solve import solve
 from thermofit.records.staging import Job
 from thermofit.study.study import Study
@@ -95,7 +94,7 @@ def test_residual_is_that_of_each_alone() -> None:
     base = Parameters.of({**TRUTH, "c0": 2.3, "alpha_air@second": 20.0, "theta_air@second": 300.0})
     both = model(("c0", "alpha_air@first", "alpha_air@second"), base)
     parts = []
-    for part, own in zip(data().parts, ({}, {"alpha_air": 20.0, "theta_air": 300.0}), strict=True):
+    for part, own in zip(data().tests, ({}, {"alpha_air": 20.0, "theta_air": 300.0}), strict=True):
         alone = part.study.stage("thermal")
         here = Parameters.of({**TRUTH, "c0": 2.3, **own})
         parts.append(stage_model(part.study, part.data, alone, here.with_free(("c0",)), SIZE, (0.0, 40.0, "")).residual(here))
@@ -157,7 +156,7 @@ def test_what_contradicts_itself_is_one_sentence() -> None:
 
 
 def test_a_model_without_exact_derivatives_says_so() -> None:
-    part = data().parts[0]
+    part = data().tests[0]
     alone = stage_model(part.study, part.data, part.study.stage("thermal"), Parameters.of(TRUTH), SIZE, (0.0, 40.0, ""))
     whole = joined({"first": alone, "second": StageModel(alone.errors, alone.comparisons, alone.observations, "slow")})
     assert whole.linearise is None and whole.remark == "second: slow"

@@ -10,9 +10,9 @@ import pytest
 from made_up import WALL_NAMES, WALL_TRUTH, wall_model, wall_observations
 from repeated_coupon import FREE, TRUTH, bench, intervals
 
+from thermofit.experiment.coupon import planned_records
 from thermofit.experiment.coupon_model import coupon_model
 from thermofit.experiment.coupon_records import CouponData
-from thermofit.experiment.planned_coupon import planned_records
 from thermofit.fit.information import Flat, Invariant
 from thermofit.identify.identifiability import analysed, mend, relation
 from thermofit.identify.intervals import allowed_rises, laplace

@@ -133,7 +133,7 @@ def test_the_right_model_is_preferred_by_criteria_and_held_out_record(folder: Pa
     assert rows["no-linear"]["held out over noise"] > 2.0 * rows["linear"]["held out over noise"]
     assert rows["too-many"]["fitted"] == rows["linear"]["fitted"] + 1 and rows["too-many"]["AIC"] > rows["linear"]["AIC"] - 4.0
     assert 0.0 < rows["too-many"]["BIC - best"] < 12.0
-    assert found["held_out"] == "records other, which no fit has seen"
+    assert found["held_out"] == "record other, which no fit has seen"
     n = rows["linear"]["n_independent"]
     assert n == rows["no-linear"]["n_independent"] and 100.0 < n <= 400.0
     assert {row["parameter"] for row in found["fitted"]} == {"E", "M_y0", "M_yinf", "H_exp", "H_lin", "rate_power.K"}

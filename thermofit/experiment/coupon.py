@@ -14,19 +14,19 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.coupon_check import checked_records, record_spans
-from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run
-from thermofit.experiment.coupon_records import CouponData, coupon_data
+from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, point_settings
+from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, read_tests, whole
 from thermofit.experiment.fields import INTERPOLATE, start_parameters
 from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.planned_coupon import planned_records, records_of
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.verification import Checked
-from thermofit.point.programmes import NAMES
+from thermofit.point.driver import PointHistory, simulate
+from thermofit.point.programmes import NAMES, Usual, programme
 from thermofit.read.coupon import coupon_files
 from thermofit.records.artefact import Record
 from thermofit.records.staging import artefact_path
@@ -115,7 +115,11 @@ class CouponExperiment:
         return record_files(self.study)
 
     def planned(self, settings: StageSettings, programme: str) -> PlannedTest:
-        """The records as the assumed material would give them, or one test under a programme by name."""
+        """The records as the assumed material would give them, or one test under a programme by name.
+
+        Of the records only what a laboratory knows beforehand is used: noise, largest strain, duration, temperatures, whether there is a
+        sensor. The measured response is not.
+        """
         records = records_of(self.study)
         assumed = start_parameters(self.study, records).with_free(settings.free)
         data = planned_records(self.study, records, programme, assumed)
@@ -274,3 +278,41 @@ class UnseenRecords:
     def judges(self, known: Sequence[Effect]) -> frozenset[str]:
         """All of them."""
         return frozenset(e.name for e in known)
+
+
+def records_of(study: Study) -> CouponData:
+    """The records of a study, from `interpolate` where it has run, else from their files. DataError where these cannot be read."""
+    if artefact_path(study.run_dir, INTERPOLATE).exists():
+        return coupon_data(study)
+    return CouponData(tuple(test for test, _ in read_tests(study)), study.coupon_section.control)
+
+
+def planned_records(study: Study, records: CouponData, name: str, assumed: Parameters) -> CouponData:
+    """The records as the assumed material would give them: under their own programmes, or one test under the programme of that name.
+
+    StudyError for an unknown name; NumericsError where the coupon cannot be driven so.
+    """
+    run = coupon_run(study, records, assumed.free)
+    if name == OWN:
+        return replace(records, tests=tuple(_answered(test, run.history(assumed, test)) for test in records.tests))
+    first = records.tests[0]
+    parameters = run.parameters_of(assumed, first)
+    driven = programme(name, _usual(records), parameters, point_settings(study))
+    history = simulate(parameters, driven, point_settings(study))
+    start = first.theta_start if driven.theta_start is None else driven.theta_start
+    test = replace(first, name=name, time=history.time, theta_start=start, phases=whole(history.time))
+    return replace(records, tests=(_answered(test, history),))
+
+
+def _usual(records: CouponData) -> Usual:
+    """Largest strain over all records, and their median rate towards it."""
+    peaks = np.array([float(np.max(np.abs(test.strain))) for test in records.tests])
+    paths = np.array([float(np.sum(np.abs(np.diff(test.strain)))) / float(np.ptp(test.time)) for test in records.tests])
+    return Usual(float(peaks.max()), float(np.median(paths)), records.tests[0].theta_start)
+
+
+def _answered(test: CouponTest, history: PointHistory) -> CouponTest:
+    """The record with the response of a history instead of its own."""
+    theta = None if test.theta is None else history.theta_sensor
+    lateral = None if test.lateral is None else history.lateral_x
+    return replace(test, strain=history.strain, stress=history.stress, theta=theta, lateral=lateral)

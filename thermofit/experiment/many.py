@@ -19,13 +19,12 @@ from thermofit.experiment.compiling import compiled
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
-from thermofit.experiment.joint_several import JointSeveral
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.protocol import JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
-from thermofit.experiment.several import free_in, joined, own_names, seen_by
+from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
 from thermofit.experiment.verification import Checked, together
 from thermofit.records.artefact import Record
 from thermofit.study.section import MeshSize

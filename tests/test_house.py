@@ -178,3 +178,27 @@ def test_modules_say_what_they_are_in_ascii() -> None:
     texts = {name_of(path): path.read_text(encoding="utf-8") for path in MODULES}
     assert [name for name, text in texts.items() if not text.isascii()] == []
     assert [name for name, text in texts.items() if not ast.get_docstring(ast.parse(text))] == []
+
+
+def private_names(text: str) -> list[str]:
+    """Private names of thermofit that a test imports, takes from a module, or replaces."""
+    tree, modules, found = ast.parse(text), set(), []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("thermofit"):
+            found += [a.name for a in node.names if a.name.startswith("_") and not a.name.endswith("__")]
+            modules |= {a.asname or a.name for a in node.names if a.name[:1].islower()}
+        elif isinstance(node, ast.Import):
+            modules |= {a.asname for a in node.names if a.name.startswith("thermofit") and a.asname}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in modules:
+            found += [node.attr] if node.attr.startswith("_") and not node.attr.endswith("__") else []
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "setattr":
+            texts = [a.value for a in node.args[:2] if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+            found += [t for t in texts if t.rpartition(".")[2].startswith("_") and not t.endswith("__")]
+    return found
+
+
+def test_no_test_uses_a_private_name() -> None:
+    used = {name_of(path): names for path in sorted((ROOT / "tests").rglob("*.py")) if (names := private_names(path.read_text()))}
+    assert used == {}
+    assert private_names("from thermofit.a import _b\nfrom thermofit import c\nc._d()\npatch.setattr(c, '_e', 1)") == ["_b", "_e", "_d"]

@@ -244,7 +244,7 @@ def test_a_step_whose_differentiation_fails_is_cut_and_leaves_nothing_behind(mon
     cut_at = (9.0, 37.0)
     _, halves = run(np.sort(np.append(TIMES, [0.5 * (t + TIMES[list(TIMES).index(t) - 1]) for t in cut_at])))
     kept = [n for n, t in enumerate(np.sort(np.append(TIMES, [7.0, 36.5]))) if t in TIMES]
-    heat, step, calls = Differentiator._heat, Differentiator.step, [0]
+    heat, step, calls = Differentiator.heat_rates, Differentiator.step, [0]
 
     def counted(self: Differentiator, start: Rates, mechanics: Linearised, ends: StepEnds, load: np.ndarray) -> Rates:
         calls[0] += 1
@@ -256,7 +256,7 @@ def test_a_step_whose_differentiation_fails_is_cut_and_leaves_nothing_behind(mon
         return heat(self, start, u, end, theta, ends)
 
     monkeypatch.setattr(Differentiator, "step", counted)
-    monkeypatch.setattr(Differentiator, "_heat", failing)
+    monkeypatch.setattr(Differentiator, "heat_rates", failing)
     history, cut = run(TIMES)
     assert history.counts["bisections"] == len(cut_at)
     for field in FIELDS:

@@ -58,8 +58,8 @@ def test_with_conduction_swelling_takes_its_heat(scheme: str) -> None:
 
 def test_what_is_not_solved_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     body, step = solved(NOMINAL, "sdirk2")
-    monkeypatch.setattr("thermofit.body.heat.fixed_stress._RESTART", 1)
-    monkeypatch.setattr("thermofit.body.heat.fixed_stress._CYCLES", 1)
+    monkeypatch.setattr("thermofit.body.heat.fixed_stress.RESTART", 1)
+    monkeypatch.setattr("thermofit.body.heat.fixed_stress.CYCLES", 1)
     with pytest.raises(NumericsError, match="check alpha_exp and c0"):
         left_of(body, step, MORE, np.random.default_rng(3).normal(size=body.mesh.n_nodes))
 

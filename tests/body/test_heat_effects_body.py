@@ -310,8 +310,8 @@ USER = {
 @pytest.mark.parametrize("slot", USER)
 def test_an_effect_of_a_user_acts_in_every_slot(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Off, on, and its derivative, as for those of the package."""
-    monkeypatch.setattr(catalogue, "_EFFECTS", dict(catalogue._EFFECTS))
-    monkeypatch.setattr(declared, "_OF_EFFECTS", dict(declared._OF_EFFECTS))
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     rest, first, formula, probe = USER[slot]
     path, name = tmp_path / f"user_{slot}.py", f"user_{slot}.a"
     path.write_text(

@@ -127,8 +127,8 @@ def test_panels_and_lapack_give_the_same_factor(n: int, width: int, monkeypatch:
     dense = band_matrix(n, width, 1)
     pattern, data = stored(dense)
     factors = []
-    for narrow in (band._NARROW, -1):
-        monkeypatch.setattr(band, "_NARROW", narrow)
+    for narrow in (band.NARROW, -1):
+        monkeypatch.setattr(band, "NARROW", narrow)
         made = band.BandCholesky(n, width, pattern.row, pattern.column, data).band
         factors.append(sum(np.diag(made[: n - k, k], -k) for k in range(min(n, width + 1))))
         assert not made[:, width + 1 :].any() and not any(made[n - k :, k].any() for k in range(1, min(n, width + 1)))
@@ -377,7 +377,7 @@ import numpy as np
 from thermofit.body.solve import band
 a = 4.0 * np.eye(50) + np.eye(50, k=3) + np.eye(50, k=-3)
 row, column = np.nonzero(np.tril(a))
-band._NARROW = 0
+band.NARROW = 0
 x = band.BandCholesky(50, 3, row, column, a[row, column]).solve(np.ones((50, 2)))
 print(json.dumps([float(abs(a @ x - 1.0).max()), len(band._solve_many.stats.cache_misses), len(band._factor.stats.cache_misses)]))
 """
@@ -385,7 +385,7 @@ print(json.dumps([float(abs(a @ x - 1.0).max()), len(band._solve_many.stats.cach
 
 def test_a_cached_kernel_finds_blas_in_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """BLAS lies at another address there: the cache of this process must not hold the address of this one."""
-    monkeypatch.setattr(band, "_NARROW", 0)
+    monkeypatch.setattr(band, "NARROW", 0)
     factor = Factor(*stored(band_matrix(50, 3, 0)))
     factor.solve(np.ones((50, 2)))
     run = subprocess.run([sys.executable, "-c", _OTHER_PROCESS], capture_output=True, text=True, check=True)

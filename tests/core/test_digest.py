@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from thermofit.core.digest import EFFECTS_VARIABLE, PACKAGE, _of_users, kernel_digest, path_digest, source_digest
+from thermofit.core.digest import EFFECTS_VARIABLE, PACKAGE, kernel_digest, of_users, path_digest, source_digest
 from thermofit.core.errors import DataError
 from thermofit.records.artefact import RecordContent, fresh, write_record
 
@@ -103,7 +103,7 @@ def test_missing_input_is_a_data_error(tmp_path: Path) -> None:
 def loaded_anew(monkeypatch: pytest.MonkeyPatch, *files: Path) -> None:
     """As in a new process with these effect files."""
     monkeypatch.setenv(EFFECTS_VARIABLE, os.pathsep.join(map(str, files)))
-    _of_users.cache_clear()
+    of_users.cache_clear()
 
 
 def test_effect_files_of_a_user_are_part_of_both_digests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

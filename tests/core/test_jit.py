@@ -95,9 +95,9 @@ def test_forgotten_caches_are_removed_and_recent_ones_kept(tmp_path: Path) -> No
         (tmp_path / name / "deep").mkdir(parents=True)
         (tmp_path / name / "deep" / "kernel.nbc").write_text("x")
         os.utime(tmp_path / name, (now - age_days * 86400, now - age_days * 86400))
-    jit._remove_forgotten(tmp_path, now - jit.KEEP_DAYS * 86400)
+    jit.remove_forgotten(tmp_path, now - jit.KEEP_DAYS * 86400)
     assert [path.name for path in tmp_path.iterdir()] == ["recent"]
-    jit._remove_forgotten(tmp_path / "nowhere", now)
+    jit.remove_forgotten(tmp_path / "nowhere", now)
 
 
 def test_unwritable_cache_falls_back_to_a_private_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,13 +105,13 @@ def test_unwritable_cache_falls_back_to_a_private_temporary_folder(tmp_path: Pat
     (tmp_path / "tmp").mkdir()
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "file"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
-    folder = jit._use_cache()
+    folder = jit.use_cache()
     assert folder.is_dir() and folder.is_relative_to(tmp_path / "tmp")
     if sys.platform != "win32":
         assert folder.parent.stat().st_mode & 0o077 == 0
-        assert jit._use_cache() == folder
+        assert jit.use_cache() == folder
         folder.parent.chmod(0o777)
-        assert not jit._use_cache().is_relative_to(folder.parent)
+        assert not jit.use_cache().is_relative_to(folder.parent)
 
 
 def test_cache_root_honours_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

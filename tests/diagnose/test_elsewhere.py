@@ -18,7 +18,7 @@ from thermofit.diagnose.proof_elsewhere import held_out_words, predicted_beyond,
 from thermofit.diagnose.trace import traced
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span
-from thermofit.report.findings import _errors
+from thermofit.report.findings import error_rows
 
 DRIFT = {"ir_drift.rate": 1e-3}
 ALL = frozenset(e.name for e in KNOWN)
@@ -59,7 +59,7 @@ def test_an_effect_of_both_tests_is_proved_on_the_unseen_one() -> None:
     before, after = (table[word]["held_out"]["theta@second"] for word in ("before", "after"))
     assert after == pytest.approx(SIGMA, rel=0.05) and before > 1.2 * after
     assert table["after"]["held_out_sigma"]["theta@second"] < 0.1 * after
-    assert "theta@second" not in table["after"]["fit"] and "held-out theta@second" in _errors(table)
+    assert "theta@second" not in table["after"]["fit"] and "held-out theta@second" in error_rows(table)
     assert ranking_rows(found.first)[0]["held_out_on"] == "second" and held_out_words(found.last).startswith(
         "second, which no fit has seen"
     )

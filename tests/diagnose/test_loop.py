@@ -16,7 +16,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.backward import Means, Refit, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
-from thermofit.diagnose.loop import Closed, _rivals, candidates, close_loop, ranking_rows
+from thermofit.diagnose.loop import Closed, candidates, close_loop, ranking_rows, rivals
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import ends_of
 from thermofit.effects.catalogue import effect
@@ -30,7 +30,7 @@ from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
-from thermofit.report.findings import _round
+from thermofit.report.findings import round_row
 
 N_T, N_S, SIGMA = 80, 30, 0.02
 TIME = np.linspace(0.0, 120.0, N_T)
@@ -144,7 +144,7 @@ def test_the_record_of_a_round_lets_it_be_run_again(monkeypatch: pytest.MonkeyPa
     case, fit = settled(replace(case_of(3, **{"air_drift.rate": 0.02, "air_drift.time": 40.0}), known=(effect("air_drift"),)))
     found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == ("air_drift",)
-    first, second = (json.loads(json_text(_round(r))) for r in found.rounds)
+    first, second = (json.loads(json_text(round_row(r))) for r in found.rounds)
     for end, free in (("before", ["kappa", "c0"]), ("after", ["kappa", "c0", "air_drift.rate", "air_drift.time"])):
         kept = first[end]
         there = Parameters.of(kept["parameters"], tuple(kept["free"]))
@@ -317,7 +317,7 @@ def test_an_effect_is_a_rival_while_its_linearised_gain_may_exceed_what_was_gain
     (one,) = (name for name in here.proofs if name == "ir_drift")
     gain, sigma = here.proofs[one].gain, here.proofs[one].sigma
     assert sigma > 0.0
-    assert _rivals(here, one, gain + 1.9 * sigma) and not _rivals(here, one, gain + 2.1 * sigma)
+    assert rivals(here, one, gain + 1.9 * sigma) and not rivals(here, one, gain + 2.1 * sigma)
 
 
 @pytest.mark.parametrize(

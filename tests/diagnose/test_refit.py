@@ -79,7 +79,7 @@ def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles:
         end = start.replace(**{NAME: 2e-5}) if NAME in start.free else start
         return end, SimpleNamespace(converged=settles or NAME not in start.free)
 
-    monkeypatch.setattr(JointFit, "_minimised", minimised)
+    monkeypatch.setattr(JointFit, "minimised_on", minimised)
     monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))
     model: Any = SimpleNamespace(cheap=cheap)
     fitting = JointFit(*[SimpleNamespace()] * 2, model, SimpleNamespace())  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import backward as module
-from thermofit.diagnose.backward import _without_columns, made_up_for, still_needed
+from thermofit.diagnose.backward import made_up_for, still_needed, without_columns
 from thermofit.diagnose.held_out import Proof
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -34,9 +34,9 @@ def here_of(parameters: Parameters = END, cheap: bool = False) -> Any:
 
 def test_an_effect_goes_back_to_neutral_by_its_amplitude_with_all_its_columns() -> None:
     """Exponents have no neutral value: their columns go, and nothing moves along them."""
-    residual, fitted = _without_columns(here_of(), "lamp")
+    residual, fitted = without_columns(here_of(), "lamp")
     assert residual == pytest.approx(1.0 - 0.1 * here_of().columns.fitted[:, 2]) and fitted.shape == (6, 2)
-    residual, fitted = _without_columns(here_of(), "ir_drift")
+    residual, fitted = without_columns(here_of(), "ir_drift")
     assert residual == pytest.approx(1.0 - 0.02 * here_of().columns.fitted[:, 1]) and fitted.shape == (6, 3)
 
 
@@ -69,7 +69,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, left: float, convinces: bool = False,
         begun.append(start)
         return start, "fit"
 
-    monkeypatch.setattr(module, "_beyond", lambda *_: next(parts))
+    monkeypatch.setattr(module, "beyond_columns", lambda *_: next(parts))
     monkeypatch.setattr(module, "held_out_of", lambda *_: None)
     monkeypatch.setattr(module, "proof_of_refit", lambda *_: None)
     monkeypatch.setattr(module, "compared", lambda *_: GOOD if convinces else replace(GOOD, sigma=0.3))

@@ -11,7 +11,7 @@ import pytest
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted_field import SIZE, Basis, Field, field_of, roughness
 from thermofit.diagnose.unlisted_hints import hints
-from thermofit.diagnose.unlisted_structure import _shared
+from thermofit.diagnose.unlisted_structure import shared_part
 from thermofit.experiment.missing import Grid, time_hats
 
 N, KNOTS = 240, 12
@@ -119,4 +119,4 @@ def test_what_the_noise_of_the_reference_has_in_common_is_no_structure() -> None
     block, count = np.repeat([0, 1], 4), np.full(2, 4.0)
     for channel, expected in (("dtheta", 0.75), ("dtheta@second", 0.75), ("du", 0.0)):
         case: Any = SimpleNamespace(model=SimpleNamespace(comparisons=(SimpleNamespace(channel=channel, noise=noise, n=8),)))
-        assert _shared(case, np.arange(8), block, count, 8) == pytest.approx([expected] * 2)
+        assert shared_part(case, np.arange(8), block, count, 8) == pytest.approx([expected] * 2)

@@ -18,11 +18,11 @@ from thermofit.diagnose.loop import (
     TRIED_PER_ROUND,
     TRIED_WHERE_CHEAP,
     Closed,
-    _backward,
-    _turn,
     against_base,
+    backward_check,
     candidates,
     close_loop,
+    next_round,
 )
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trial import Trial, near_scan
@@ -74,10 +74,10 @@ def turned(
     monkeypatch.setattr(module, "tried", refitted)
     monkeypatch.setattr(module, "leaves_more_than_it_takes", lambda *_: left)
     monkeypatch.setattr(module, "best_pair", pairs)
-    monkeypatch.setattr(module, "_rivals", lambda *_: rivals)
+    monkeypatch.setattr(module, "rivals", lambda *_: rivals)
     monkeypatch.setattr(module, "told_apart", apart)
     here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap))
-    trials, winner = _turn(here, FIT, MEANS, room)
+    trials, winner = next_round(here, FIT, MEANS, room)
     return [" ".join(t.effects) for t in trials], None if winner is None else winner[0]
 
 
@@ -174,7 +174,7 @@ def test_what_the_last_round_accepted_is_not_asked_whether_it_is_still_needed(mo
     last: Any = "last"
     monkeypatch.setattr(module, "still_needed", lambda *_: False)
     monkeypatch.setattr(module, "without", lambda here, name, _: (f"{here} without {name}", None))
-    found = _backward(Closed(rounds, last, last, FIT, ("a", "b", "c"), (), refit, None), "auto")
+    found = backward_check(Closed(rounds, last, last, FIT, ("a", "b", "c"), (), refit, None), "auto")
     assert found.dropped == ("a",) and found.accepted == ("b", "c") and found.last == "last without a"  # type: ignore[comparison-overlap]
 
 
@@ -189,8 +189,8 @@ def looped(monkeypatch: pytest.MonkeyPatch, trials: list[Trial], winner: Any, mo
     turns = iter([(trials, winner and (winner, (here, FIT))), ([trial("late", 0.1, "no run", unjudged=True)], None)])
     monkeypatch.setattr(module, "traced", lambda *_: here)
     monkeypatch.setattr(module, "retraced", lambda t: t)
-    monkeypatch.setattr(module, "_turn", lambda *_: next(turns))
-    monkeypatch.setattr(module, "_backward", lambda closed, _: replace(closed, remarks=("backward",)))
+    monkeypatch.setattr(module, "next_round", lambda *_: next(turns))
+    monkeypatch.setattr(module, "backward_check", lambda closed, _: replace(closed, remarks=("backward",)))
     monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))
     case: Any = None
     refit: Any = None

@@ -17,13 +17,13 @@ from thermofit.diagnose.pairs import (
     PARTNERS,
     REFITTED,
     Pair,
-    _stepped,
-    _worth_a_refit,
     best_pair,
     by_chance,
     leaves_more_than_it_takes,
     pairs_of,
     partners,
+    stepped,
+    worth_a_refit,
 )
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trial import Trial
@@ -75,15 +75,15 @@ A, B, C = np.eye(3)[:, :, None]
 """Columns (3, 1) of length one."""
 
 
-def stepped(a: np.ndarray, b: np.ndarray, left: np.ndarray, names: tuple[str, str] = ("ir_drift", "radiation")) -> Pair | None:
-    return _stepped((score(names[0]), score(names[1])), (({"x": 1.0}, a), ({"y": 2.0}, b)), (a, b), left)
+def pair_of(a: np.ndarray, b: np.ndarray, left: np.ndarray, names: tuple[str, str] = ("ir_drift", "radiation")) -> Pair | None:
+    return stepped((score(names[0]), score(names[1])), (({"x": 1.0}, a), ({"y": 2.0}, b)), (a, b), left)
 
 
 def test_a_joint_step_explains_what_both_do() -> None:
     """-0.02 (4, 0, 0) - 0.3 (2, 2, 0) + (0, 0, 5) is left: estimates 0.02 and 0.3, and all but 25 of the square sum."""
     a, b = 4.0 * A, 2.0 * (A + B)
     left = -(0.02 * a + 0.3 * b)[:, 0] + 5.0 * C[:, 0]
-    found = stepped(a, b, left)
+    found = pair_of(a, b, left)
     assert found is not None and found.settings == {"x": 1.0, "y": 2.0}
     assert found.scores[0].estimate == pytest.approx({"ir_drift.rate": 0.02})
     assert found.scores[1].estimate == pytest.approx({"radiation.emissivity": 0.3})
@@ -93,13 +93,13 @@ def test_a_joint_step_explains_what_both_do() -> None:
 @pytest.mark.parametrize(("size", "there"), [(0.99, True), (1.01, False), (-0.01, False)])
 def test_a_pair_with_an_estimate_outside_its_bounds_is_none(size: float, there: bool) -> None:
     """An emissivity is between 0 and 1."""
-    assert (stepped(A, B, -(0.02 * A + size * B)[:, 0]) is not None) is there
+    assert (pair_of(A, B, -(0.02 * A + size * B)[:, 0]) is not None) is there
 
 
 def test_effects_that_act_alike_or_are_not_felt_are_no_pair() -> None:
     left = -0.02 * A[:, 0]
-    assert stepped(A, A + 1e-5 * B, left) is None and stepped(A, 0.0 * B, left) is None
-    assert stepped(A, A + 0.1 * B, left) is not None
+    assert pair_of(A, A + 1e-5 * B, left) is None and pair_of(A, 0.0 * B, left) is None
+    assert pair_of(A, A + 0.1 * B, left) is not None
 
 
 def test_pairs_stand_at_their_best_exponents_the_largest_fall_first() -> None:
@@ -191,7 +191,7 @@ def test_chance_grows_with_the_pairs_and_values_that_were_looked_at_and_with_wha
 
 
 def test_of_coupons_as_many_pairs_are_refitted_as_are_worth_it() -> None:
-    assert _worth_a_refit(here_of(), PAIRS) == PAIRS[:REFITTED]
+    assert worth_a_refit(here_of(), PAIRS) == PAIRS[:REFITTED]
 
 
 def on_known_motion(
@@ -215,7 +215,7 @@ def on_known_motion(
     monkeypatch.setattr(module, "shown_alone", lambda *_: {n: end(g, n) for n, g in every.items()})
     monkeypatch.setattr(module, "shown_together", together)
     monkeypatch.setattr(module, "compared", compare)
-    return _worth_a_refit(here_of(False, lambda _: "heat"), PAIRS), asked
+    return worth_a_refit(here_of(False, lambda _: "heat"), PAIRS), asked
 
 
 def test_of_a_body_the_pair_that_temperatures_show_best_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,6 +234,6 @@ def test_of_a_body_without_a_known_motion_no_pair_is_refitted(monkeypatch: pytes
     def failing(*_: Any) -> Any:
         raise NumericsError("no run")
 
-    assert _worth_a_refit(here_of(False), PAIRS) == [] and _worth_a_refit(here_of(False, lambda _: None), PAIRS) == []
+    assert worth_a_refit(here_of(False), PAIRS) == [] and worth_a_refit(here_of(False, lambda _: None), PAIRS) == []
     monkeypatch.setattr(module, "shown_alone", failing)
-    assert _worth_a_refit(here_of(False, lambda _: "heat"), PAIRS) == []
+    assert worth_a_refit(here_of(False, lambda _: "heat"), PAIRS) == []

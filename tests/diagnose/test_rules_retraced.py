@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.retraced import _asked, _enough, missed
+from thermofit.diagnose.retraced import asked_of, missed
 
 N = 200
 
@@ -28,7 +28,7 @@ def here_of(beyond: float, **drops: float) -> Any:
 )
 def test_one_step_is_enough_where_it_takes_half_of_what_is_more_than_chance(beyond: float, drops: dict[str, float], enough: bool) -> None:
     """Four standard deviations of the square sum: 4 sqrt(2 x 200) = 80."""
-    assert bool(_enough(here_of(beyond, **drops))) is enough
+    assert bool(enough(here_of(beyond, **drops))) is enough
 
 
 def test_asked_are_the_strong_those_that_cannot_be_and_the_unfelt_that_no_held_out_test_judges() -> None:
@@ -45,7 +45,7 @@ def test_asked_are_the_strong_those_that_cannot_be_and_the_unfelt_that_no_held_o
     ranking = SimpleNamespace(scores=scores, threshold=3.0, unfelt=("clamp_drift", "second_hardening"))
     proofs = {"ir_drift": SimpleNamespace(on=""), "ir_gain": SimpleNamespace(on="second")}
     here: Any = SimpleNamespace(ranking=ranking, proofs=proofs)
-    assert [s.effect for s in _asked(here)] == ["ir_drift", "lamp", "radiation", "clamp_drift"]
+    assert [s.effect for s in asked_of(here)] == ["ir_drift", "lamp", "radiation", "clamp_drift"]
 
 
 @pytest.mark.parametrize(("sigma", "expected"), [(0.4, 2.0), (0.2, 4.0), (0.1, 4.0)])

@@ -13,7 +13,7 @@ from test_loop import case_of
 
 from thermofit.diagnose import trace
 from thermofit.diagnose.held_out import Proof
-from thermofit.diagnose.score import Columns, Score, _named_from, _threshold, _veto, drop_of, indistinguishable, likeness, ranked
+from thermofit.diagnose.score import Columns, Score, drop_of, indistinguishable, likeness, named_from, ranked, threshold_of, veto
 from thermofit.diagnose.trace import Traced, information, traced
 
 E1, E2, E3 = np.eye(12)[:, :3].T
@@ -61,7 +61,7 @@ def test_what_cannot_be_is_in_no_family() -> None:
 @pytest.mark.parametrize(("value", "vetoed"), [(-0.019, False), (-0.021, True), (1.019, False), (1.021, True)])
 def test_an_estimate_two_standard_errors_beyond_its_bounds_cannot_be(value: float, vetoed: bool) -> None:
     """An emissivity is between 0 and 1."""
-    assert bool(_veto({"radiation.emissivity": value}, {"radiation.emissivity": 0.01})) is vetoed
+    assert bool(veto({"radiation.emissivity": value}, {"radiation.emissivity": 0.01})) is vetoed
 
 
 def test_a_fall_by_an_estimate_that_cannot_be_is_none() -> None:
@@ -73,8 +73,8 @@ def test_a_fall_by_an_estimate_that_cannot_be_is_none() -> None:
 def test_the_threshold_is_passed_by_chance_in_one_of_twenty_tests() -> None:
     """One direction, or the same three times: 1.96. Two independent ones: 1 - 0.95^(1/2) for each."""
     one, two = E1[:, None], E2[:, None]
-    assert _threshold([]) == pytest.approx(1.959964) and _threshold([one, 3.0 * one, one]) == pytest.approx(1.959964)
-    assert _threshold([one, two]) == pytest.approx(norm.isf(0.5 * (1.0 - np.sqrt(0.95))))
+    assert threshold_of([]) == pytest.approx(1.959964) and threshold_of([one, 3.0 * one, one]) == pytest.approx(1.959964)
+    assert threshold_of([one, two]) == pytest.approx(norm.isf(0.5 * (1.0 - np.sqrt(0.95))))
 
 
 def test_rows_that_hang_together_widen_the_standard_error() -> None:
@@ -130,7 +130,7 @@ def test_why_an_effect_is_not_worth_a_refit(said: str, given: dict[str, Any]) ->
 )
 def test_the_size_from_which_an_effect_is_named(threshold: float, numerical: float, size: float, expected: float) -> None:
     """In standard errors: 2 + sqrt(6), the threshold, sqrt(4 x 25), or the root of 0.003 r.r + 2 with r.r = 40000."""
-    assert _named_from(Columns(size * E1, NOTHING, {}), 0.1, 0.01, numerical, threshold) == pytest.approx(0.1 * expected, rel=1e-3)
+    assert named_from(Columns(size * E1, NOTHING, {}), 0.1, 0.01, numerical, threshold) == pytest.approx(0.1 * expected, rel=1e-3)
 
 
 def test_half_of_what_a_row_tells_is_even() -> None:

@@ -17,17 +17,17 @@ from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.trial import (
     NEARER,
     Trial,
-    _ended,
-    _freed,
-    _nearer,
-    _on_readings,
-    _worth,
     at_bound,
     cools_from,
+    ended_at,
+    freed_refit,
+    nearer,
+    on_readings,
     refusal,
     told_apart,
     tried,
     tried_together,
+    worth_of,
 )
 from thermofit.effects.catalogue import effect
 
@@ -168,7 +168,7 @@ def test_a_refit_that_cannot_be_run_begins_nearer_to_neutral(largest: float) -> 
             raise NumericsError("no equilibrium")
         return start, label
 
-    found = _nearer(here_of(), (of("ir_drift"),), {}, refit)
+    found = nearer(here_of(), (of("ir_drift"),), {}, refit)
     expected = [part for part in NEARER if part > largest]
     expected.append(NEARER[len(expected)])
     assert begun == pytest.approx(expected, abs=1e-4) and not isinstance(found, str)
@@ -181,7 +181,7 @@ def test_where_no_start_can_be_run_the_first_reason_is_said() -> None:
         begun.append(label)
         raise NumericsError(f"broken {len(begun)}")
 
-    assert str(_nearer(here_of(), (of("ir_drift"),), {}, refit)).startswith("broken 1 (nor can it be run from 0.0156")
+    assert str(nearer(here_of(), (of("ir_drift"),), {}, refit)).startswith("broken 1 (nor can it be run from 0.0156")
     assert len(begun) == len(NEARER)
 
 
@@ -192,7 +192,7 @@ def failing(*_: Any) -> Any:
 def test_a_trial_whose_judgement_fails_is_unjudged_and_touches_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """The refit runs, what follows does not."""
     monkeypatch.setattr(module, "scans", lambda *_: [{}])
-    monkeypatch.setattr(module, "_ended", failing)
+    monkeypatch.setattr(module, "ended_at", failing)
     means: Any = SimpleNamespace(refit=lambda start, _: (start, None))
     fit: Any = None
     for trial, found in (
@@ -214,7 +214,7 @@ def test_a_trial_that_no_start_runs_is_unjudged(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(("fall", "worth"), [(9.9, False), (10.1, True)])
 def test_exponents_are_fitted_where_the_objective_falls_by_ten(fall: float, worth: bool) -> None:
     start: Any = (WITH_EXPONENTS, SimpleNamespace(f=100.0))
-    found, said = _freed(start, ("lamp.start",), "lamp", lambda p, _: (p, SimpleNamespace(f=100.0 - fall, converged=True)))  # type: ignore[return-value,arg-type]
+    found, said = freed_refit(start, ("lamp.start",), "lamp", lambda p, _: (p, SimpleNamespace(f=100.0 - fall, converged=True)))  # type: ignore[return-value,arg-type]
     assert (found is not None) is worth and (said == "fitted") is worth
     if found is not None:
         assert "lamp.start" in found[0].free
@@ -248,12 +248,12 @@ def ended(
         gain, why = gains[end[1].of]
         return Trial(tuple(scores), replace(GOOD, gain=gain), {}, {}, 0.0, why), None if why else end[1].of
 
-    monkeypatch.setattr(module, "_freed", free)
-    monkeypatch.setattr(module, "_judged", judge)
+    monkeypatch.setattr(module, "freed_refit", free)
+    monkeypatch.setattr(module, "judged_trial", judge)
     means: Any = SimpleNamespace(refit=refit)
     fit: Any = None
     end: Any = (WITH_EXPONENTS, SimpleNamespace(converged=True, of="held"))
-    trial, found = _ended(here_of(cheap=cheap), fit, tuple(of(n) for n in PAIR), end, means)
+    trial, found = ended_at(here_of(cheap=cheap), fit, tuple(of(n) for n in PAIR), end, means)
     return replace(trial, exponents=f"{found}: {trial.exponents}")
 
 
@@ -304,9 +304,9 @@ def at_scans(
         one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {}, 0.0, "" if accepted else "refused")
         return one, ("there", start) if accepted else None
 
-    monkeypatch.setattr(module, "_nearer", nearer)
-    monkeypatch.setattr(module, "_ended", judge)
-    monkeypatch.setattr(module, "_at", lambda here, score, scan: score)
+    monkeypatch.setattr(module, "nearer", nearer)
+    monkeypatch.setattr(module, "ended_at", judge)
+    monkeypatch.setattr(module, "at_settings", lambda here, score, scan: score)
     here = here_of(cheap=cheap)
     here.scanned, here.settings = {"lamp": tuple(({"lamp.start": s}, None) for s in ends)}, {"lamp": {"lamp.start": next(iter(ends))}}
     fit: Any = None
@@ -341,7 +341,7 @@ def worth(monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], needed: tuple
     amplitudes = tuple(effect(n).amplitude.name for n in names)
     there = here_of(BASE.replace(**dict.fromkeys(amplitudes, 0.02)))
     fit: Any = SimpleNamespace(sigma=np.full(len(names), 1e-3), names=amplitudes)
-    return _worth(here_of(), there, [of(n) for n in names], fit)
+    return worth_of(here_of(), there, [of(n) for n in names], fit)
 
 
 @pytest.mark.parametrize(
@@ -376,7 +376,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
     prior = SimpleNamespace(name="kappa")
     monkeypatch.setattr(module, "beyond_error", lambda *_: (prior,))
     monkeypatch.setattr(module, "in_words", lambda *_: "off")
-    monkeypatch.setattr(module, "_worth", lambda *_: SimpleNamespace(proof=replace(GOOD, gain=without), refused=why))
+    monkeypatch.setattr(module, "worth_of", lambda *_: SimpleNamespace(proof=replace(GOOD, gain=without), refused=why))
     begun = []
 
     def refit(start: Parameters, label: str) -> Any:
@@ -386,7 +386,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
     end = BASE.replace(**{RATE: 0.02, "kappa": 90.0}).with_free(("kappa", "c0", RATE))
     means: Any = SimpleNamespace(refit=refit, traced=lambda *_: None)
     here = here_of(model=SimpleNamespace(priors=()))
-    found, words = _on_readings(here, [of("ir_drift")], end, GOOD, means)
+    found, words = on_readings(here, [of("ir_drift")], end, GOOD, means)
     assert found == said and words.startswith("with kappa held held-out error falls")
     (start,) = begun
     assert start["kappa"] == 120.0 and start.free == ("c0", RATE), "the reading is held where it was"
@@ -397,7 +397,7 @@ def test_an_effect_whose_own_param_no_reading_explains_is_refused(monkeypatch: p
     monkeypatch.setattr(module, "in_words", lambda *_: "off")
     means: Any = SimpleNamespace(refit=failing)
     here = here_of(model=SimpleNamespace(priors=()))
-    assert _on_readings(here, [of("ir_drift")], BASE.replace(**{RATE: 0.02}), GOOD, means) == ("off", "")
+    assert on_readings(here, [of("ir_drift")], BASE.replace(**{RATE: 0.02}), GOOD, means) == ("off", "")
 
 
 @pytest.mark.parametrize(("gain", "apart"), [(0.021, True), (0.019, False)])

@@ -12,10 +12,10 @@ import pytest
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Proof
-from thermofit.diagnose.unlisted import _closer, believed, unlisted
-from thermofit.diagnose.unlisted_loop import _resembles, in_their_stead
+from thermofit.diagnose.unlisted import believed, closer_grid, unlisted
+from thermofit.diagnose.unlisted_loop import in_their_stead, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
-from thermofit.diagnose.unlisted_structure import Blocks, Structure, _noise
+from thermofit.diagnose.unlisted_structure import Blocks, Structure, noise_of
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 
@@ -42,8 +42,8 @@ def test_noise_is_that_of_second_differences() -> None:
     """A wrong sigma is noise, a slope is not: v = 9 for noise three times as large."""
     r = 3.0 * np.random.default_rng(1).normal(size=4000)
     place, time = np.zeros(4000, dtype=int), np.arange(4000)
-    assert _noise(r, place, time) == pytest.approx(9.0, rel=0.1)
-    assert _noise(r + 0.5 * time, place, time) == pytest.approx(_noise(r, place, time), rel=1e-6)
+    assert noise_of(r, place, time) == pytest.approx(9.0, rel=0.1)
+    assert noise_of(r + 0.5 * time, place, time) == pytest.approx(noise_of(r, place, time), rel=1e-6)
 
 
 @pytest.mark.parametrize(("gain", "sigma", "asked"), [(0.1, 0.033, True), (0.1, 0.034, False), (0.0051, 1e-6, True), (0.0049, 1e-6, False)])
@@ -64,8 +64,8 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(
         module, "best_listed", lambda _here, _s, _left, names: ("refused", 0.9) if "refused" in names else ("lamp", explained)
     )
-    monkeypatch.setattr(module, "_term", lambda *_: None)
-    monkeypatch.setattr(module, "_kind_of", lambda *_: "")
+    monkeypatch.setattr(module, "term_of", lambda *_: None)
+    monkeypatch.setattr(module, "kind_of", lambda *_: "")
     found = unlisted(here, None, ["lamp"])
     assert (found is not None) is missing and (found is None or found.listed == ("refused", 0.9))
 
@@ -75,8 +75,8 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeyp
     monkeypatch.setattr(module, "unfitted", lambda *_: None)
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
-    monkeypatch.setattr(module, "_term", lambda *_: None)
-    monkeypatch.setattr(module, "_kind_of", lambda *_: "heat")
+    monkeypatch.setattr(module, "term_of", lambda *_: None)
+    monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
     assert unlisted(here, None, []) is None
 
 
@@ -92,10 +92,10 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "unfitted", lambda *_: None)
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
-    monkeypatch.setattr(module, "_term", lambda *_: term)
-    monkeypatch.setattr(module, "_settled", lambda *_: (term, None, ""))
-    monkeypatch.setattr(module, "_volumes", lambda *_: None)
-    monkeypatch.setattr(module, "_hints", lambda *_: ())
+    monkeypatch.setattr(module, "term_of", lambda *_: term)
+    monkeypatch.setattr(module, "settled", lambda *_: (term, None, ""))
+    monkeypatch.setattr(module, "volumes", lambda *_: None)
+    monkeypatch.setattr(module, "hints_of", lambda *_: ())
     monkeypatch.setattr(module, "place_of", lambda *_: SimpleNamespace(when=(4.0, 4.0 + 2.0 * (rows - 1))))
     assert (unlisted(here, None, []) is not None) is there
 
@@ -106,7 +106,7 @@ def test_fewer_hats_are_taken_unless_held_out_data_ask_for_all(worse: float, clo
     basis = SimpleNamespace(rows=np.arange(4))
     whole: Any = SimpleNamespace(basis=basis, before=np.ones(6), after=np.zeros(6), proof=replace(GOOD, sigma=0.1))
     close: Any = SimpleNamespace(basis=basis, after=np.full(6, np.sqrt(worse)))
-    assert (_closer(whole, close) is close) is closer
+    assert (closer_grid(whole, close) is close) is closer
 
 
 def test_the_window_is_where_the_term_is_above_half_of_its_plateau() -> None:
@@ -149,14 +149,14 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     monkeypatch: pytest.MonkeyPatch, excess: float, needed: bool, taken: bool
 ) -> None:
     """Of an excess of 1000 at first."""
-    monkeypatch.setattr(loop, "_without", lambda *_: None)
+    monkeypatch.setattr(loop, "without_effects", lambda *_: None)
     monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
     monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
     found: Any = SimpleNamespace(structure=structure_of(excess))
     field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None)
-    assert _resembles(closed_of(), ("a",), found, field) is taken
+    assert resembled_by(closed_of(), ("a",), found, field) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
-    assert not _resembles(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
+    assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
 
 
 def stead(
@@ -178,8 +178,8 @@ def stead(
 
     monkeypatch.setattr(loop, "standing", lambda *_: [structure_of(excess)])
     monkeypatch.setattr(loop, "broad_basis", lambda *_: Hat())
-    monkeypatch.setattr(loop, "_without", lambda _here, names: " ".join(names))
-    monkeypatch.setattr(loop, "_rows_of", lambda *_: None)
+    monkeypatch.setattr(loop, "without_effects", lambda _here, names: " ".join(names))
+    monkeypatch.setattr(loop, "rows_of", lambda *_: None)
     monkeypatch.setattr(loop, "held_out_of", lambda *_: np.array(["now"]))
     monkeypatch.setattr(loop, "field_of", field)
     monkeypatch.setattr(loop, "compared", compare)

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 from strip import MODEL, Source, fitted, numerical, refitting, spot, strip_case
 
-from thermofit.cli.printing_loop import _unlisted
+from thermofit.cli.printing_loop import unlisted_lines
 from thermofit.core.jsonable import jsonable
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced
@@ -119,7 +119,7 @@ def test_figure_and_file_are_written_into_the_run_folder(tmp_path: Path) -> None
     assert Path(said["figure"]).stat().st_size > 10_000 and Path(said["effect_file"]).name == "unlisted_heat.py"
     assert {"unlisted/value", "unlisted/strength"} <= set(unlisted_datasets(found))
     console = Console(record=True, width=150, file=io.StringIO())
-    _unlisted(console, jsonable(said))
+    unlisted_lines(console, jsonable(said))
     shown = console.export_text()
     assert "unlisted: a heat source in theta" in shown and "held-out theta without, with" in shown and "unlisted_heat.py" in shown
 

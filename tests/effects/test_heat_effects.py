@@ -148,8 +148,8 @@ def test_initial_gradient_is_the_slowest_mode_and_a_tilt() -> None:
 
 
 def test_where_an_effect_acts_must_be_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "_EFFECTS", dict(catalogue._EFFECTS))
-    monkeypatch.setattr(parameters, "_OF_EFFECTS", dict(parameters._OF_EFFECTS))
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(parameters, "OF_EFFECTS", dict(parameters.OF_EFFECTS))
     text = """
 from thermofit.core.parameters import Param
 SLOT, FORMULA, SOURCE = "surface_flux", "q += q0", "made up"

@@ -121,8 +121,8 @@ def marches(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def test_what_the_heat_equation_alone_feels_follows_from_the_slots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All Params of effects of the heat problem, none of another, and those of a user's file without a word here."""
-    monkeypatch.setattr(catalogue, "_EFFECTS", dict(catalogue._EFFECTS))
-    monkeypatch.setattr(declared, "_OF_EFFECTS", dict(declared._OF_EFFECTS))
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     path = tmp_path / "humming.py"
     path.write_text(
         "from thermofit.core.parameters import Param\n"

@@ -36,8 +36,8 @@ ARGUMENTS = {
 @pytest.fixture(autouse=True)
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Effects of these tests are not known to others."""
-    monkeypatch.setattr(catalogue, "_EFFECTS", dict(catalogue._EFFECTS))
-    monkeypatch.setattr(parameters, "_OF_EFFECTS", dict(parameters._OF_EFFECTS))
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(parameters, "OF_EFFECTS", dict(parameters.OF_EFFECTS))
 
 
 def written(folder: Path, slot: str, result: str) -> Path:

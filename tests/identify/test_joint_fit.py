@@ -76,7 +76,7 @@ def test_an_exponent_is_looked_for_before_all_are_fitted(tmp_path: Path) -> None
 def test_an_exponent_that_does_not_settle_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The others are fitted with it at the value that it has come to; it is no longer among the fitted ones."""
     monkeypatch.setattr(refit, "EXPONENT_EVALUATIONS", 2)
-    monkeypatch.setattr(JointFit, "_approached", lambda self, start, label: start)
+    monkeypatch.setattr(JointFit, "approached", lambda self, start, label: start)
     free = (*BASIC, *RATE)
     joint = fit_of(tmp_path, free)
     begin = start(free, **{"rate_logarithmic.C": 0.01, "rate_logarithmic.reference": 1e-5})

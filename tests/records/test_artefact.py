@@ -302,7 +302,7 @@ def test_interrupt_while_writing_leaves_the_old_artefact_and_no_rubbish(tmp_path
     def interrupted(value: np.ndarray) -> dict[str, object]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(artefact, "_storage", interrupted)
+    monkeypatch.setattr(artefact, "storage_of", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_record(tmp_path / "run" / "a.h5", content(tmp_path, seed=2))
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["a.h5"]

@@ -53,17 +53,17 @@ def test_nested_use_shares_the_display(terminal: Terminal) -> None:
         for name in ("first", "second"):
             with progress(name, None) as inner:
                 inner(5)
-                assert len(module._outer[0].tasks) == 2
-            assert len(module._outer[0].tasks) == 1
+                assert len(module.displays[0].tasks) == 2
+            assert len(module.displays[0].tasks) == 1
         outer()
-    assert not module._outer
+    assert not module.displays
     assert "outer" in terminal.getvalue()
 
 
 def test_interrupt_passes_through_and_closes_the_display(terminal: Terminal) -> None:
     with pytest.raises(KeyboardInterrupt), redirect_stderr(terminal), progress("outer", 1), progress("inner", 1):
         raise KeyboardInterrupt
-    assert not module._outer
+    assert not module.displays
     with redirect_stderr(terminal), progress("again", 1) as advance:
         advance()
     assert "again" in terminal.getvalue()

@@ -168,7 +168,7 @@ def test_a_worker_that_does_not_see_the_run_folder_answers_the_same(study_of: St
     study = study_of()
     whole = open_record(study.run_dir / "gridsearch.h5")
     stage = ready(study, "thermal")
-    stage, optimum = gridsearch._with_optimum(study, gridsearch._settings(study), stage)
+    stage, optimum = gridsearch.with_optimum(study, gridsearch.settings_of(study), stage)
     common = trials.setup(study, stage, job(study.run_dir, "gridsearch", stage.config, stage.inputs), optimum)
     away = replace(common, keep=replace(common.keep, path=tmp_path / "elsewhere" / "gridsearch.h5"), mark="x")
     answer = pickle.loads(pickle.dumps(trials.trial_answer(*pickle.loads(pickle.dumps((away, "gridsearch.2", SECOND, False))))))

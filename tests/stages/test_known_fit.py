@@ -30,13 +30,13 @@ def without_counts(summary: dict[str, Any], folder: Path) -> Any:
 def labels(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Labels of the fits that are made."""
     made: list[str] = []
-    real = refit.JointFit._minimised
+    real = refit.JointFit.minimised_on
 
     def noted(self: refit.JointFit, start: Any, model: Any, label: str, *how: Any, **more: Any) -> Any:
         made.append(label)
         return real(self, start, model, label, *how, **more)
 
-    monkeypatch.setattr(refit.JointFit, "_minimised", noted)
+    monkeypatch.setattr(refit.JointFit, "minimised_on", noted)
     return made
 
 

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from thermofit.cli import main
 from thermofit.core.errors import DataError, StudyError
-from thermofit.identify.necking import Sections, _linearised, _problem, fit_sections, sections_of
+from thermofit.identify.necking import Sections, fit_sections, necking_linearised, necking_problem, sections_of
 from thermofit.identify.necking_check import other_rates
 from thermofit.identify.necking_law import HardeningLaw, held_strain, section_states
 from thermofit.read.section_strain import SectionStrain
@@ -100,12 +100,12 @@ def test_sections_follow_the_neck_and_stop_at_the_maximum() -> None:
 
 def test_exact_derivatives() -> None:
     found = at_strain(made_up(), 0.8)
-    x = _problem(found, TRUE_RATE, 1.4, 8.0).start
-    _, matrix = _linearised(found, TRUE_RATE, x)
+    x = necking_problem(found, TRUE_RATE, 1.4, 8.0).start
+    _, matrix = necking_linearised(found, TRUE_RATE, x)
     for k in (0, 1, 2, 5, len(x) - 1):
         step = np.zeros(len(x))
         step[k] = 1e-6
-        numeric = (_linearised(found, TRUE_RATE, x + step)[0] - _linearised(found, TRUE_RATE, x - step)[0]) / 2e-6
+        numeric = (necking_linearised(found, TRUE_RATE, x + step)[0] - necking_linearised(found, TRUE_RATE, x - step)[0]) / 2e-6
         np.testing.assert_allclose(matrix[:, k], numeric, rtol=1e-5, atol=1e-5 * np.abs(matrix[:, k]).max())
 
 

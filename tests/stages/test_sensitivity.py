@@ -64,9 +64,9 @@ def test_same_answer_as_identifying_with_that_value(study_of: StudyOf) -> None:
 
 
 def test_reference_temperature_follows_the_jaws() -> None:
-    assert sensitivity._given(_with(()), "theta_clamp", 296.0) == {"theta_clamp": 296.0, "theta_ref": 296.0}
-    assert sensitivity._given(_with(("theta_ref",)), "theta_clamp", 296.0) == {"theta_clamp": 296.0}
-    assert sensitivity._given(_with(()), "theta_air", 296.0) == {"theta_air": 296.0}
+    assert sensitivity.given_values(_with(()), "theta_clamp", 296.0) == {"theta_clamp": 296.0, "theta_ref": 296.0}
+    assert sensitivity.given_values(_with(("theta_ref",)), "theta_clamp", 296.0) == {"theta_clamp": 296.0}
+    assert sensitivity.given_values(_with(()), "theta_air", 296.0) == {"theta_air": 296.0}
 
 
 def _with(names: tuple[str, ...]) -> Study:

@@ -42,7 +42,7 @@ def test_truth_that_no_virtual_test_would_show_is_refused(tmp_path: Path, name: 
     path = tiny.write(tmp_path, content)
     simulate = tiny.stage_run("simulate")
     with monkeypatch.context() as before:
-        before.setattr("thermofit.stages.simulate._refuse_unseen", lambda study: None)
+        before.setattr("thermofit.stages.simulate.refuse_unseen", lambda study: None)
         simulate(load_study(path))
     with pytest.raises(StudyError, match=f"simulate.truth.{name}' belongs to {name.split('.')[0]}, which acts on the measurement"):
         simulate(load_study(path))

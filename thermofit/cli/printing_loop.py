@@ -26,7 +26,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     for text in result.get("undecided") or ():
         console.print(f"undecided  {text}", soft_wrap=True)
     if result.get("unlisted"):
-        _unlisted(console, result["unlisted"])
+        unlisted_lines(console, result["unlisted"])
     if result.get("study"):
         console.print(f"study     {result['study']}", soft_wrap=True)
 
@@ -95,7 +95,7 @@ def _error(table: Mapping[str, Any], kind: str, channel: str) -> str:
     return number(value, 4) if sigma is None else f"{value:.4g} +- {sigma:.1g}"
 
 
-def _unlisted(console: Console, said: Mapping[str, Any]) -> None:
+def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
     """What no effect of the catalogue explains: place, window, strength, error with the reconstructed term, hints, files."""
     listed = said["best_listed"]
     explained = "no listed effect explains any of it"

@@ -87,11 +87,11 @@ def _with_effects(own: str) -> str:
     foreign = effect_files()
     if not foreign:
         return own
-    return hashlib.sha256("".join([own, *_of_users(foreign)]).encode()).hexdigest()
+    return hashlib.sha256("".join([own, *of_users(foreign)]).encode()).hexdigest()
 
 
 @lru_cache(maxsize=16)
-def _of_users(files: tuple[Path, ...]) -> tuple[str, ...]:
+def of_users(files: tuple[Path, ...]) -> tuple[str, ...]:
     """Digests of the user's effect files when this process first asked, before it loaded them: an edit meanwhile is not what runs."""
     return tuple(path_digest(path) for path in files)
 

@@ -62,14 +62,14 @@ def set_threads(n: int) -> int:
     return number
 
 
-def _use_cache() -> Path:
+def use_cache() -> Path:
     """Create the folder of this digest, remove forgotten ones, and return it."""
     name = f"{kernel_digest()[:16]}-py{platform.python_version()}-numba{numba.__version__}"
     root = cache_root() / "numba"
     folder = root / name
     if _writable(folder):
         os.utime(folder)
-        _remove_forgotten(root, time.time() - KEEP_DAYS * 86400.0)
+        remove_forgotten(root, time.time() - KEEP_DAYS * 86400.0)
     else:
         folder = _private_temporary() / name
         folder.mkdir(exist_ok=True)
@@ -99,7 +99,7 @@ def _private_temporary() -> Path:
     return Path(tempfile.mkdtemp(prefix="thermofit-"))
 
 
-def _remove_forgotten(root: Path, before: float) -> None:
+def remove_forgotten(root: Path, before: float) -> None:
     """Remove caches last used before that time, as far as possible: a cache is never worth a failure."""
     try:
         forgotten = [folder for folder in root.iterdir() if folder.is_dir() and folder.stat().st_mtime < before]
@@ -109,5 +109,5 @@ def _remove_forgotten(root: Path, before: float) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-CACHE_FOLDER = _use_cache()
+CACHE_FOLDER = use_cache()
 """Folder of the compiled kernels of these sources."""

@@ -79,7 +79,7 @@ LAW: tuple[Param, ...] = (
 
 NAMES: tuple[str, ...] = tuple(param.name for param in LAW)
 _BY_NAME = {param.name: param for param in LAW}
-_OF_EFFECTS: dict[str, Param] = {}
+OF_EFFECTS: dict[str, Param] = {}
 
 
 def acting(*where: str) -> tuple[str, ...]:
@@ -96,24 +96,24 @@ def declare(params: Iterable[Param]) -> None:
     for one in params:
         if "." not in one.name or one.name in _BY_NAME:
             raise StudyError(f"parameter '{one.name}' of an effect: expected a name of the form <effect>.<param>")
-        if _OF_EFFECTS.setdefault(one.name, one) != one:
+        if OF_EFFECTS.setdefault(one.name, one) != one:
             raise StudyError(f"parameter '{one.name}' is declared twice with different content; give the effect another name")
 
 
 def effect_names() -> tuple[str, ...]:
     """Names of the Params of all effects that are known, in the order of their declaration."""
-    return tuple(_OF_EFFECTS)
+    return tuple(OF_EFFECTS)
 
 
 def known_names() -> tuple[str, ...]:
     """Names of all Params: those of the base law, then those of the effects."""
-    return (*NAMES, *_OF_EFFECTS)
+    return (*NAMES, *OF_EFFECTS)
 
 
 def is_known(name: str) -> bool:
     """True for the name of a Param, also where it is that of one experiment (<param>@<experiment>)."""
     bare = bare_name(name)
-    return bare in _BY_NAME or bare in _OF_EFFECTS
+    return bare in _BY_NAME or bare in OF_EFFECTS
 
 
 def bare_name(name: str) -> str:
@@ -123,7 +123,7 @@ def bare_name(name: str) -> str:
 
 def param(name: str) -> Param:
     """The Param of that name; StudyError where there is none."""
-    found = _BY_NAME.get(name) or _OF_EFFECTS.get(name)
+    found = _BY_NAME.get(name) or OF_EFFECTS.get(name)
     if found is None and AT in name:
         return replace(param(bare_name(name)), name=name)
     if found is None:

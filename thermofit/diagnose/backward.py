@@ -49,7 +49,7 @@ def _own(here: Traced, name: str) -> list[int]:
     return [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
 
 
-def _without_columns(here: Traced, name: str) -> tuple[np.ndarray, np.ndarray]:
+def without_columns(here: Traced, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Residual and fitted columns if the effect of that name were back at neutral, to first order."""
     free, own = here.case.parameters.free, _own(here, name)
     amplitudes = [k for k in own if not param(free[k]).scan]
@@ -60,7 +60,7 @@ def _without_columns(here: Traced, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def still_needed(here: Traced, name: str) -> bool:
     """Whether the held-out error rises when an accepted effect is taken away again."""
-    residual, fitted = _without_columns(here, name)
+    residual, fitted = without_columns(here, name)
     own, (low, high) = _own(here, name), room(here)
     left = (np.delete(low, own), np.delete(high, own))
     ends, folds = (held_out_residual(residual, fitted, here.split, left), held_out_of(here)), len(here.split.held_out)
@@ -90,10 +90,10 @@ def made_up_for(here: Traced, name: str, others: Sequence[str], means: Means) ->
     exponents = tuple(p.name for other in others for p in effect(other).exponents if p.name not in free)
     if here.case.cheap or not exponents:  # of coupons every exponent is tried free already
         return None
-    residual, fitted = _without_columns(here, name)
+    residual, fitted = without_columns(here, name)
     done = residual - here.columns.residual
     columns = here.case.model.linearised(here.case.parameters, exponents)[1]
-    left, most = (_beyond(done, part) for part in (np.concatenate([fitted, columns], axis=1), fitted))
+    left, most = (beyond_columns(done, part) for part in (np.concatenate([fitted, columns], axis=1), fitted))
     if left > (1.0 - STANDS_IN) * most:
         return None
     start = _neutral(here, name)
@@ -104,7 +104,7 @@ def made_up_for(here: Traced, name: str, others: Sequence[str], means: Means) ->
     return None if (proof_of_refit(there, here, name) or found).convinces else (there, fit)
 
 
-def _beyond(change: np.ndarray, columns: np.ndarray) -> float:
+def beyond_columns(change: np.ndarray, columns: np.ndarray) -> float:
     """Square of what columns (n, k) leave of a change (n,)."""
     size = np.linalg.norm(columns, axis=0)
     unit = columns[:, size > 0.0] / size[size > 0.0]

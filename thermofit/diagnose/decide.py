@@ -146,11 +146,11 @@ def _runs(here: Traced, family: Family, known: frozenset[str]) -> _Runs:
     wanted = tuple(effect(n) for n in family.members if n in known)
     if not wanted:
         return []
-    parameters, usual, noise = _at_point(here, family, known), _usual(here), _noise(here)
+    parameters, usual, noise = at_point(here, family, known), _usual(here), _noise(here)
     return [(p, columns(p, usual, parameters, wanted, noise)) for p in PROGRAMMES]
 
 
-def _at_point(here: Traced, family: Family, known: frozenset[str]) -> Parameters:
+def at_point(here: Traced, family: Family, known: frozenset[str]) -> Parameters:
     """The parameters of a coupon: free are those that it feels, but for what the added effect of a family has; the instruments of a body do
     not look at it."""
     base = here.case.parameters

@@ -105,7 +105,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         except NumericsError as error:
             remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
         first = first if accepted else here
-        trials, winner = _turn(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
+        trials, winner = next_round(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
         if winner is None:
             rounds.append(Round(here, tuple(trials), ()))
             break
@@ -118,10 +118,10 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     still = tuple(s.effect for s in here.promising()) if full else ()
     names = tuple(accepted)
     closed = Closed(tuple(rounds), first, here, fit, names, (), refit, numerical, tuple(remarks), unjudged, still, base)
-    return against_base(_backward(closed, how), how).as_base()
+    return against_base(backward_check(closed, how), how).as_base()
 
 
-def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
+def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
     """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect.
 
     Of coupons, of which all are refitted: the simplest of those that predict about as well."""
@@ -131,7 +131,7 @@ def _turn(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[T
     winner: tuple[Trial, Accepted] | None = None
     for score in candidates(here) if room > 0 else ():
         enough = len(trials) >= TRIED_PER_ROUND
-        if winner is not None and not here.case.cheap and (enough or not _rivals(here, score.effect, winner[0].gain)):
+        if winner is not None and not here.case.cheap and (enough or not rivals(here, score.effect, winner[0].gain)):
             continue
         trial, found = tried(here, fit, score, means)
         trials.append(trial)
@@ -168,7 +168,7 @@ def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Tri
     return replace(trial, scores=(replace(score, family=(*score.family, *alike)),))
 
 
-def _backward(closed: Closed, how: str) -> Closed:
+def backward_check(closed: Closed, how: str) -> Closed:
     """Without the effects that those of later rounds have made needless."""
     here, fit, means, remarks = closed.last, closed.fit, Means(closed.refit, closed.numerical, how), list(closed.remarks)
     dropped: list[str] = []
@@ -232,7 +232,7 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     return begin, now, fit, sharp.refit, sharp.numerical
 
 
-def _rivals(here: Traced, name: str, gain: float) -> bool:
+def rivals(here: Traced, name: str, gain: float) -> bool:
     """Whether an effect could gain more on held-out data, by its linearised gain, than another one has gained by its refit."""
     proved = here.proofs[name]
     return proved.gain + SURE * proved.sigma > gain

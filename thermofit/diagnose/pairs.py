@@ -72,7 +72,7 @@ def pairs_of(here: Traced) -> list[Pair]:
     for one, other in combinations([s for s in scores if s.effect in scans], 2):
         best: Pair | None = None
         for i, j in product(range(len(scans[one.effect])), range(len(scans[other.effect]))):
-            pair = _stepped((one, other), (scans[one.effect][i], scans[other.effect][j]), (own[one.effect, i], own[other.effect, j]), left)
+            pair = stepped((one, other), (scans[one.effect][i], scans[other.effect][j]), (own[one.effect, i], own[other.effect, j]), left)
             if pair is not None and (best is None or pair.drop > best.drop):
                 best = pair
         if best is not None:
@@ -84,7 +84,7 @@ def _known(here: Traced) -> set[str]:
     return set(here.problem.dormant)
 
 
-def _stepped(scores: tuple[Score, Score], at: tuple[Scan, Scan], s: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> Pair | None:
+def stepped(scores: tuple[Score, Score], at: tuple[Scan, Scan], s: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> Pair | None:
     """A pair after one joint step; None where both act alike, or an estimate is outside its physical bounds."""
     both = np.concatenate(s, axis=1)
     size = np.linalg.norm(both, axis=0)
@@ -113,7 +113,7 @@ def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: M
     trials: list[Trial] = []
     best: tuple[Trial, Accepted] | None = None
     found_pairs = pairs_of(here)
-    for pair in _worth_a_refit(here, found_pairs):
+    for pair in worth_a_refit(here, found_pairs):
         trial, found = tried_together(here, fit, pair.scores, pair.settings, means)
         if found is not None and trial.achieved_drop <= by_chance(found_pairs, found[1], fit):
             trial, found = replace(trial, refused="of all pairs that were looked at, one reaches as much by chance"), None
@@ -139,7 +139,7 @@ def _better(here: Traced, one: Traced, other: Traced) -> bool:
     return compared(*ends, here.rows, len(here.split.held_out), here.problem.noise, other.columns.residual).convinces
 
 
-def _worth_a_refit(here: Traced, pairs: Sequence[Pair]) -> list[Pair]:
+def worth_a_refit(here: Traced, pairs: Sequence[Pair]) -> list[Pair]:
     """The pairs that are refitted: of coupons those with the largest predicted fall, of a body the one that temperatures on the known
     motion show to predict better than every single effect there; none where that cannot be asked."""
     if here.case.cheap:

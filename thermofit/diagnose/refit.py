@@ -163,17 +163,17 @@ class JointFit:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
         most *= OFTEN if self.model.cheap else 1
-        start = self._approached(start, label)
-        parameters, fit = self._minimised(start, self.model, label, most)
+        start = self.approached(start, label)
+        parameters, fit = self.minimised_on(start, self.model, label, most)
         exponents = [name for name in start.free if param(name).scan]
         if not self.model.cheap and exponents and not fit.converged:
             # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
             held = parameters.with_free(tuple(name for name in parameters.free if name not in exponents))
-            parameters, fit = self._minimised(held, self.model, f"{label} held", most)
+            parameters, fit = self.minimised_on(held, self.model, f"{label} held", most)
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
 
-    def _approached(self, start: Parameters, label: str) -> Parameters:
+    def approached(self, start: Parameters, label: str) -> Parameters:
         """Parameters after a fit of the mechanical ones to the displacements and one of the thermal ones to the temperatures.
 
         The way from far off is long and bent in the thermal ones (conductivity against contact), where a heat run costs a tenth of a
@@ -221,7 +221,7 @@ class JointFit:
         for turn, begin in enumerate((start, start.replace(**first))):
             name = f"{label} temperatures {turn}"
             try:
-                there, fit = self._minimised(begin.with_free(thermal), model, name, HEAT_EVALUATIONS, NEGLIGIBLE)
+                there, fit = self.minimised_on(begin.with_free(thermal), model, name, HEAT_EVALUATIONS, NEGLIGIBLE)
             except NumericsError as error:
                 self.failures.append(f"{name}: the start failed ({error})")
                 continue
@@ -248,7 +248,7 @@ class JointFit:
                 begin = as_strong(start, name, value, flow, self.study.model).with_free(others)
                 for turn, stronger in enumerate(STRONGER):
                     try:
-                        there, fit = self._minimised(
+                        there, fit = self.minimised_on(
                             _scaled(begin, name, stronger), model, f"{label} {name} {tried}.{turn}", PART_EVALUATIONS, COARSELY
                         )
                     except NumericsError as error:
@@ -258,9 +258,9 @@ class JointFit:
                 return float("inf"), begin
 
             start = profiled(at, start[name], name)
-        return self._minimised(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE)[0]
+        return self.minimised_on(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE)[0]
 
-    def _minimised(
+    def minimised_on(
         self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None
     ) -> tuple[Parameters, FitResult]:
         """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given."""

@@ -48,8 +48,8 @@ class _End:
 def retraced(here: Traced) -> Traced:
     """The trace with proofs, estimates and families of refits on the known motion; the same where one step is enough, or where no two
     effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
-    asked = _asked(here)
-    if here.case.heated is None or len(asked) < 2 or _enough(here):
+    asked = asked_of(here)
+    if here.case.heated is None or len(asked) < 2 or enough(here):
         return here
     fit = here.case.heated(here.case.parameters)
     if fit is None:
@@ -66,7 +66,7 @@ def retraced(here: Traced) -> Traced:
     return replace(here, ranking=replace(here.ranking, scores=tuple(told), unfelt=unfelt), proofs=proofs, warmed=tuple(ends))
 
 
-def _asked(here: Traced) -> tuple[Score, ...]:
+def asked_of(here: Traced) -> tuple[Score, ...]:
     """Effects that temperatures show and that stand above the threshold, the strongest first, those that cannot be last; then those of
     which next to nothing is felt where the parameters are: one step would take them out of their bounds. None that declared held-out tests
     judge."""
@@ -89,7 +89,7 @@ def _hidden(name: str) -> Score:
     return Score(name, 0.0, 0.0, 0.0, probes, dict.fromkeys(probes, float("inf")), 0.0, float("inf"), "", (name,))
 
 
-def _enough(here: Traced) -> bool:
+def enough(here: Traced) -> bool:
     """Whether the best linear step takes away half of what the residual holds beyond noise, or that is not more than chance."""
     r = here.columns.residual
     n, beyond = len(r), float(r @ r) - len(r)
@@ -105,7 +105,7 @@ def _shown(here: Traced) -> np.ndarray:
 
 def shown_alone(here: Traced, fit: HeatFit) -> dict[str, _End]:
     """Effects that temperatures show, each refitted on the known motion."""
-    return {s.effect: end for s in _asked(here) if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
+    return {s.effect: end for s in asked_of(here) if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
 
 
 def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings: Mapping[str, float]) -> _End | None:

@@ -30,7 +30,7 @@ LEVEL = 0.05
 OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
 CONVINCING = SURE + (SURE**2 + 2.0) ** 0.5
-"""|z| from which the held-out error is expected to fall by more than SURE standard errors: (z^2 - 2) / (2 z) > SURE, see `_named_from`."""
+"""|z| from which the held-out error is expected to fall by more than SURE standard errors: (z^2 - 2) / (2 z) > SURE, see `named_from`."""
 _UNFELT = 1e-6
 """Part of a column, relative to its length, below which the fitted parameters take it up entirely."""
 
@@ -86,7 +86,7 @@ class Score:
 
     `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
     r.r, `numerical_drop` that of the discretisation error alone; `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is
-    named with even odds, see `_named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
+    named with even odds, see `named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
     """
 
     effect: str
@@ -124,7 +124,7 @@ def ranked(columns: Columns) -> Ranking:
     own = {effect: s for effect, s in felt.items() if s.shape[1] > 0}
     unfelt = [effect for effect in felt if effect not in own]
     besides = [columns.felt(block) for block in columns.also_tried]
-    threshold = _threshold([*own.values(), *(s for s in besides if s.shape[1] > 0)])
+    threshold = threshold_of([*own.values(), *(s for s in besides if s.shape[1] > 0)])
     alike = likeness(own)
     scores = [_score(columns, (effect, *columns.dormant[effect]), own[effect], threshold, _family(effect, alike)) for effect in own]
     impossible = {s.effect for s in scores if s.vetoed}
@@ -182,7 +182,7 @@ def _orthonormal(a: np.ndarray) -> np.ndarray:
     return np.asarray(orth(a[:, size > 0.0] / size[size > 0.0], rcond=1e-10))
 
 
-def _threshold(blocks: Sequence[np.ndarray]) -> float:
+def threshold_of(blocks: Sequence[np.ndarray]) -> float:
     """|z| that the largest of all effects exceeds by chance with probability LEVEL: Sidak with the effective number of directions."""
     if not blocks:
         return float(norm.isf(LEVEL / 2.0))
@@ -216,13 +216,13 @@ def _score(
         estimate=estimate,
         sigma=dict(zip(felt, sd.tolist(), strict=True)),
         detectability=part,
-        detectable=_named_from(columns, float(sd[0]), float(inverse[0, 0]), numerical, threshold),
-        vetoed=_veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
+        detectable=named_from(columns, float(sd[0]), float(inverse[0, 0]), numerical, threshold),
+        vetoed=veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
         family=family,
     )
 
 
-def _named_from(columns: Columns, sd: float, inverse: float, numerical: float, threshold: float) -> float:
+def named_from(columns: Columns, sd: float, inverse: float, numerical: float, threshold: float) -> float:
     """Amplitude a of an effect of standard error `sd` that is expected to pass all that an effect has to pass to be named.
 
     z = a / sd passes the threshold. Held out, r.r falls by k (z^2 - 2), k = sd^2 / `inverse` = 1 for independent noise: a^2 / `inverse`
@@ -283,7 +283,7 @@ def _normal_quantile(size: float, degrees: int) -> float:
     return float(np.sqrt(max(size - 2.0 * degrees * np.log(max(size / degrees, 1.0)), 0.0)))
 
 
-def _veto(estimate: Mapping[str, float], sigma: Mapping[str, float]) -> str:
+def veto(estimate: Mapping[str, float], sigma: Mapping[str, float]) -> str:
     """Why an estimate cannot be: outside the physical bounds by more than two standard errors."""
     for name, value in estimate.items():
         p = param(name)

@@ -89,19 +89,19 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     settings = here.settings.get(score.effect)
     if settings is None and len(scans(own, here.case)) > 1:
         scanned = best_scans(here.case, here.problem, own)
-        score, settings = _at(here, score, scanned[0]), scanned[0][0]
+        score, settings = at_settings(here, score, scanned[0]), scanned[0][0]
     starts = [(score, settings or {})]
     # The first values of the exponents are those of the score; at others the same run may be possible.
-    starts += [(_at(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
+    starts += [(at_settings(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
     failures = []
     best: tuple[Trial, Accepted | None] | None = None
     first: Trial | None = None
     for score, chosen in starts:
-        begun = _nearer(here, (score,), chosen, means.refit)
+        begun = nearer(here, (score,), chosen, means.refit)
         if isinstance(begun, str):
             failures.append(begun)
             continue
-        ended = _ended(here, fit, (score,), begun, means)
+        ended = ended_at(here, fit, (score,), begun, means)
         first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
@@ -121,10 +121,10 @@ def tried_together(
 ) -> tuple[Trial, Accepted | None]:
     """Refit with two effects at the given values of their exponents; accepted as one effect is, where each is needed beside the other."""
     try:
-        begun = _nearer(here, scores, chosen, means.refit)
+        begun = nearer(here, scores, chosen, means.refit)
         if isinstance(begun, str):
             return _failed(tuple(scores), f"the refit failed: {begun}"), None
-        return _ended(here, fit, tuple(scores), begun, means)
+        return ended_at(here, fit, tuple(scores), begun, means)
     except NumericsError as error:
         return _failed(tuple(scores), f"a run that judges it failed: {error}"), None
 
@@ -134,7 +134,7 @@ def _failed(scores: tuple[Score, ...], why: str) -> Trial:
     return Trial(scores, None, estimate, {}, 0.0, why, unjudged=True)
 
 
-def _at(here: Traced, score: Score, scan: Scan) -> Score:
+def at_settings(here: Traced, score: Score, scan: Scan) -> Score:
     """The score of an effect at other values of its exponents."""
     names = tuple(p.name for p in effect(score.effect).amplitudes)
     alone = replace(here.problem, dormant={score.effect: (names, scan[1])})
@@ -142,7 +142,7 @@ def _at(here: Traced, score: Score, scan: Scan) -> Score:
     return replace(found[0], family=score.family) if found else score
 
 
-def _nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], refit: Refit) -> End | str:
+def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], refit: Refit) -> End | str:
     """Optimum from the first start that can be run: the one-step estimate of the amplitudes, or a part of it. In words why, where none."""
     why = ""
     for part in NEARER:
@@ -159,16 +159,16 @@ def _nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], 
     return f"{why} (nor can it be run from {NEARER[-1]:g} of the estimate)"
 
 
-def _ended(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
+def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
     """The better of the refit with exponents held and with them free, judged."""
     parameters = end[0]
     names = [s.effect for s in scores]
     label = " ".join(names)
     groups = [tuple(p.name for p in effect(n).exponents) for n in names]
     scanned = tuple(n for group in groups for n in group)
-    freed, said = _freed(end, scanned, label, means.refit)
+    freed, said = freed_refit(end, scanned, label, means.refit)
     if not here.case.cheap:
-        trial, found = _judged(here, fit, scores, freed or end, means)
+        trial, found = judged_trial(here, fit, scores, freed or end, means)
         return replace(trial, exponents=said), found
     held = _held(parameters, scanned) if scanned else ""
     if freed is not None:
@@ -179,9 +179,9 @@ def _ended(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, me
     ends = [(end, said)] + ([(freed, of_freed)] if freed is not None else [])
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
         parts = groups if len(names) > 1 else [(name,) for name in scanned]
-        singly = [(_freed(end, part, label, means.refit), part) for part in parts if part]
+        singly = [(freed_refit(end, part, label, means.refit), part) for part in parts if part]
         ends += [(one[0], f"{', '.join(part)} {one[1]}") for one, part in singly if one[0] is not None and one[0][1].converged]
-    judged = [(*_judged(here, fit, scores, e, means), words) for e, words in ends]
+    judged = [(*judged_trial(here, fit, scores, e, means), words) for e, words in ends]
     trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said), found
 
@@ -214,7 +214,7 @@ def _held(parameters: Parameters, names: Sequence[str]) -> str:
     return "held at " + ", ".join(f"{n} = {parameters[n]:.3g}" for n in names)
 
 
-def _freed(start: End, scanned: tuple[str, ...], label: str, refit: Refit) -> tuple[End | None, str]:
+def freed_refit(start: End, scanned: tuple[str, ...], label: str, refit: Refit) -> tuple[End | None, str]:
     """A second refit with scanned Params of the effects free as well where the objective falls by it, and what became of them."""
     parameters, fit = start
     if not scanned:
@@ -232,14 +232,14 @@ def _freed(start: End, scanned: tuple[str, ...], label: str, refit: Refit) -> tu
     return found, "fitted" if found[1].converged else "fitted, but not settled"
 
 
-def _judged(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
+def judged_trial(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
     """What a refit is worth on held-out data; `fit` is the one without the effects."""
     parameters, after = end
     there = means.traced(here, parameters)
-    worth = _worth(here, there, scores, after)
+    worth = worth_of(here, there, scores, after)
     refused, readings = worth.refused, ""
     if not refused:
-        refused, readings = _on_readings(here, scores, parameters, worth.proof, means)
+        refused, readings = on_readings(here, scores, parameters, worth.proof, means)
     ends = ends_of([s.effect for s in scores], parameters, after)
     trial = Trial(scores, worth.proof, worth.estimate, worth.sigma, fit.f - after.f, refused, ends=ends, readings=readings)
     return trial, None if refused else (there, after)
@@ -255,7 +255,7 @@ class _Worth:
     refused: str
 
 
-def _worth(here: Traced, there: Traced, scores: Sequence[Score], after: FitResult) -> _Worth:
+def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitResult) -> _Worth:
     """What a refit that ends `there` is worth."""
     own = [effect(s.effect) for s in scores]
     names = tuple(p.name for e in own for p in e.amplitudes)
@@ -314,7 +314,7 @@ def at_bound(p: Param, value: float) -> bool:
     return any(np.isfinite(way) and way > 0.0 and abs(value - bound) <= AT_BOUND * way for bound, way in ends)
 
 
-def _on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: Proof, means: Means) -> tuple[str, str]:
+def on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: Proof, means: Means) -> tuple[str, str]:
     """Why effects are refused whose refit drives declared readings beyond their errors (empty: they are not), and their gain without.
 
     A second refit holds these readings, and the exponents, where they were. What is missing besides may drive them as well, and they stand
@@ -333,7 +333,7 @@ def _on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: 
         parameters, after = means.refit(start, f"{' '.join(e.name for e in own)} readings")
     except NumericsError as error:
         return f"{said}; the refit with it held failed ({error})", ""
-    alone = _worth(here, means.traced(here, parameters), scores, after)
+    alone = worth_of(here, means.traced(here, parameters), scores, after)
     words = f"with {', '.join(gone)} held {alone.proof.words}"
     return (said, words) if alone.refused or alone.proof.gain < OWN_GAIN * proof.gain else ("", words)
 

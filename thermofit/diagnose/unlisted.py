@@ -73,8 +73,8 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     for structure in standing(here, numerical):
         if best_listed(here, structure, left, explains)[1] >= HALF:
             continue
-        term = _term(here, structure)
-        if term is not None or not _kind_of(here.case, structure):
+        term = term_of(here, structure)
+        if term is not None or not kind_of(here.case, structure):
             found.append((structure, best_listed(here, structure, left, every), term))
     if not found:
         return None
@@ -82,12 +82,12 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     others = tuple(s.blocks.channel for s, _, _ in found if s is not structure)
     if term is None:
         return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
-    term, parameters, remark = _settled(here, structure, term)
-    place = place_of(term, _volumes(here.case, term.basis))
+    term, parameters, remark = settled(here, structure, term)
+    place = place_of(term, volumes(here.case, term.basis))
     inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
     if inside.sum() < LEAST_ROWS:
         return None
-    return Unlisted(structure.blocks.channel, structure, listed, term, place, _hints(here, term), others, parameters, remark=remark)
+    return Unlisted(structure.blocks.channel, structure, listed, term, place, hints_of(here, term), others, parameters, remark=remark)
 
 
 def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
@@ -127,7 +127,7 @@ def _stepped(here: Traced, score: Score, basis: np.ndarray, left: np.ndarray) ->
     return np.asarray(left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0])
 
 
-def _kind_of(case: Case, structure: Structure) -> str:
+def kind_of(case: Case, structure: Structure) -> str:
     """Kind of term that a channel can show; empty where there is none."""
     if case.model.missing is None:
         return ""
@@ -141,14 +141,14 @@ def believed(field: Field) -> bool:
 
 def broad_basis(case: Case, structure: Structure) -> Basis | None:
     """The hats over all places and times with which the term of a channel is first sought; None where it has no kind of term."""
-    missing, kind = case.model.missing, _kind_of(case, structure)
+    missing, kind = case.model.missing, kind_of(case, structure)
     if missing is None or not kind:
         return None
     grid = missing.grid(kind, (IN_TIME, 1, 1) if case.model.segments is not None else COUNTS[kind])
     return basis(case, structure, kind, grid, np.arange(grid.size))
 
 
-def _term(here: Traced, structure: Structure) -> Field | None:
+def term_of(here: Traced, structure: Structure) -> Field | None:
     """The reconstructed term of a channel, None where held-out data do not ask for one."""
     broad, missing = broad_basis(here.case, structure), here.case.model.missing
     if broad is None or missing is None:
@@ -160,7 +160,7 @@ def _term(here: Traced, structure: Structure) -> Field | None:
     if kind != "heat":
         return whole
     if here.case.model.segments is not None:
-        return _closer(whole, solved(here, basis(here.case, structure, kind, grid, _lasting(whole))))
+        return closer_grid(whole, solved(here, basis(here.case, structure, kind, grid, _lasting(whole))))
     near = compact(whole.values, whole.sigma)
     in_time = min(IN_TIME, MOST_HATS // int(near.sum()))
     if in_time <= counts[0]:
@@ -168,10 +168,10 @@ def _term(here: Traced, structure: Structure) -> Field | None:
     finer = replace(missing.grid(kind, (in_time, *counts[1:])), x=grid.x, y=grid.y)
     chosen = np.flatnonzero(np.broadcast_to(near[None, :, :, None], finer.shape).ravel())
     close = solved(here, basis(here.case, structure, kind, finer, chosen))
-    return _closer(whole, close)
+    return closer_grid(whole, close)
 
 
-def _closer(whole: Field, close: Field) -> Field:
+def closer_grid(whole: Field, close: Field) -> Field:
     """The field of fewer hats, unless held-out data ask for all of them."""
     own = whole.basis.rows
     worse = np.nanmean(close.after[own] ** 2) - np.nanmean(whole.after[own] ** 2)
@@ -189,7 +189,7 @@ def _lasting(whole: Field) -> np.ndarray:
     return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
 
 
-def _settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
+def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
     hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum."""
     case, first = here.case, term
@@ -228,12 +228,12 @@ def solved(here: Traced, hat: Basis) -> Field:
     return field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split)
 
 
-def _volumes(case: Case, hat: Basis) -> np.ndarray | None:
+def volumes(case: Case, hat: Basis) -> np.ndarray | None:
     """Volumes (n_places,) mm^3 where the term is a heat source of a body."""
     return None if hat.kind != "heat" or case.model.missing is None else case.model.missing.volumes(hat.grid)
 
 
-def _hints(here: Traced, term: Field) -> tuple[Hint, ...]:
+def hints_of(here: Traced, term: Field) -> tuple[Hint, ...]:
     """What the term goes with where it is: over the hats that were chosen."""
     grid, missing = term.basis.grid, here.case.model.missing
     assert missing is not None

@@ -35,7 +35,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         names: tuple[str, ...] = ()
         if found is not None and found.field is not None:
             field = found.field
-            names = next(((n,) for n in closed.accepted if n not in resembles and _resembles(closed, (n,), found, field)), ())
+            names = next(((n,) for n in closed.accepted if n not in resembles and resembled_by(closed, (n,), found, field)), ())
         elif not resembles:
             names = in_their_stead(closed, numerical)
         if not names:
@@ -53,7 +53,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     return replace(closed, remarks=said), replace(found, resembles=tuple(resembles))
 
 
-def _resembles(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
+def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
     """True where the effects left too much behind, and are not needed beside the field. A stress over the time of each record follows
     whatever is smooth: beside it no law is needed, and none is taken back for it."""
     blocks = found.structure.blocks
@@ -62,7 +62,7 @@ def _resembles(closed: Closed, names: tuple[str, ...], found: Unlisted, field: F
     if found.structure.excess <= LEFT_BEHIND * blocks.excess(closed.first.columns.residual):
         return False
     here = closed.last
-    alone = field_of(_without(here, names), field.basis, here.rows, here.split)
+    alone = field_of(without_effects(here, names), field.basis, here.rows, here.split)
     return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
 
 
@@ -78,11 +78,11 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, .
         hat = broad_basis(here.case, structure)
         if hat is None or structure.excess <= LEFT_BEHIND * structure.blocks.excess(closed.first.columns.residual):
             continue
-        with_both, rows = field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split), _rows_of(here, hat)
+        with_both, rows = field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split), rows_of(here, hat)
         now = held_out_of(here)
         for size in range(1, len(closed.accepted) + 1):
             for names in combinations(closed.accepted, size):
-                alone = field_of(_without(here, names), hat, here.rows, here.split)
+                alone = field_of(without_effects(here, names), hat, here.rows, here.split)
                 better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
                 needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
                 if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
@@ -90,11 +90,12 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, .
     return best[1]
 
 
-def _rows_of(here: Traced, hat: Basis) -> Rows:
+def rows_of(here: Traced, hat: Basis) -> Rows:
+    """The rows that show a reconstructed term."""
     return Rows(*(of[hat.rows] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
 
 
-def _without(here: Traced, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+def without_effects(here: Traced, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Residual (n,) and fitted columns (n, p) if the effects were back at neutral, to first order."""
     free = here.case.parameters.free
     every = {n for name in names for n in effect(name).names}

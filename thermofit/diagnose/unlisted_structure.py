@@ -72,7 +72,7 @@ def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarr
         at += comparison.n
         block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
         count = np.bincount(block).astype(float)
-        noise = np.full(len(count), _noise(residual[own], *series)) + _shared(case, own, block, count, len(residual))
+        noise = np.full(len(count), noise_of(residual[own], *series)) + shared_part(case, own, block, count, len(residual))
         error = np.zeros(len(count)) if numerical is None else OVER_NUMERICAL * np.bincount(block, numerical[own], len(count)) ** 2 / count
         blocks = Blocks(case.channels[k], own, block, count, noise, error)
         excess = blocks.excess(residual)
@@ -97,7 +97,7 @@ def _places(rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool) -> 
     return block, (place, np.unique(time, return_inverse=True)[1])
 
 
-def _noise(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> float:
+def noise_of(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> float:
     """v from second differences in time of sums over places, each in units of what white noise of unit variance gives."""
     shape = (int(place.max(initial=0)) + 1, int(time.max(initial=0)) + 1)
     if shape[1] < 5:
@@ -112,7 +112,7 @@ def _noise(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> float:
     return float(np.median(second**2) / 6.0 / _MEDIAN) if len(second) > 4 else 1.0
 
 
-def _shared(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, n: int) -> np.ndarray:
+def shared_part(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, n: int) -> np.ndarray:
     """What correlation of the noise over time adds to v (n_b,): 1^T C 1 / n_b - 1."""
     at = 0
     for comparison in case.model.comparisons:

@@ -37,7 +37,7 @@ MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 FILE_SLOTS = (*MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
 """Slots that an effect file may act in."""
 SLOTS = (*BASE, *FILE_SLOTS)
-_NO_EFFECTS = ("base", "catalogue", "scene")
+NO_EFFECTS = ("base", "catalogue", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 ON_FACETS = ("surface_flux", "boundary_temperature")
 """Slots of effects that act on facet sets, which the module constant ON names."""
@@ -87,21 +87,21 @@ class Effect:
         return tuple(p.name for p in self.params)
 
 
-_EFFECTS: dict[str, Effect] = {}
+EFFECTS: dict[str, Effect] = {}
 
 
 def effects(slots: tuple[str, ...] = SLOTS) -> tuple[Effect, ...]:
     """Effects of the given slots, in the order of the slots, then by name."""
-    found = [effect for effect in _EFFECTS.values() if effect.slot in slots]
+    found = [effect for effect in EFFECTS.values() if effect.slot in slots]
     return tuple(sorted(found, key=lambda effect: (slots.index(effect.slot), effect.name)))
 
 
 def effect(name: str) -> Effect:
     """The effect of that name; <effect>@<experiment> is that of one experiment alone. StudyError where there is none."""
     bare, at, experiment = name.partition(AT)
-    if bare not in _EFFECTS:
-        raise StudyError(f"effect '{bare}' is not known; known are {', '.join(sorted(_EFFECTS))}")
-    found = _EFFECTS[bare]
+    if bare not in EFFECTS:
+        raise StudyError(f"effect '{bare}' is not known; known are {', '.join(sorted(EFFECTS))}")
+    found = EFFECTS[bare]
     if not at:
         return found
     return replace(found, name=name, params=tuple(replace(p, name=f"{p.name}{AT}{experiment}") for p in found.params))
@@ -163,7 +163,7 @@ def load_effect(path: Path) -> Effect:
 
 def _take(found: Effect) -> None:
     declare(found.params)
-    _EFFECTS[found.name] = found
+    EFFECTS[found.name] = found
 
 
 def _in_the_kernels(*_: Any) -> Any:
@@ -173,10 +173,10 @@ def _in_the_kernels(*_: Any) -> Any:
 
 def _discover() -> None:
     for e in BASE_EFFECTS:
-        _EFFECTS[e.name] = Effect(e.name, BASE[0], e.params, e.formula, e.source, _in_the_kernels, reciprocal=e.reciprocal)
+        EFFECTS[e.name] = Effect(e.name, BASE[0], e.params, e.formula, e.source, _in_the_kernels, reciprocal=e.reciprocal)
     package = importlib.import_module("thermofit.effects")
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda i: i.name):
-        if info.name in _NO_EFFECTS:
+        if info.name in NO_EFFECTS:
             continue
         found = effect_of(importlib.import_module(f"thermofit.effects.{info.name}"), info.name)
         if found is not None:

@@ -100,7 +100,8 @@ def fit_sections(sections: Sections, rate: float) -> NeckingFit:
     reason = ""
     for factor, exponent in ((1.3, 5.0), (1.8, 20.0), (3.0, 10.0)):
         try:
-            found = minimise(_problem(sections, rate, factor, exponent), "least-squares", Settings(x_tolerance=1e-5, max_evaluations=150))
+            problem = necking_problem(sections, rate, factor, exponent)
+            found = minimise(problem, "least-squares", Settings(x_tolerance=1e-5, max_evaluations=150))
         except NumericsError as error:
             reason = str(error).split(": ")[-1]
             continue
@@ -123,7 +124,8 @@ def predicted(sections: Sections, fit: NeckingFit) -> np.ndarray:
     return held_strain(fit.law, fit.offset, sections.strain.axial[:, sections.neck])
 
 
-def _problem(sections: Sections, rate: float, factor: float, exponent: float) -> Problem:
+def necking_problem(sections: Sections, rate: float, factor: float, exponent: float) -> Problem:
+    """Least squares of a start: onset of necking at `factor` times the largest measured strain, H_exp = `exponent` or less."""
     n, neck, others = sections.n_fit, sections.neck, sections.others
     axial = sections.strain.axial[:n]
     largest = float(axial[:, neck].max())
@@ -139,17 +141,17 @@ def _problem(sections: Sections, rate: float, factor: float, exponent: float) ->
     names = (*LAW, *(f"offset_{s}" for s in others), *(f"neck_{f}" for f in range(1, n)))
     low, high = BOUNDS["H_exp"]
     return Problem(
-        residual=lambda x: _linearised(sections, rate, x)[0],
+        residual=lambda x: necking_linearised(sections, rate, x)[0],
         start=np.concatenate([[start, exponent], offset, tau]),
         lower=np.concatenate([[BOUNDS["considere_strain"][0], low], np.full(n_o, _DEEPEST), np.full(n - 1, -0.05)]),
         upper=np.concatenate([[highest, high], np.full(n_o, -1e-7), np.full(n - 1, 1.0)]),
         scale=np.concatenate([[0.02, 5.0], np.full(n_o, 0.01), np.full(n - 1, 0.001)]),
         names=names,
-        linearise=lambda x: _linearised(sections, rate, x),
+        linearise=lambda x: necking_linearised(sections, rate, x),
     )
 
 
-def _linearised(sections: Sections, rate: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def necking_linearised(sections: Sections, rate: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residual, section by section, and its Jacobian. NumericsError for a law that does not harden."""
     n, neck, others = sections.n_fit, sections.neck, sections.others
     n_o = len(others)

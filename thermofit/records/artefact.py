@@ -296,7 +296,7 @@ def _write_dataset(group: h5py.Group, name: str, data: Dataset) -> h5py.Dataset:
     if kind in "UO" and all(isinstance(text, str) for text in value.flat):
         stored = group.create_dataset(name, data=value.astype(object), dtype=h5py.string_dtype())
     elif kind in "biufc":
-        stored = group.create_dataset(name, data=value, **_storage(value))
+        stored = group.create_dataset(name, data=value, **storage_of(value))
     else:
         raise ValueError(f"dataset '{name}' has the type {value.dtype}: an artefact holds numbers, truth values and texts")
     stored.attrs["unit"] = data.unit
@@ -306,7 +306,7 @@ def _write_dataset(group: h5py.Group, name: str, data: Dataset) -> h5py.Dataset:
     return stored
 
 
-def _storage(value: np.ndarray) -> dict[str, Any]:
+def storage_of(value: np.ndarray) -> dict[str, Any]:
     """Series of large fields: one chunk per first index, shuffled and LZF (a third of the size at 0.5 GB/s); else contiguous."""
     if value.nbytes < _COMPRESS_FROM or value.ndim < 2 or value[0].nbytes < 4096:
         return {}

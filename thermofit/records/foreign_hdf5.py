@@ -28,7 +28,7 @@ _DAMAGES = (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowErro
 
 
 @dataclass
-class _Budget:
+class Budget:
     """What may still be read; counted down while a tree is walked."""
 
     path: Path
@@ -62,7 +62,7 @@ def read_foreign(path: Path, name: str, skip: Callable[[str], bool] = lambda nam
     with _opened(path) as file:
         if name not in file:
             raise DataError(f"{path}: no variable '{name}' in this HDF5 file, found {', '.join(file) or 'none'}; save the whole analysis")
-        return _tree(file[name], _Budget(path, path.stat().st_size), skip, 0)
+        return tree_of(file[name], Budget(path, path.stat().st_size), skip, 0)
 
 
 @contextmanager
@@ -75,16 +75,17 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise DataError(f"{path}: cannot be read as HDF5 ({reason}), expected an undamaged file; copy or save it again") from None
 
 
-def _tree(item: h5py.HLObject, budget: _Budget, skip: Callable[[str], bool], depth: int) -> Any:
+def tree_of(item: h5py.HLObject, budget: Budget, skip: Callable[[str], bool], depth: int) -> Any:
+    """An item of a file as nested dicts, lists, arrays and texts, within the budget; DataError beyond it."""
     budget.take(item, depth)
     if isinstance(item, h5py.Group):
-        return {str(name): _tree(item[name], budget, skip, depth + 1) for name in item if not skip(name)}
+        return {str(name): tree_of(item[name], budget, skip, depth + 1) for name in item if not skip(name)}
     if not isinstance(item, h5py.Dataset):
         raise DataError(f"{budget.path}: '{item.name}' is neither a group nor a dataset, expected one of them; save the file again")
     if item.attrs.get("MATLAB_empty", 0):
         return "" if _matlab_class(item) == "char" else _no_values(item, budget)
     if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
-        return [_tree(_target(item, reference, budget), budget, skip, depth + 1) for reference in np.ravel(item[()])]
+        return [tree_of(_target(item, reference, budget), budget, skip, depth + 1) for reference in np.ravel(item[()])]
     if h5py.check_string_dtype(item.dtype) is not None:
         return np.asarray(item.asstr()[()]).T
     values = np.asarray(item[()]).T
@@ -93,7 +94,7 @@ def _tree(item: h5py.HLObject, budget: _Budget, skip: Callable[[str], bool], dep
     return values
 
 
-def _no_values(item: h5py.Dataset, budget: _Budget) -> np.ndarray:
+def _no_values(item: h5py.Dataset, budget: Budget) -> np.ndarray:
     """An empty array; MATLAB stores its shape as the values."""
     shape = np.ravel(item[()])
     if shape.size > 32 or np.prod(shape, dtype=float) != 0:
@@ -101,7 +102,7 @@ def _no_values(item: h5py.Dataset, budget: _Budget) -> np.ndarray:
     return np.zeros(tuple(int(n) for n in shape))
 
 
-def _target(item: h5py.Dataset, reference: h5py.Reference, budget: _Budget) -> h5py.HLObject:
+def _target(item: h5py.Dataset, reference: h5py.Reference, budget: Budget) -> h5py.HLObject:
     if not reference:
         raise DataError(f"{budget.path}: '{item.name}' holds a reference that leads nowhere, expected an object; save the file again")
     return item.file[reference]

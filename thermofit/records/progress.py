@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-_outer: list[Progress] = []
+displays: list[Progress] = []
 """The display on the terminal, if any: an inner progress becomes a further line of the outer one."""
 _muted = False
 
@@ -58,8 +58,8 @@ def _silent(n: float = 1, note: str = "") -> None:
 @contextmanager
 def _display() -> Iterator[Progress]:
     """The running display, or a new one on stderr."""
-    if _outer:
-        yield _outer[0]
+    if displays:
+        yield displays[0]
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -74,8 +74,8 @@ def _display() -> Iterator[Progress]:
         TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(*columns, console=Console(stderr=True)) as display:
-        _outer.append(display)
+        displays.append(display)
         try:
             yield display
         finally:
-            _outer.clear()
+            displays.clear()

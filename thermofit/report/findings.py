@@ -178,7 +178,8 @@ def _place(place: Place) -> dict[str, Any]:
     return {"f": place.f, "free": list(place.parameters.free), "parameters": values}
 
 
-def _round(turn: Round) -> dict[str, Any]:
+def round_row(turn: Round) -> dict[str, Any]:
+    """A round of the loop as plain types: ranking, trials, what was accepted."""
     return {
         "ranking": ranking_rows(turn.traced),
         "tried": [_trial(t, turn.accepted) for t in turn.trials],
@@ -207,7 +208,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         "ranking": ranking_rows(closed.first, closed.accepted),
         "accepted": list(closed.accepted),
         "dropped": list(closed.dropped),
-        "rounds": [_round(r) for r in closed.rounds],
+        "rounds": [round_row(r) for r in closed.rounds],
         "last": _place(place_of(closed.last)),
         **table,
         "study": str(study_file),
@@ -222,7 +223,7 @@ def _with_doubts(line: str, against: Sequence[str]) -> str:
 
 
 def _verdict(closed: Closed, table: dict[str, Any]) -> str:
-    errors = _errors(table)
+    errors = error_rows(table)
     if not closed.accepted:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
     families = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
@@ -243,7 +244,8 @@ def _estimates(closed: Closed, name: str) -> str:
     return ", ".join(parts)
 
 
-def _errors(table: dict[str, Any]) -> str:
+def error_rows(table: dict[str, Any]) -> str:
+    """Held-out errors before and after over the noise, in words."""
     parts = []
     for c in table["before"]["held_out"]:
         floor = table["before"]["floor"][c]

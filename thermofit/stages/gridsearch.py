@@ -35,8 +35,8 @@ def run(study: Study, *, force: bool = False, where: Executor = SERIAL) -> Outco
     named. StudyError where the study lists no starts or names a parameter that the stage does not identify; NumericsError where
     every start fails.
     """
-    settings = _settings(study)
-    stage, optimum = _with_optimum(study, settings, ready(study, settings.stage))
+    settings = settings_of(study)
+    stage, optimum = with_optimum(study, settings, ready(study, settings.stage))
     starts = (*settings.starts, *(drawn_starts(study, settings.draw, stage.base) if settings.draw is not None else ()))
     task = job(study.run_dir, NAME, {**stage.config, **study.config_of("gridsearch")}, stage.inputs)
     outcome = produce(task, lambda: _make(study, (stage, optimum), starts, task, where), force=force)
@@ -45,7 +45,7 @@ def run(study: Study, *, force: bool = False, where: Executor = SERIAL) -> Outco
     return outcome
 
 
-def _with_optimum(study: Study, settings: GridSearch, stage: Ready) -> tuple[Ready, Parameters]:
+def with_optimum(study: Study, settings: GridSearch, stage: Ready) -> tuple[Ready, Parameters]:
     """The parameters for which a one-way model is made: the optimum where the stage has been identified, else the study's start."""
     command = f"identify-{settings.stage}"
     if not artefact_path(study.run_dir, command).exists():
@@ -54,7 +54,8 @@ def _with_optimum(study: Study, settings: GridSearch, stage: Ready) -> tuple[Rea
     return replace(stage, inputs={**stage.inputs, **found}), optimum.with_free(stage.settings.free)
 
 
-def _settings(study: Study) -> GridSearch:
+def settings_of(study: Study) -> GridSearch:
+    """The study's section `gridsearch`; StudyError where it has none or names what the stage does not fit."""
     settings = study.gridsearch
     if settings is None:
         raise StudyError(f"{study.source.name}: key 'gridsearch' is missing: add its stage and starts, see `thermofit new`")

@@ -68,7 +68,7 @@ def _make(study: Study, stage: Ready, begin: float, task: Job, where: Executor) 
     settings = study.sensitivity
     assert settings is not None
     values = (begin, *settings.values)
-    givens = [_given(study, settings.quantity, value) for value in values]
+    givens = [given_values(study, settings.quantity, value) for value in values]
     trials = run_trials(_setup(study, stage, task, values), givens, [str(number) for number in range(len(values))], where)
     return _made(study, stage, settings.quantity, trials)
 
@@ -80,7 +80,7 @@ def _setup(study: Study, stage: Ready, task: Job, values: Sequence[float]) -> Se
     direct = study.model_copy(update={"numerics": study.numerics.model_copy(update={"coarse_start": False})})
     shared = stage.base if _thermal_only(stage, settings.quantity) else None
     largest = max(abs(value - values[0]) for value in values)
-    direction = dict.fromkeys(_given(study, settings.quantity, values[0]), 1.0)
+    direction = dict.fromkeys(given_values(study, settings.quantity, values[0]), 1.0)
     step = STEP * largest if largest > 0.0 else 1e-3 * max(abs(values[0]), 1.0)
     return setup(direct, stage, task, shared, (settings.quantity, direction, step))
 
@@ -91,7 +91,7 @@ def _thermal_only(stage: Ready, quantity: str) -> bool:
     return stage.settings.coupling == "one-way" and not reaches and set(stage.settings.free) <= thermal_names()
 
 
-def _given(study: Study, quantity: str, value: float) -> dict[str, float]:
+def given_values(study: Study, quantity: str, value: float) -> dict[str, float]:
     """The prescribed value; the specimen rests in the jaws, so that theta_ref follows theta_clamp where the study gives none."""
     follows = quantity == "theta_clamp" and "theta_ref" not in study.parameters
     return {quantity: value, **({"theta_ref": value} if follows else {})}

@@ -42,7 +42,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     if study.experiments:
         return each(study, NAME, run, lambda one: one.virtual, force=force)
     settings = _settings(study)
-    _refuse_unseen(study)
+    refuse_unseen(study)
     study = study.model_copy(update={"model": settings.model or study.model})
     task = job(study.run_dir, NAME, read_of(study, "name", "model", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
@@ -89,7 +89,7 @@ def _make(study: Study, settings: Simulate) -> Made:
     return _made(study, truth, history, summary, path_digest(raw))
 
 
-def _refuse_unseen(study: Study) -> None:
+def refuse_unseen(study: Study) -> None:
     """StudyError where the truth holds an effect that nothing of a virtual experiment would show: the instruments and what is between them
     and the specimen have settings of their own, and of the machine only what changes its force acts on the specimen."""
     truth = study.truth_parameters()

@@ -25,7 +25,7 @@ from thermofit.core.errors import NumericsError
 STRONG = 0.08
 """Ratio 9 K alpha^2 theta_0 / c0 from which conduction is taken into account; that of metals and polymers is less."""
 _EXACT = 1e-3
-_RESTART, _CYCLES = 40, 5
+RESTART, CYCLES = 40, 5
 
 
 def left_of(body: Body, step: HeatStep, more: float, change: np.ndarray) -> np.ndarray:
@@ -42,7 +42,7 @@ def left_of(body: Body, step: HeatStep, more: float, change: np.ndarray) -> np.n
 
     for k in np.flatnonzero(np.any(columns, axis=0)):
         right = np.ascontiguousarray(columns[:, k])
-        out[:, k], failed = gmres(LinearOperator((n, n), felt, dtype=float), right, rtol=_EXACT, restart=_RESTART, maxiter=_CYCLES)
+        out[:, k], failed = gmres(LinearOperator((n, n), felt, dtype=float), right, rtol=_EXACT, restart=RESTART, maxiter=CYCLES)
         if failed:
             raise NumericsError(
                 f"coupling: expansion takes {more / step.conditions.c0:.3g} times the heat that warms the body, and the temperature that "

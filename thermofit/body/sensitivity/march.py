@@ -180,7 +180,7 @@ class Differentiator:
             if sweep > 0 and softens:  # the answer below knows of expansion alone
                 u, felt = self._mechanics(mechanics, start.points, theta), theta
             points, dilatation = self._update(mechanics, start.points, theta, u)
-            found = self._heat(start, (u, PointRates(dilatation, points)), theta, ends, slopes)
+            found = self.heat_rates(start, (u, PointRates(dilatation, points)), theta, ends, slopes)
             size = self._change(found, theta)
             if self._exact_forces or np.any(size > min(_RESOLVED, tolerance)):
                 found, felt = self._agreed(mechanics, ends, (u, dilatation), found, felt)
@@ -364,7 +364,7 @@ class Differentiator:
         nodal = np.einsum("eij,ejm->eim", mechanics.elements(e), u[self.body.mesh.hexes[e]].reshape(len(e), 24, self.m))
         return np.asarray(nodal.reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
 
-    def _heat(
+    def heat_rates(
         self, start: Rates, moved: tuple[np.ndarray, PointRates], theta: np.ndarray, ends: StepEnds, slopes: SourceSlopes
     ) -> np.ndarray:
         """theta' (n_np, m) at the end of the step by the differentiated heat equation; `moved` are u' and the rates of the points there,

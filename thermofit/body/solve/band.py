@@ -21,7 +21,7 @@ from thermofit.core.lanes import WIDTH
 
 _BLOCK = 16
 """Columns eliminated at once in a solve; 16 to 32 are equally fast for half bandwidths of 70 to 700, more are slower."""
-_NARROW = 400
+NARROW = 400
 """Half bandwidth up to which the factorisation in panels is at least as fast as LAPACK's: 3 times at 71, 1.6 times at 196."""
 
 
@@ -127,7 +127,7 @@ class BandCholesky:
         _fill(row, column, data, whole)
         whole[n:, 0] = 1.0
         self.band = whole[:n]
-        if not (factor_in_panels(whole, bandwidth) if bandwidth <= _NARROW else _factor(self.band, bandwidth) == 0):
+        if not (factor_in_panels(whole, bandwidth) if bandwidth <= NARROW else _factor(self.band, bandwidth) == 0):
             raise NotPositiveError
 
     def solve(self, b: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from thermofit.core.errors import NumericsError, StudyError
 from thermofit.law.page import Law
 from thermofit.point.update import N_STATE
 
-_PATIENCE = 4.0
+PATIENCE = 4.0
 """Iterations with a kept factor that cost as much as a fresh tangent, its factor and the iterations that still follow."""
 _KEPT_DECREASE = 0.9
 _GOOD_RATE = 5e-3
@@ -197,7 +197,7 @@ class Equilibrator:
         if there.norm <= target:
             return False
         rate = there.norm / here.norm
-        return rate >= 1.0 or bool(np.log(target / there.norm) < _PATIENCE * np.log(rate))
+        return rate >= 1.0 or bool(np.log(target / there.norm) < PATIENCE * np.log(rate))
 
     def _warmed(self, here: _Iterate, level: Level, theta: np.ndarray) -> _Iterate:
         """The iterate at another temperature: the forces of the change enter its residual."""

@@ -66,7 +66,7 @@ def test_a_start_that_fails_is_counted_and_named(study_of: StudyOf, monkeypatch:
 
 
 def test_all_starts_failing_is_an_error_and_keeps_the_artefact(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
-    def failing(*_: object) -> object:
+    def failing(*_: object, **__: object) -> object:
         raise NumericsError("no equilibrium")
 
     study = study_of()

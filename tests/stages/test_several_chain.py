@@ -115,7 +115,7 @@ def test_compare_fits_candidates_on_all_experiments(chain: dict[str, Any], path:
     own = ("--set", "experiments.third.parameters={alpha_air: 14.7}")
     _, found = call("compare", path, "--set", "compare={model-1: {model: 1}}", *own)
     rows = {row["model"]: row for row in found["models"]}
-    assert set(rows) == {"tiny", "model-1"} and found["held_out"] == "experiments third, which no fit has seen"
+    assert set(rows) == {"tiny", "model-1"} and found["held_out"] == "experiment third, which no fit has seen"
     assert rows["model-1"]["fitted"] == rows["tiny"]["fitted"]
     assert rows["tiny"]["BIC - best"] == 0.0 and rows["tiny"]["held out over noise"] < rows["model-1"]["held out over noise"], found[
         "verdict"

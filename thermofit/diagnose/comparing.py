@@ -31,8 +31,12 @@ from thermofit.experiment.trust import WHOLE
 from thermofit.experiment.verification import fitted_parameters, identified_stages
 from thermofit.fit.result import FitResult
 from thermofit.identify.stage import Data, data_of, start_of
+from thermofit.law.hardening.catalogue import LINEAR, hardening
+from thermofit.law.hardening.curves import taken_over
 from thermofit.records.staging import Job
 from thermofit.study.literature import Candidate
+from thermofit.study.models import start_of as start_value
+from thermofit.study.section import law_named
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -60,19 +64,27 @@ class Contender:
 
 
 def candidate_study(study: Study, candidate: Candidate) -> Study:
-    """The study with the model and the parameters of a candidate."""
-    changes: dict[str, Any] = {"parameters": {**study.parameters, **candidate.parameters}}
-    if candidate.model is not None:
-        changes["model"] = candidate.model
+    """The study with the hardening law and the parameters of a candidate. A hardening law other than the study's starts on the curve of the
+    study's start, but for what the candidate gives."""
+    own = hardening(law_named(candidate.model, candidate.hardening) or study.hardening_law)
+    other = hardening(study.hardening_law)
+    taken: dict[str, float] = {}
+    if not set(own.fitted) <= set(other.fitted):
+        starts = {name: start_value(setting) for name, setting in study.parameters.items()}
+        taken = taken_over(own, other, {name: starts.get(name, param(name).neutral) for name in (*other.names, LINEAR)})
+        taken = {name: value for name, value in taken.items() if name not in other.fitted}
+    changes: dict[str, Any] = {"parameters": {**study.parameters, **taken, **candidate.parameters}, "hardening": own.name}
     return study.model_copy(update=changes)
 
 
-def free_of(study: Study, candidate: Candidate, data: Data) -> tuple[str, ...]:
-    """What a candidate fits: all that the stages identify, thermocouples with their error, and what it adds."""
+def free_of(study: Study, candidate: Candidate, data: Data, law: str) -> tuple[str, ...]:
+    """What a candidate fits: all that the stages identify, thermocouples with their error, and what it adds. `study` is that of the
+    candidate; what its hardening law frees takes the place of what the `law` of the study that it competes with frees."""
+    own, other = hardening(study.hardening_law), hardening(law)
     if isinstance(data, CouponData):
-        names = candidate.free or coupon_joint_settings(study, data).free
+        names = candidate.free or own.exchanged(coupon_joint_settings(study, data).free, other)
     else:
-        names = candidate.free or study.diagnosis.free or (*joint_free(study), *NUISANCES)
+        names = candidate.free or own.exchanged(study.diagnosis.free or (*joint_free(study), *NUISANCES), other)
     added: list[str] = []
     for name in candidate.add:
         added += [name] if "." in name or not _is_effect(name) else [p.name for p in effect(name).amplitudes]
@@ -113,8 +125,9 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
     """A candidate fitted from where the stages ended. NumericsError where its model fails at the start."""
     own = candidate_study(study, candidate)
     data = data_of(study)
-    free = free_of(own, candidate, data)
+    free = free_of(own, candidate, data, study.hardening_law)
     base, _ = with_identified(study, start_of(own, data), identified_stages(study))
+    base = base.replace(**_on_the_curve(study, own, base))
     base = _started(base, candidate, free).with_free(free)
     settings = settings_of(own, data, free)
     model = joint_of(own, data, settings, base)
@@ -126,6 +139,15 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
         raise NumericsError(f"candidate '{name}': {error}") from error
     residual, columns = model.linearised(parameters, free)
     return Contender(name, own, parameters, fit, model, residual, columns, tuple(joint.failures))
+
+
+def _on_the_curve(study: Study, own: Study, base: Parameters) -> dict[str, float]:
+    """What another hardening law frees, on the curve that the study's has at `base`, inside its bounds; nothing where it frees the same."""
+    law, other = hardening(own.hardening_law), hardening(study.hardening_law)
+    if set(law.fitted) == set(other.fitted):
+        return {}
+    found = taken_over(law, other, base)
+    return {name: float(np.clip(value, *own.bounds(name))) for name, value in found.items()}
 
 
 def _parts(study: Study, data: Data, settings: StageSettings) -> Joint | JointSeveral | None:

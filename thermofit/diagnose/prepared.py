@@ -18,7 +18,7 @@ from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.diagnose.unseen import bodies_elsewhere, records_elsewhere
-from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects
+from thermofit.effects.catalogue import BASE, Effect, effect_of_param, effects, is_of_effect
 from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, offsets
 from thermofit.experiment.coupon_records import CouponData, coupon_data
 from thermofit.experiment.coupon_sensor import SENSOR
@@ -44,7 +44,8 @@ from thermofit.study.stages import ChannelSettings, Stages, StageSettings
 from thermofit.study.study import Study
 
 SECTIONS = (
-    *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
+    *("model", "hardening", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics"),
+    *("stages", "coupon", "diagnosis"),
 )
 DIAGNOSE = "diagnose"
 USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
@@ -214,7 +215,7 @@ def freed_effects(free: Sequence[str]) -> dict[str, list[int]]:
     for k, n in enumerate(free):
         if bare_name(n) in of_base:
             own.setdefault(of_base[bare_name(n)], []).append(k)
-        elif "." in bare_name(n) and not param(n).scan:
+        elif is_of_effect(n) and not param(n).scan:
             own.setdefault(effect_of_param(n).name, []).append(k)
     return own
 

@@ -94,7 +94,7 @@ def joint_several(study: Study, data: Several, free: Sequence[str], size: MeshSi
     """The joint stages of all fitted experiments of a study on meshes of one size; `free` are names of the joint fit."""
     parts = {}
     for part in data.parts:
-        own = part.study.model_copy(update={"model": study.model})
+        own = part.study.model_copy(update={"hardening": study.hardening_law})
         parts[part.name] = Joint(own, part.data, joint_settings(own, tuple(free_in(free, part.name).values()), part.data), size)
     return JointSeveral(parts)
 

@@ -123,7 +123,7 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     start, replaced = feasible(study, stage.data, stage.base)
     solved = solve(study, stage.settings, start, model_maker(study, stage.settings, stage.data), task)
     solved, honest = _widened(study, solved)
-    warning = beta_warning(solved.parameters, study.model)
+    warning = beta_warning(solved.parameters, study.hardening_law)
     remarks = (*kept, replaced, *_own_remarks(study, stage, kind, solved), warning or "", honest)
     data = stage.data
     if not isinstance(data, Measured) or not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:

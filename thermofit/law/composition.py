@@ -1,4 +1,5 @@
-"""How effects enter the law: within a slot additive terms are summed, then factors multiplied, so that order cannot matter.
+"""How effects and hardening laws enter the law: within a slot additive terms are summed, then factors multiplied, so that order cannot
+matter; of the hardening laws `law.model`, a number, selects one.
 
 The effects are files of their own (thermofit.effects, or a user's). Their formulas are joined here, once per process, in a module that is
 written beside the compiled kernels, so that it is cached with them:
@@ -12,6 +13,13 @@ written beside the compiled kernels, so that it is cached with them:
 
 Every Param of such an effect is a number of the law, called <effect>__<param>. At the neutral value of its amplitude an effect is skipped,
 not evaluated to zero: exactly off, at no cost.
+
+Of the hardening laws (law.hardening) there are
+
+    hardening_stress     yield stress of the base law and its derivative by alpha, without H_lin Lambda
+    hardening_alpha      alpha after an increment, and its derivative: alpha + dLambda but for model 2
+    hardening_energy     psi_pl,  hardening_heat = dissipation of an increment: beta M_y0 dLambda but for model 2
+    hardening_along      yield stress of the base law over Lambda in monotonic flow; what effects.curve gives to effects
 """
 
 from __future__ import annotations
@@ -23,9 +31,17 @@ import sys
 import tempfile
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import numba.extending
+
+# Lanes come with the room, before any of its kernels: those that a body compiled name lanes, so that reading them from the cache would
+# otherwise import the module in the midst of type inference, whose np.exp is then no longer the np.exp of its beginning.
+import thermofit.core.lanes  # noqa: F401
 from thermofit.core.jit import CACHE_FOLDER
+from thermofit.effects import curve
 from thermofit.effects.catalogue import Effect, effects
+from thermofit.law.hardening.catalogue import SHARED, Hardening, hardening, hardening_laws
 
 SUMS = ("yield_stress",)
 FACTORS = ("yield_factor", "dissipation")
@@ -34,6 +50,7 @@ POINT_ONLY = ("backstress", "free_energy", "asymmetry")
 _HEAD = '''"""Joined formulas of effects; written by thermofit.law.composition."""
 from thermofit.core.jit import kernel
 from thermofit.effects.catalogue import effect
+from thermofit.law.hardening.catalogue import hardening
 '''
 
 
@@ -115,15 +132,67 @@ def _terms(members: list[Effect]) -> str:
     return "\n".join([*lines, f"    return ({pairs})", "", ""])
 
 
-def _as_tuples(n: int) -> str:
-    """Source of `effect_numbers` and `no_effects`: all numbers of effects from an array, and zeros in their stead. Written out, because the
-    compiler builds a tuple from a loop by copying it once per entry."""
-    entries = "".join(f"numbers[{k}], " for k in range(n))
-    zeros = "0.0j, " * n
-    return (
-        f"@kernel(forceinline=True)\ndef effect_numbers(numbers):\n    return ({entries})\n\n\n"
-        f"@kernel(forceinline=True)\ndef no_effects():\n    return ({zeros})\n\n\n"
-    )
+def _as_tuples() -> str:
+    """Source of `effect_numbers`, `hardening_numbers` and `no_effects`: all numbers of effects, or of the hardening law, from an array,
+    and zeros in stead of those of effects. Written out, because the compiler builds a tuple from a loop by copying it once per entry."""
+    parts = []
+    for name, n in (("effect_numbers", len(EFFECT_NUMBERS)), ("hardening_numbers", len(SHARED))):
+        entries = "".join(f"numbers[{k}], " for k in range(n))
+        parts.append(f"@kernel(forceinline=True)\ndef {name}(numbers):\n    return ({entries})\n\n\n")
+    zeros = "0.0j, " * len(EFFECT_NUMBERS)
+    parts.append(f"@kernel(forceinline=True)\ndef no_effects():\n    return ({zeros})\n\n\n")
+    return "".join(parts)
+
+
+_OF_HARDENING = {
+    "hardening_stress": ("alpha, law", "yield_stress", "alpha", ""),
+    "hardening_alpha": ("alpha_n, d_lambda, law", "hardening_variable", "alpha_n, d_lambda, law.closed_form", "alpha_n + d_lambda, 1.0"),
+    "hardening_energy": ("alpha, law", "stored_energy", "alpha", ""),
+    "hardening_heat": (
+        "alpha_n, alpha, d_lambda, law",
+        "dissipated_energy",
+        "alpha_n, alpha, d_lambda, law.closed_form, law.beta",
+        "law.beta * law.M_y0 * d_lambda",
+    ),
+    "hardening_along": ("accumulated, law", "monotonic", "accumulated", ""),
+}
+"""Of each function of the hardening laws: its arguments, that of the law's file, what this one is called with before its numbers, and what
+holds for laws whose files do not have it (empty: `hardening_along` is `hardening_stress` there, the others have it all)."""
+
+
+def _chosen(name: str) -> str:
+    """Source of one of them: that of the selected law; short laws first, held by the caller, the others called."""
+    arguments, function, given, usual = _OF_HARDENING[name]
+    if function == "monotonic":
+        found = [(law, function if hasattr(law.file, function) else "yield_stress") for law in _short_first()]
+    else:
+        found = [(law, function) for law in _short_first() if hasattr(law.file, function)]
+    lines = ['@kernel(inline="always")', f"def {name}({arguments}):"]
+    for k, (law, of_file) in enumerate(found):
+        numbers = ", ".join(f"law.{field}" for field in law.fields)
+        answer = f"_{law.name}_{of_file}({given}, {numbers}){'[0]' if function == 'monotonic' else ''}"
+        if k + 1 == len(found) and not usual:
+            lines += [f"    return {answer}"]
+            continue
+        # The last of the short laws is all that can be left without `effective`, so that nothing of the others remains in such code.
+        short = k + 1 < len(found) and law.small and not found[k + 1][0].small
+        lines += [f"    if law.model == {law.number}{' or law.effective == 0' if short else ''}:", f"        return {answer}"]
+    return "\n".join([*lines, *([f"    return {usual}"] if usual else []), "", ""])
+
+
+def _short_first() -> list[Hardening]:
+    return sorted(hardening_laws(), key=lambda law: not law.small)
+
+
+def _compiled_laws() -> str:
+    """Source that compiles the functions of all hardening laws, each under <law>_<function>."""
+    lines = []
+    for law in hardening_laws():
+        for function in dict.fromkeys(f for _, f, _, _ in _OF_HARDENING.values()):
+            if hasattr(law.file, function):
+                how = "forceinline=True" if law.small else ""
+                lines.append(f"_{law.name}_{function} = kernel({how})(hardening({law.name!r}).file.{function})")
+    return "\n".join([*lines, "", "", ""])
 
 
 def source() -> str:
@@ -131,7 +200,8 @@ def source() -> str:
     members = [*law_effects(), *capacity_effects()]
     parts = [_HEAD]
     parts += [f"_{e.name} = kernel(forceinline=True)(effect({e.name!r}).act)\n" for e in members]
-    parts.append("\n\n")
+    parts.append(_compiled_laws())
+    parts += [_chosen(name) for name in _OF_HARDENING]
     parts.append(_function("added_yield_stress", [e for e in members if e.slot == "yield_stress"], False))
     parts.append(_function("stored_yield_stress", [e for e in members if e.slot == "yield_stress" and e.stored], False))
     parts.append(_function("yield_factor", [e for e in members if e.slot == "yield_factor"], True))
@@ -139,7 +209,7 @@ def source() -> str:
     parts.append(_function("modulus_factor", [e for e in members if e.slot == "free_energy"], True))
     parts.append(_function("asymmetry_factor", [e for e in members if e.slot == "asymmetry"], True))
     parts.append(_function("capacity_factor", [e for e in members if e.slot == "capacity"], True))
-    parts.append(_as_tuples(len(EFFECT_NUMBERS)))
+    parts.append(_as_tuples())
     parts.append(_terms([e for e in members if e.slot == "backstress"]))
     return "".join(parts)
 
@@ -173,3 +243,20 @@ effect_numbers = _module.effect_numbers
 no_effects = _module.no_effects
 asymmetry_factor = _module.asymmetry_factor
 capacity_factor = _module.capacity_factor
+hardening_numbers = _module.hardening_numbers
+hardening_stress = _module.hardening_stress
+hardening_alpha = _module.hardening_alpha
+hardening_energy = _module.hardening_energy
+hardening_heat = _module.hardening_heat
+hardening_along = _module.hardening_along
+
+
+def _along(accumulated: Any, law: Any) -> Any:
+    """`hardening_along` outside kernels: Lambda a number, complex or real, or an array."""
+    selected = hardening(law.model)
+    return selected.along((getattr(law, field) for field in selected.fields), accumulated)
+
+
+_overload: Any = numba.extending.overload
+curve.give(_along)
+_overload(curve.hardening, strict=False)(lambda accumulated, law: lambda accumulated, law: hardening_along(accumulated, law))

@@ -27,6 +27,7 @@ _FLAGS = ("model", "closed_form", "plastic", "effective", "per_second")
 NUMBERS: tuple[str, ...] = tuple(name for name in Law._fields if name not in _FLAGS)
 """Names of the real numbers of a Law, in the order of its fields."""
 N_NUMBERS = len(NUMBERS)
+_PLACES, _EFFECTIVE = tuple(Law._fields.index(name) for name in NUMBERS), Law._fields.index("effective")
 MU, BULK = NUMBERS.index("mu"), NUMBERS.index("bulk")
 ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
 ALPHA_EXP, THETA_REF = NUMBERS.index("alpha_exp"), NUMBERS.index("theta_ref")
@@ -83,9 +84,13 @@ def moved_law(law: Law, which: int) -> Law:
 
     One of an effect is looked at although the law may have none.
     """
-    moved: dict[str, Any] = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
-    asked = which >= 0 and NUMBERS[which] in EFFECT_NUMBERS
-    return law._replace(effective=1 if asked else law.effective, **moved)
+    moved: list[Any] = list(law)
+    for place in _PLACES:
+        moved[place] = complex(moved[place])
+    if which >= 0:
+        moved[_PLACES[which]] += complex(0.0, STEP)
+        moved[_EFFECTIVE] = 1 if NUMBERS[which] in EFFECT_NUMBERS else law.effective
+    return Law._make(moved)
 
 
 Complex = Any

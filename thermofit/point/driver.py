@@ -65,10 +65,10 @@ class Programme:
 
 @dataclass(frozen=True)
 class PointSettings:
-    """Numerics of a run: model 1 or 2, closed form or backward Euler of alpha, plasticity at all; the largest change of the nominal
-    strain in one step, and how often the steps of an interval may be halved."""
+    """Numerics of a run: `model`, the hardening law by number or name; closed form or backward Euler of alpha (model 2), plasticity at all;
+    the largest change of the nominal strain in one step, and how often the steps of an interval may be halved."""
 
-    model: int = 2
+    model: int | str = 2
     closed_form: bool = True
     plastic: bool = True
     max_strain: float = 0.01

@@ -12,7 +12,8 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from thermofit.core.jit import kernel
-from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, no_effects
+from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, hardening_numbers, no_effects
+from thermofit.law.hardening.catalogue import SHARED
 from thermofit.law.page import Law
 from thermofit.law.page_rates import N_NUMBERS, STEP, Complex
 from thermofit.point.step import (
@@ -40,7 +41,9 @@ from thermofit.point.step import (
 _as_tuple: Any = to_fixed_tuple
 _new_law: Any = Law
 N_OF_EFFECTS = len(EFFECT_NUMBERS)
-N_BASE = N_NUMBERS - N_OF_EFFECTS
+OF_EFFECTS = N_NUMBERS - N_OF_EFFECTS
+"""Place of the first number of an effect."""
+N_BASE = OF_EFFECTS - len(SHARED)
 N_ALL = N_NUMBERS + 4
 """Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
 TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
@@ -66,7 +69,7 @@ class Limits(NamedTuple):
 
 
 class Flags(NamedTuple):
-    """What the law is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
+    """What the law is: number of the hardening law, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
 
     model: int
     closed_form: int
@@ -106,7 +109,7 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
         for i in range(N_ALL):
             moved[p, i] = complex(numbers[i], STEP * along[i, p] if p < n_p else 0.0)
         if p < n_p:
-            asked[p] = np.any(along[N_BASE:N_NUMBERS, p] != 0.0)
+            asked[p] = np.any(along[OF_EFFECTS:N_NUMBERS, p] != 0.0)
     z = np.zeros((2, N_STATE), dtype=np.complex128)
     s, r = np.zeros((4, N_STATE)), np.zeros((3, N_STATE, n_p))
     return Work(
@@ -118,16 +121,18 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
 @kernel(forceinline=True)
 def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """Law in a step of dt s and Surroundings of complex numbers (N_ALL,)."""
-    base, of_effects = _as_tuple(numbers, N_BASE), effect_numbers(numbers[N_BASE:])
+    base, own = _as_tuple(numbers, N_BASE), hardening_numbers(numbers[N_BASE:])
+    of_effects = effect_numbers(numbers[OF_EFFECTS:])
     rest = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt)
-    return _new_law(*base, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    return _new_law(*base, *own, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
 def plain_law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """The same without any effect, whatever their numbers are."""
     rest = (flags.model, flags.closed_form, flags.plastic, 0, 1.0 / dt)
-    return _new_law(*_as_tuple(numbers, N_BASE), *rest, *no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    base, own = _as_tuple(numbers, N_BASE), hardening_numbers(numbers[N_BASE:])
+    return _new_law(*base, *own, *rest, *no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
@@ -183,9 +188,10 @@ def eliminate(a: np.ndarray, b: np.ndarray) -> None:
 
 @kernel
 def newton(
-    x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work
+    x: tuple[float, float, float, float], z: np.ndarray, step: Input, flags: Flags, exchange: Exchange, w: Work
 ) -> tuple[int, tuple[float, float, float, float], int]:
-    """Solve a step from the guess x: status, solution, iterations; w holds the Jacobian there. law, exchange and state z are complex."""
+    """Solve a step from the guess x: status, solution, iterations; w holds the Jacobian there. exchange and state z are complex."""
+    law, _ = law_and_surroundings(w.numbers[-1], flags, step.dt)  # made here: handing on so many numbers costs more
     before, retreats = np.inf, 0
     for iteration in range(MAX_ITERATIONS):
         worst = linearised(x, z, step, law, exchange, w)
@@ -218,7 +224,7 @@ def _beyond_yield(x: tuple[float, float, float, float], z: np.ndarray, step: Inp
 
 @kernel
 def solve_step(
-    z: np.ndarray, step: Input, law: Law, exchange: Exchange, guess: tuple[float, float, float, float], w: Work
+    z: np.ndarray, step: Input, flags: Flags, exchange: Exchange, guess: tuple[float, float, float, float], w: Work
 ) -> tuple[int, tuple[float, float, float, float], bool, int]:
     """Solve a step elastically or plastically, whichever holds; `step.flows` says which is tried first and `guess` where.
 
@@ -226,19 +232,20 @@ def solve_step(
     """
     total = 0
     if step.flows:
-        status, x, n = newton(guess, z, step, law, exchange, w)
+        status, x, n = newton(guess, z, step, flags, exchange, w)
         total += n
         if status == CONVERGED and x[2] > 0.0:
             return CONVERGED, x, True, total
     elastic = Input(step.dt, step.target, step.control, False)
     start = (z[ACROSS].real, z[ALONG].real, 0.0, z[THETA].real)
-    status, x, n = newton(start, z, elastic, law, exchange, w)
+    status, x, n = newton(start, z, elastic, flags, exchange, w)
     total += n
     if status != CONVERGED:
         return status, x, False, total
+    law, _ = law_and_surroundings(w.numbers[-1], flags, step.dt)
     if law.plastic == 0 or step.control == AT_REST or not _beyond_yield(x, z, step, law):
         return CONVERGED, x, False, total
-    status, x, n = newton(x, z, Input(step.dt, step.target, step.control, True), law, exchange, w)
+    status, x, n = newton(x, z, Input(step.dt, step.target, step.control, True), flags, exchange, w)
     total += n
     if status == CONVERGED and not x[2] > 0.0:
         status = FAILED
@@ -311,7 +318,7 @@ def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags,
     law, around = law_and_surroundings(w.numbers[-1], flags, step.dt)
     exchange = exchange_of(step.dt, around)
     _complex_state(w.s, w.rates, -1, w.z)
-    status, x, flows, n = solve_step(w.z, step, law, exchange, guess, w)
+    status, x, flows, n = solve_step(w.z, step, flags, exchange, guess, w)
     if status != CONVERGED:
         return status, flows, n
     taken = Input(step.dt, step.target, step.control, flows)

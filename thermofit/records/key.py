@@ -20,7 +20,7 @@ _INTERPOLATE = (
     *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
 )
 """Keys that `interpolate` reads of a full-field test."""
-SOLVED = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
+SOLVED = ("model", "hardening", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 """Sections that whatever runs the model reads."""
 
 

@@ -19,7 +19,7 @@ Of the hardening laws (law.hardening) there are
     hardening_stress     yield stress of the base law and its derivative by alpha, without H_lin Lambda
     hardening_alpha      alpha after an increment, and its derivative: alpha + dLambda but for model 2
     hardening_energy     psi_pl,  hardening_heat = dissipation of an increment: beta M_y0 dLambda but for model 2
-    hardening_along      yield stress of the base law over Lambda in monotonic flow; what effects.curve gives to effects
+    hardening_along      yield stress of the base law over Lambda in monotonic flow, and its slope; effects.curve gives it to effects
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import importlib.util
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -145,53 +146,65 @@ def _as_tuples() -> str:
 
 
 _OF_HARDENING = {
-    "hardening_stress": ("alpha, law", "yield_stress", "alpha", ""),
-    "hardening_alpha": ("alpha_n, d_lambda, law", "hardening_variable", "alpha_n, d_lambda, law.closed_form", "alpha_n + d_lambda, 1.0"),
-    "hardening_energy": ("alpha, law", "stored_energy", "alpha", ""),
+    "hardening_stress": ("alpha", "yield_stress", "alpha", ""),
+    "hardening_alpha": ("alpha_n, d_lambda", "hardening_variable", "alpha_n, d_lambda, law.closed_form", "alpha_n + d_lambda, 1.0"),
+    "hardening_energy": ("alpha", "stored_energy", "alpha", ""),
     "hardening_heat": (
-        "alpha_n, alpha, d_lambda, law",
+        "alpha_n, alpha, d_lambda",
         "dissipated_energy",
         "alpha_n, alpha, d_lambda, law.closed_form, law.beta",
         "law.beta * law.M_y0 * d_lambda",
     ),
-    "hardening_along": ("accumulated, law", "monotonic", "accumulated", ""),
+    "hardening_along": ("accumulated", "monotonic", "accumulated", ""),
 }
-"""Of each function of the hardening laws: its arguments, that of the law's file, what this one is called with before its numbers, and what
-holds for laws whose files do not have it (empty: `hardening_along` is `hardening_stress` there, the others have it all)."""
+"""Of each function of the hardening laws: its arguments before the law, that of the law's file, what this one is called with before its
+numbers, and what holds for laws whose files do not have it; empty: all have it (`monotonic` is `yield_stress` where it is not given)."""
+_SHORT, _OTHERS = (tuple(law for law in hardening_laws() if law.small == small) for small in (True, False))
+
+
+def _in_file(law: Hardening, function: str) -> str:
+    """Name of the function of a law's file that does the work of `function`, empty where none does."""
+    other = {"monotonic": "yield_stress"}.get(function, "")
+    return function if hasattr(law.file, function) else other
 
 
 def _chosen(name: str) -> str:
-    """Source of one of them: that of the selected law; short laws first, held by the caller, the others called."""
+    """Source of short_<name>, that of a Law of the thesis, of any_<name>, that of an AnyLaw, which calls one function of all its laws, and
+    of kind_of_<name>, which chooses between them by the type of a law."""
     arguments, function, given, usual = _OF_HARDENING[name]
-    if function == "monotonic":
-        found = [(law, function if hasattr(law.file, function) else "yield_stress") for law in _short_first()]
-    else:
-        found = [(law, function) for law in _short_first() if hasattr(law.file, function)]
-    lines = ['@kernel(inline="always")', f"def {name}({arguments}):"]
-    for k, (law, of_file) in enumerate(found):
-        numbers = ", ".join(f"law.{field}" for field in law.fields)
-        answer = f"_{law.name}_{of_file}({given}, {numbers}){'[0]' if function == 'monotonic' else ''}"
-        if k + 1 == len(found) and not usual:
-            lines += [f"    return {answer}"]
-            continue
-        # The last of the short laws is all that can be left without `effective`, so that nothing of the others remains in such code.
-        short = k + 1 < len(found) and law.small and not found[k + 1][0].small
-        lines += [f"    if law.model == {law.number}{' or law.effective == 0' if short else ''}:", f"        return {answer}"]
-    return "\n".join([*lines, *([f"    return {usual}"] if usual else []), "", ""])
+    lines = [f"def short_{name}({arguments}, law):", *_branches(_SHORT, function, given, "law.", usual), "", ""]
+    lines += [f"def kind_of_{name}({arguments}, law):", f"    return any_{name} if {SHARED[0]!r} in law.fields else short_{name}", "", ""]
+    called = f"def any_{name}({arguments}, law):"
+    if usual and not any(_in_file(law, function) for law in _OTHERS):
+        return "\n".join([*lines, called, f"    return {usual}", "", ""])
+    flags = tuple(flag for flag in ("closed_form", "beta") if f"law.{flag}" in given)
+    names = ("model", *flags, *dict.fromkeys(field for law in _OTHERS for field in law.fields))
+    lines += ["@kernel", f"def _any_{name}({arguments}, {', '.join(names)}):"]
+    lines += [*_branches(_OTHERS, function, given.replace("law.", ""), "", usual.replace("law.", "")), "", ""]
+    lines += [called, f"    return _any_{name}({arguments}, {', '.join(f'law.{field}' for field in names)})", "", ""]
+    return "\n".join(lines)
 
 
-def _short_first() -> list[Hardening]:
-    return sorted(hardening_laws(), key=lambda law: not law.small)
+def _branches(laws: tuple[Hardening, ...], function: str, given: str, prefix: str, usual: str) -> list[str]:
+    """Source of the choice by number among laws, whose numbers are called `prefix`<field>; the last answer is that of all others."""
+    found = [(law, _in_file(law, function)) for law in laws]
+    answers = [
+        (law.number, f"_{law.name}_{own}({given}, {', '.join(prefix + field for field in law.fields)})") for law, own in found if own
+    ]
+    last = usual or answers.pop()[1]
+    lines = []
+    for number, answer in answers:
+        lines += [f"    if {prefix}model == {number}:", f"        return {answer}"]
+    return [*lines, f"    return {last}"]
 
 
 def _compiled_laws() -> str:
-    """Source that compiles the functions of all hardening laws, each under <law>_<function>."""
+    """Source that makes kernels of the functions of all hardening laws, each called <law>_<function>."""
     lines = []
     for law in hardening_laws():
-        for function in dict.fromkeys(f for _, f, _, _ in _OF_HARDENING.values()):
-            if hasattr(law.file, function):
-                how = "forceinline=True" if law.small else ""
-                lines.append(f"_{law.name}_{function} = kernel({how})(hardening({law.name!r}).file.{function})")
+        own = (_in_file(law, function) for _, function, _, _ in _OF_HARDENING.values())
+        for function in dict.fromkeys(name for name in own if name):
+            lines.append(f'_{law.name}_{function} = kernel(inline="always")(hardening({law.name!r}).file.{function})')
     return "\n".join([*lines, "", "", ""])
 
 
@@ -244,11 +257,27 @@ no_effects = _module.no_effects
 asymmetry_factor = _module.asymmetry_factor
 capacity_factor = _module.capacity_factor
 hardening_numbers = _module.hardening_numbers
-hardening_stress = _module.hardening_stress
-hardening_alpha = _module.hardening_alpha
-hardening_energy = _module.hardening_energy
-hardening_heat = _module.hardening_heat
-hardening_along = _module.hardening_along
+_overload: Any = numba.extending.overload
+_AS_KERNELS = {"error_model": "numpy", "fastmath": False, "forceinline": True}
+
+
+def _by_type(name: str) -> Callable[..., Any]:
+    """The function of the hardening laws of that name, for kernels and outside them: the type of the law says whether it is of the thesis,
+    so that nothing of the other laws is compiled where they are not used, or any."""
+    short, of_any = getattr(_module, f"short_{name}"), getattr(_module, f"any_{name}")
+
+    def function(*arguments: Any) -> Any:
+        return (of_any if hasattr(arguments[-1], SHARED[0]) else short)(*arguments)
+
+    _overload(function, jit_options=_AS_KERNELS, strict=False)(getattr(_module, f"kind_of_{name}"))
+    return function
+
+
+hardening_stress = _by_type("hardening_stress")
+hardening_alpha = _by_type("hardening_alpha")
+hardening_energy = _by_type("hardening_energy")
+hardening_heat = _by_type("hardening_heat")
+hardening_along = _by_type("hardening_along")
 
 
 def _along(accumulated: Any, law: Any) -> Any:
@@ -257,6 +286,7 @@ def _along(accumulated: Any, law: Any) -> Any:
     return selected.along((getattr(law, field) for field in selected.fields), accumulated)
 
 
-_overload: Any = numba.extending.overload
 curve.give(_along)
-_overload(curve.hardening, strict=False)(lambda accumulated, law: lambda accumulated, law: hardening_along(accumulated, law))
+_overload(curve.hardening, jit_options=_AS_KERNELS, strict=False)(
+    lambda accumulated, law: lambda accumulated, law: hardening_along(accumulated, law)[0]
+)

@@ -43,8 +43,9 @@ from thermofit.law.hardening.catalogue import SHARED, hardening
 
 
 class BaseLaw(NamedTuple):
-    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa. In `Law` those of the selected hardening
-    law alone stand before `model`, those of effects at the end."""
+    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa. Those of effects follow in `Law`, whose
+    hardening law is one of the thesis. Any other is an `AnyLaw`, which has numbers of its own before `model`; kernels are compiled for it
+    when one is used."""
 
     lame: float
     mu: float
@@ -71,17 +72,17 @@ class BaseLaw(NamedTuple):
     plastic: int
     """0: plasticity never starts (identification of the elastic stage)."""
     effective: int
-    """1: at least one effect is on (or asked for its influence), or the hardening law is none of the short ones (those of the thesis); 0:
-    neither is looked at."""
+    """1: at least one effect is on (or asked for its influence); 0: none is looked at."""
     per_second: float
     """1 / dt of the step in 1/s: rate of Lambda = dLambda / dt."""
 
 
 if TYPE_CHECKING:
-    Law = BaseLaw
+    Law = AnyLaw = BaseLaw
 else:
     _FLAGS = BaseLaw._fields.index("model")
-    Law = namedtuple("Law", (*BaseLaw._fields[:_FLAGS], *SHARED, *BaseLaw._fields[_FLAGS:], *EFFECT_NUMBERS))
+    Law = namedtuple("Law", (*BaseLaw._fields, *EFFECT_NUMBERS))
+    AnyLaw = namedtuple("AnyLaw", (*BaseLaw._fields[:_FLAGS], *SHARED, *BaseLaw._fields[_FLAGS:], *EFFECT_NUMBERS))
 
 
 def law_of(parameters: Parameters, model: int | str = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
@@ -95,19 +96,21 @@ def law_of(parameters: Parameters, model: int | str = 2, *, closed_form: bool = 
     of_effects: dict[str, Any] = dict(zip(EFFECT_NUMBERS, (parameters[name] for name in EFFECT_PARAMS), strict=True))
     selected = hardening(model)
     own = selected.own_values(parameters)
-    return Law(
+    kind: Any = Law if selected.small else AnyLaw
+    made: Law = kind(
         lame=lame,
         mu=mu,
         bulk=lame + 2.0 * mu / 3.0,
         model=selected.number,
         closed_form=int(closed_form),
         plastic=int(plastic),
-        effective=int(not selected.small or any(parameters[name] != param(name).neutral for name in AMPLITUDES)),
+        effective=int(any(parameters[name] != param(name).neutral for name in AMPLITUDES)),
         per_second=0.0,
         **{name: v[name] for name in names},
-        **dict(zip(SHARED, (*own, *(0.0,) * (len(SHARED) - len(own))), strict=True)),
+        **({} if selected.small else dict(zip(SHARED, (*own, *(0.0,) * (len(SHARED) - len(own))), strict=True))),
         **of_effects,
     )
+    return made
 
 
 def law_in_step(law: Law, dt: float) -> Law:

@@ -12,9 +12,9 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.law.bounds import check_beta
 from thermofit.law.composition import CAPACITIES
-from thermofit.law.page import law_of
+from thermofit.law.page import AnyLaw, law_of
 from thermofit.law.page_rates import N_NUMBERS, NUMBERS, STEP, number_rates
-from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, Flags, Limits, run
+from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, AnyFlags, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
 
 CHANNELS: tuple[str, ...] = (
@@ -131,11 +131,11 @@ def simulate_rates(
 
 def run_numbers(
     parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings
-) -> tuple[np.ndarray, np.ndarray, Flags]:
+) -> tuple[np.ndarray, np.ndarray, Flags | AnyFlags]:
     """Numbers (N_ALL,) of a run, their derivatives (N_ALL, n_p) by the named parameters, and the flags of the law."""
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     numbers, along = np.zeros(N_ALL), np.zeros((N_ALL, len(names)))
-    numbers[:N_NUMBERS] = [getattr(law, name) for name in NUMBERS]
+    numbers[:N_NUMBERS] = [getattr(law, name, 0.0) for name in NUMBERS]
     along[:N_NUMBERS] = number_rates(parameters, names, law)
     places = {TAU: "tau", LAG: "lag", AIR: "theta_air"} | ({START: "theta_air"} if programme.theta_start is None else {})
     for place, name in places.items():
@@ -144,7 +144,8 @@ def run_numbers(
     if programme.theta_start is not None:
         numbers[START] = programme.theta_start
     effective = law.effective or int(any(parameters[name] != param(name).neutral for name in CAPACITIES))
-    return numbers, along, Flags(law.model, law.closed_form, law.plastic, effective)
+    kind = AnyFlags if isinstance(law, AnyLaw) else Flags
+    return numbers, along, kind(law.model, law.closed_form, law.plastic, effective)
 
 
 def air_effects() -> tuple[Effect, ...]:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numba.extending
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from thermofit.core.jit import kernel
 from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, hardening_numbers, no_effects
 from thermofit.law.hardening.catalogue import SHARED
-from thermofit.law.page import Law
+from thermofit.law.page import AnyLaw, Law
 from thermofit.law.page_rates import N_NUMBERS, STEP, Complex
 from thermofit.point.step import (
     ACROSS,
@@ -40,6 +41,8 @@ from thermofit.point.step import (
 
 _as_tuple: Any = to_fixed_tuple
 _new_law: Any = Law
+_new_any_law: Any = AnyLaw
+_overload: Any = numba.extending.overload
 N_OF_EFFECTS = len(EFFECT_NUMBERS)
 OF_EFFECTS = N_NUMBERS - N_OF_EFFECTS
 """Place of the first number of an effect."""
@@ -69,7 +72,16 @@ class Limits(NamedTuple):
 
 
 class Flags(NamedTuple):
-    """What the law is: number of the hardening law, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
+    """What a law of the thesis is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
+
+    model: int
+    closed_form: int
+    plastic: int
+    effective: int
+
+
+class AnyFlags(NamedTuple):
+    """The same of a law with any hardening: the type says which kernels run, `model` is the number of the hardening law."""
 
     model: int
     closed_form: int
@@ -119,20 +131,38 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
 
 
 @kernel(forceinline=True)
+def _law(flags: Flags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    return _new_law(*_as_tuple(numbers, N_BASE), *rest, *of_effects)
+
+
+@kernel(forceinline=True)
+def _any_law(flags: AnyFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    return _new_any_law(*_as_tuple(numbers, N_BASE), *hardening_numbers(numbers[N_BASE:]), *rest, *of_effects)
+
+
+def law_for(flags: Flags | AnyFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    """In kernels: the law of numbers (N_ALL,), of the kind that the type of `flags` says."""
+    raise NotImplementedError
+
+
+@_overload(law_for, jit_options={"forceinline": True}, strict=False)
+def _law_for(flags: Any, numbers: Any, rest: Any, of_effects: Any) -> Any:
+    make = _any_law if flags.instance_class is AnyFlags else _law
+    return lambda flags, numbers, rest, of_effects: make(flags, numbers, rest, of_effects)
+
+
+@kernel(forceinline=True)
 def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """Law in a step of dt s and Surroundings of complex numbers (N_ALL,)."""
-    base, own = _as_tuple(numbers, N_BASE), hardening_numbers(numbers[N_BASE:])
-    of_effects = effect_numbers(numbers[OF_EFFECTS:])
-    rest = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt)
-    return _new_law(*base, *own, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    rest, of_effects = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt), effect_numbers(numbers[OF_EFFECTS:])
+    return law_for(flags, numbers, rest, of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
 def plain_law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """The same without any effect, whatever their numbers are."""
     rest = (flags.model, flags.closed_form, flags.plastic, 0, 1.0 / dt)
-    base, own = _as_tuple(numbers, N_BASE), hardening_numbers(numbers[N_BASE:])
-    return _new_law(*base, *own, *rest, *no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    return law_for(flags, numbers, rest, no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
@@ -188,10 +218,9 @@ def eliminate(a: np.ndarray, b: np.ndarray) -> None:
 
 @kernel
 def newton(
-    x: tuple[float, float, float, float], z: np.ndarray, step: Input, flags: Flags, exchange: Exchange, w: Work
+    x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work
 ) -> tuple[int, tuple[float, float, float, float], int]:
-    """Solve a step from the guess x: status, solution, iterations; w holds the Jacobian there. exchange and state z are complex."""
-    law, _ = law_and_surroundings(w.numbers[-1], flags, step.dt)  # made here: handing on so many numbers costs more
+    """Solve a step from the guess x: status, solution, iterations; w holds the Jacobian there. law, exchange and state z are complex."""
     before, retreats = np.inf, 0
     for iteration in range(MAX_ITERATIONS):
         worst = linearised(x, z, step, law, exchange, w)
@@ -224,7 +253,7 @@ def _beyond_yield(x: tuple[float, float, float, float], z: np.ndarray, step: Inp
 
 @kernel
 def solve_step(
-    z: np.ndarray, step: Input, flags: Flags, exchange: Exchange, guess: tuple[float, float, float, float], w: Work
+    z: np.ndarray, step: Input, law: Law, exchange: Exchange, guess: tuple[float, float, float, float], w: Work
 ) -> tuple[int, tuple[float, float, float, float], bool, int]:
     """Solve a step elastically or plastically, whichever holds; `step.flows` says which is tried first and `guess` where.
 
@@ -232,20 +261,19 @@ def solve_step(
     """
     total = 0
     if step.flows:
-        status, x, n = newton(guess, z, step, flags, exchange, w)
+        status, x, n = newton(guess, z, step, law, exchange, w)
         total += n
         if status == CONVERGED and x[2] > 0.0:
             return CONVERGED, x, True, total
     elastic = Input(step.dt, step.target, step.control, False)
     start = (z[ACROSS].real, z[ALONG].real, 0.0, z[THETA].real)
-    status, x, n = newton(start, z, elastic, flags, exchange, w)
+    status, x, n = newton(start, z, elastic, law, exchange, w)
     total += n
     if status != CONVERGED:
         return status, x, False, total
-    law, _ = law_and_surroundings(w.numbers[-1], flags, step.dt)
     if law.plastic == 0 or step.control == AT_REST or not _beyond_yield(x, z, step, law):
         return CONVERGED, x, False, total
-    status, x, n = newton(x, z, Input(step.dt, step.target, step.control, True), flags, exchange, w)
+    status, x, n = newton(x, z, Input(step.dt, step.target, step.control, True), law, exchange, w)
     total += n
     if status == CONVERGED and not x[2] > 0.0:
         status = FAILED
@@ -318,7 +346,7 @@ def advance(step: Input, guess: tuple[float, float, float, float], flags: Flags,
     law, around = law_and_surroundings(w.numbers[-1], flags, step.dt)
     exchange = exchange_of(step.dt, around)
     _complex_state(w.s, w.rates, -1, w.z)
-    status, x, flows, n = solve_step(w.z, step, flags, exchange, guess, w)
+    status, x, flows, n = solve_step(w.z, step, law, exchange, guess, w)
     if status != CONVERGED:
         return status, flows, n
     taken = Input(step.dt, step.target, step.control, flows)

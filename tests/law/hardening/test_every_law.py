@@ -119,7 +119,7 @@ def test_curve_is_the_yield_stress_of_monotonic_flow(law: Hardening) -> None:
 
 @kernel
 def _along(accumulated: float, law: Law) -> float:
-    found: float = hardening_along(accumulated, law)
+    found: float = hardening_along(accumulated, law)[0]
     return found
 
 

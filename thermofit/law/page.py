@@ -78,7 +78,8 @@ class BaseLaw(NamedTuple):
 
 
 if TYPE_CHECKING:
-    Law = AnyLaw = BaseLaw
+    Law = BaseLaw
+    AnyLaw = BaseLaw
 else:
     _FLAGS = BaseLaw._fields.index("model")
     Law = namedtuple("Law", (*BaseLaw._fields, *EFFECT_NUMBERS))

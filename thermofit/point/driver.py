@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.law.bounds import check_beta
 from thermofit.law.composition import CAPACITIES
-from thermofit.law.page import AnyLaw, law_of
+from thermofit.law.hardening.catalogue import hardening
+from thermofit.law.page import law_of
 from thermofit.law.page_rates import N_NUMBERS, NUMBERS, STEP, number_rates
 from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, AnyFlags, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
@@ -131,7 +133,7 @@ def simulate_rates(
 
 def run_numbers(
     parameters: Parameters, names: tuple[str, ...], programme: Programme, settings: PointSettings
-) -> tuple[np.ndarray, np.ndarray, Flags | AnyFlags]:
+) -> tuple[np.ndarray, np.ndarray, Flags]:
     """Numbers (N_ALL,) of a run, their derivatives (N_ALL, n_p) by the named parameters, and the flags of the law."""
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     numbers, along = np.zeros(N_ALL), np.zeros((N_ALL, len(names)))
@@ -144,7 +146,7 @@ def run_numbers(
     if programme.theta_start is not None:
         numbers[START] = programme.theta_start
     effective = law.effective or int(any(parameters[name] != param(name).neutral for name in CAPACITIES))
-    kind = AnyFlags if isinstance(law, AnyLaw) else Flags
+    kind: Any = Flags if hardening(law.model).small else AnyFlags
     return numbers, along, kind(law.model, law.closed_form, law.plastic, effective)
 
 

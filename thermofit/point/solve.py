@@ -151,6 +151,17 @@ def _law_for(flags: Any, numbers: Any, rest: Any, of_effects: Any) -> Any:
     return lambda flags, numbers, rest, of_effects: make(flags, numbers, rest, of_effects)
 
 
+def switched(flags: Flags, effective: int) -> Flags:
+    """In kernels: flags of the same type, with effects on (1) or off (0)."""
+    raise NotImplementedError
+
+
+@_overload(switched, jit_options={"forceinline": True}, strict=False)
+def _switched(flags: Any, effective: Any) -> Any:
+    kind: Any = flags.instance_class
+    return lambda flags, effective: kind(flags.model, flags.closed_form, flags.plastic, effective)
+
+
 @kernel(forceinline=True)
 def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """Law in a step of dt s and Surroundings of complex numbers (N_ALL,)."""
@@ -319,7 +330,7 @@ def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flag
 
     Without effects all is inlined, and nothing of the effects is left in it.
     """
-    plain, full = Flags(flags.model, flags.closed_form, flags.plastic, 0), Flags(flags.model, flags.closed_form, flags.plastic, 1)
+    plain, full = switched(flags, 0), switched(flags, 1)
     n_p = w.rates.shape[1]
     for p in range(n_p):
         _complex_state(w.s, w.rates, p, w.z)

@@ -119,7 +119,7 @@ def _known_law(name: str) -> str:
     return name
 
 
-HardeningName = Annotated[str, AfterValidator(_known_law), Field(json_schema_extra={"enum": [law.name for law in hardening_laws()]})]
+HardeningName = Annotated[str, AfterValidator(_known_law), Field(json_schema_extra={"pattern": "^[a-z][a-z0-9_]*$"})]
 """Name of a hardening law, a file of law/hardening."""
 
 

@@ -155,7 +155,7 @@ def hardening(which: str | int) -> Hardening:
 
 def law_of_file(file: ModuleType, name: str, number: int) -> Hardening:
     """The law that a module declares. StudyError that names what is missing or wrong."""
-    where = file.__file__ or name
+    where = getattr(file, "__file__", None) or name
     if missing := [key for key in _REQUIRED if not hasattr(file, key)]:
         raise StudyError(f"{where}: {missing[0]} is missing; a file of a hardening law gives {', '.join(_REQUIRED)}")
     if not file.PARAMS or file.PARAMS[0] != "M_y0":

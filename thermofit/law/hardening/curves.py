@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from thermofit.core.parameters import param
-from thermofit.law.hardening.catalogue import Hardening
+from thermofit.law.hardening.catalogue import LINEAR, Hardening
 
 Bounds = Mapping[str, tuple[float, float]]
 _INSIDE = 1e-9
@@ -45,21 +45,24 @@ def fitted_to_curve(
 
 
 def _all(law: Hardening, values: Any) -> dict[str, float]:
-    return {name: values[name] for name in dict.fromkeys((*law.names, *law.fitted, "H_lin"))}
+    return {name: values[name] for name in dict.fromkeys((*law.names, *law.fitted, LINEAR))}
 
 
 def first_guess(law: Hardening, accumulated: np.ndarray, stress: np.ndarray) -> dict[str, float]:
     """Values by name of what the law frees, and of its own Params, from a rising curve: yield stress (n,) MPa at Lambda (n,)."""
     guess = law.file.first_guess(accumulated, stress)
-    values = {name: guess.get(name, param(name).neutral) for name in (*law.names, *law.fitted, "H_lin")}
+    values = {name: guess.get(name, param(name).neutral) for name in (*law.names, *law.fitted, LINEAR)}
     bounds = {name: (param(name).lower, param(name).upper) for name in law.fitted}
     fitted = fitted_to_curve(law, accumulated, stress, values, bounds, {name: param(name).scale for name in law.fitted})
     found = {**guess, **fitted}
     return guess if law.error({**values, **found}) else found
 
 
-def taken_over(law: Hardening, other: Hardening, values: Any, names: Sequence[str] = ()) -> dict[str, float]:
-    """Values of a law that follows the curve that another one has by `values[name]`; those of `names` alone where they are given."""
+def taken_over(law: Hardening, other: Hardening, values: Any) -> dict[str, float]:
+    """Values by name of a law that follows the curve that another one has by `values[name]`. Linear hardening beside them stays as it is,
+    unless it is what the law frees."""
     accumulated = np.concatenate([[0.0], np.geomspace(_FROM, _TO, _SAMPLES)])
-    found = first_guess(law, accumulated, other.curve(values, accumulated))
-    return {name: value for name, value in found.items() if not names or name in names}
+    stress = other.curve(values, accumulated)
+    if LINEAR not in law.fitted:
+        stress = stress - values[LINEAR] * accumulated
+    return first_guess(law, accumulated, stress)

@@ -215,17 +215,18 @@ def test_first_guess_of_its_own_curve(law: Hardening) -> None:
 @by_law
 def test_takes_over_the_curve_of_voce(law: Hardening) -> None:
     voce = parameters_of(hardening("voce"))
-    found = taken_over(law, hardening("voce"), voce)
-    assert set(law.fitted) <= set(found)
-    accumulated = np.linspace(0.0, 0.2, 50)
-    allowed = {"linear": 0.2}.get(law.name, 0.06)
-    assert law.curve(voce.replace(**found), accumulated) == pytest.approx(law.curve(voce.replace(**found), accumulated))
-    assert law.curve(voce.replace(**found), accumulated) == pytest.approx(hardening("voce").curve(voce, accumulated), rel=allowed)
+    accumulated, linear = np.linspace(0.0, 0.2, 50), 400.0
+    for given in (voce, voce.replace(H_lin=linear)):
+        found = taken_over(law, hardening("voce"), given)
+        assert set(law.fitted) <= set(found)
+        # Linear hardening that the law does not free stays beside it.
+        allowed = {"linear": 0.25}.get(law.name, 0.06)
+        assert law.curve(given.replace(**found), accumulated) == pytest.approx(hardening("voce").curve(given, accumulated), rel=allowed)
 
 
 @by_law
 def test_recovers_what_was_planted(law: Hardening) -> None:
-    """From the first guess of the measured flow curve, with exact derivatives: noise of 0.2 MPa leaves the curve to 0.1 MPa, and every
+    """From the first guess of the measured flow curve, with exact derivatives: noise of 0.2 MPa leaves the curve to 0.15 MPa, and every
     parameter within four of its standard errors."""
     truth, settings = parameters_of(law), PointSettings(model=law.name)
     programme = Programme.by_strain(np.linspace(0.0, 200.0, 251), 0.2 * np.linspace(0.0, 1.0, 251) ** 1.5)
@@ -250,7 +251,7 @@ def test_recovers_what_was_planted(law: Hardening) -> None:
         jac=lambda x: simulate_rates(at(x), names, programme, settings)[1]["stress"] * scale / 0.2,
         bounds=(low / scale, high / scale),
     )
-    assert simulate(at(found.x), programme, settings).stress == pytest.approx(clean.stress, abs=0.1)
+    assert simulate(at(found.x), programme, settings).stress == pytest.approx(clean.stress, abs=0.15)
     sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
     off = (found.x - np.array([truth[name] for name in names]) / scale) / sigma
     assert np.abs(off).max() < 4.0, dict(zip(names, off, strict=True))

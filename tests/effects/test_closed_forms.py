@@ -80,7 +80,7 @@ CORNER = Scene(
     csr_array(np.array(3 * [[-0.25, 0.0, 0.25]])),
     300.0,
 )
-VOCE = SimpleNamespace(M_y0=130.0, M_yinf=290.0, H_exp=10.0)
+VOCE = SimpleNamespace(model=1, M_y0=130.0, M_yinf=290.0, H_exp=10.0)
 """Base hardening 160 MPa (1 - exp(-10 Lambda))."""
 HALF_TIME = 10.0 * LN2
 """s; in it a lag of 10 s loses half."""

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.law.bounds import beta_bounds_model2, beta_warning
+from thermofit.law.bounds import beta_warning
+from thermofit.law.hardening.model2 import beta_bounds
 
 
 def dissipation(beta: float, M_y0: float, M_yinf: float, b: float, alpha: np.ndarray) -> np.ndarray:
@@ -20,18 +21,18 @@ def dissipation(beta: float, M_y0: float, M_yinf: float, b: float, alpha: np.nda
 
 @pytest.mark.parametrize(("M_y0", "M_yinf", "H_exp", "upper"), [(130.38, 295.60, 10.92, 6.92), (129.28, 293.36, 10.97, 6.93)])
 def test_upper_bound_is_the_printed_one(M_y0: float, M_yinf: float, H_exp: float, upper: float) -> None:
-    assert beta_bounds_model2(M_y0, M_yinf, H_exp)[1] == pytest.approx(upper, abs=0.01)
+    assert beta_bounds(M_y0, M_yinf, H_exp)[1] == pytest.approx(upper, abs=0.01)
 
 
 def test_nominal_bounds() -> None:
-    assert beta_bounds_model2(128.92, 292.73, 10.87) == pytest.approx((0.144, 6.94), abs=0.005)
+    assert beta_bounds(128.92, 292.73, 10.87) == pytest.approx((0.144, 6.94), abs=0.005)
 
 
 @given(st.floats(1.0, 1e3), st.floats(1.01, 10.0), st.floats(0.1, 1e3))
 def test_dissipation_just_touches_zero_at_the_bounds(M_y0: float, ratio: float, b: float) -> None:
     """Over all alpha of the real line the minimum of (4.22) is zero at beta_l and beta_u, and negative outside."""
     M_yinf = ratio * M_y0
-    lower, upper = beta_bounds_model2(M_y0, M_yinf, b)
+    lower, upper = beta_bounds(M_y0, M_yinf, b)
     assert 0.0 < lower < 1.0 < upper
 
     def minimum(beta: float) -> float:
@@ -66,4 +67,4 @@ def test_warning_outside_names_value_and_bound() -> None:
 @pytest.mark.parametrize("values", [(130.0, 130.0, 10.0), (0.0, 130.0, 10.0), (130.0, 290.0, 0.0), (float("nan"), 290.0, 1.0)])
 def test_no_bounds_without_hardening(values: tuple[float, float, float]) -> None:
     with pytest.raises(StudyError, match="expected 0 < M_y0"):
-        beta_bounds_model2(*values)
+        beta_bounds(*values)

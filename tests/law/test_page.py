@@ -12,7 +12,7 @@ from point_tools import ANISOTROPIC, NOMINAL, update
 from scipy.integrate import quad, solve_ivp
 
 from thermofit.core.parameters import Parameters
-from thermofit.law.bounds import beta_bounds_model2
+from thermofit.law.hardening.model2 import beta_bounds
 from thermofit.law.page import (
     Law,
     dissipated_energy,
@@ -133,7 +133,7 @@ def test_dissipation_is_not_negative_inside_the_bounds_of_beta(
     share: float, M_y0: float, ratio: float, b: float, start: float, d_lambda: float
 ) -> None:
     """For beta in [0, beta_u] (4.24), alpha_n in [0, 1/b] and any increment, closed form and backward Euler."""
-    upper = beta_bounds_model2(M_y0, ratio * M_y0, b)[1]
+    upper = beta_bounds(M_y0, ratio * M_y0, b)[1]
     parameters = NOMINAL.replace(M_y0=M_y0, M_yinf=ratio * M_y0, H_exp=b, beta=share * upper)
     for model, closed_form in ((1, True), (2, True), (2, False)):
         law = law_of(parameters, model, closed_form=closed_form)

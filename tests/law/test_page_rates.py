@@ -47,8 +47,9 @@ def central(f: Callable[[float], float], x: float) -> float:
 
 
 def along_numbers(f: Callable[[Law], float], law: Law) -> np.ndarray:
-    """Central differences of f by every number of the law."""
-    return np.array([central(lambda x, n=name: f(law._replace(**{n: x})), getattr(law, name)) for name in NUMBERS])
+    """Central differences of f by every number of the law; zero for those that it does not have."""
+    here = [name if name in law._fields else "" for name in NUMBERS]
+    return np.array([central(lambda x, n=name: f(law._replace(**{n: x})), getattr(law, name)) if name else 0.0 for name in here])
 
 
 def points(*values: float) -> tuple[np.ndarray, ...]:

@@ -24,8 +24,12 @@ from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.trust import WHOLE
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.result import FitResult
+from thermofit.law.hardening.catalogue import LINEAR, hardening
+from thermofit.law.hardening.curves import taken_over
 from thermofit.records.staging import Job
 from thermofit.study.literature import Candidate
+from thermofit.study.models import start_of as start_value
+from thermofit.study.section import law_named
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -63,21 +67,29 @@ class Contender:
 
 
 def candidate_study(study: Study, candidate: Candidate) -> Study:
-    """The study with the model and the parameters of a candidate."""
-    changes: dict[str, Any] = {"parameters": {**study.parameters, **candidate.parameters}}
-    if candidate.model is not None:
-        changes["model"] = candidate.model
+    """The study with the hardening law and the parameters of a candidate. A hardening law other than the study's starts on the curve of the
+    study's start, but for what the candidate gives."""
+    own = hardening(law_named(candidate.model, candidate.hardening) or study.hardening_law)
+    other = hardening(study.hardening_law)
+    taken: dict[str, float] = {}
+    if not set(own.fitted) <= set(other.fitted):
+        starts = {name: start_value(setting) for name, setting in study.parameters.items()}
+        taken = taken_over(own, other, {name: starts.get(name, param(name).neutral) for name in (*other.names, LINEAR)})
+        taken = {name: value for name, value in taken.items() if name not in other.fitted}
+    changes: dict[str, Any] = {"parameters": {**study.parameters, **taken, **candidate.parameters}, "hardening": own.name}
     return study.model_copy(update=changes)
 
 
-def wanted_of(candidate: Candidate, settings: StageSettings) -> tuple[str, ...]:
-    """What a candidate fits: its own choice, else all of the joint fit, and what it adds."""
+def wanted_of(candidate: Candidate, settings: StageSettings, own: Study, study: Study) -> tuple[str, ...]:
+    """What a candidate fits: its own choice, else all of the joint fit, and what it adds. What the hardening law of its study `own` frees
+    takes the place of what that of the `study` frees with which it competes."""
+    names = candidate.free or hardening(own.hardening_law).exchanged(settings.free, hardening(study.hardening_law))
     added: list[str] = []
     for name in candidate.add:
         added += [name] if "." in name or not _is_effect(name) else [p.name for p in effect(name).amplitudes]
     for name in added:
         param(name)
-    return tuple(dict.fromkeys((*(candidate.free or settings.free), *added)))
+    return tuple(dict.fromkeys((*names, *added)))
 
 
 def _is_effect(name: str) -> bool:
@@ -92,9 +104,10 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
     """A candidate fitted from where the stages ended. NumericsError where its model fails at the start."""
     own = candidate_study(study, candidate)
     experiment = experiment_of(own)
-    settings = experiment.joint_settings(wanted_of(candidate, experiment.joint_settings()))
+    settings = experiment.joint_settings(wanted_of(candidate, experiment.joint_settings(), own, study))
     free = settings.free
     base, _ = with_identified(study, experiment.start(), identified_stages(study))
+    base = base.replace(**_on_the_curve(study, own, base))
     base = _started(base, candidate, free).with_free(free)
     problem = experiment.joint(settings, base)
     model = problem.model
@@ -106,6 +119,15 @@ def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contende
         raise NumericsError(f"candidate '{name}': {error}") from error
     residual, columns = model.linearised(parameters, free)
     return Contender(name, own, experiment, replace(problem, base=parameters), fit, residual, columns, tuple(joint.failures))
+
+
+def _on_the_curve(study: Study, own: Study, base: Parameters) -> dict[str, float]:
+    """What another hardening law frees, on the curve that the study's has at `base`, inside its bounds; nothing where it frees the same."""
+    law, other = hardening(own.hardening_law), hardening(study.hardening_law)
+    if set(law.fitted) == set(other.fitted):
+        return {}
+    found = taken_over(law, other, base)
+    return {name: float(np.clip(value, *own.bounds(name))) for name, value in found.items()}
 
 
 def _started(base: Parameters, candidate: Candidate, free: Sequence[str]) -> Parameters:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import NAMES, Parameters, acting, bare_name, param
+from thermofit.core.parameters import AT, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
@@ -23,7 +23,7 @@ from thermofit.diagnose.decide_words import acted_on
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.score import ALIKE, Columns
 from thermofit.diagnose.trace import Traced
-from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects
+from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects, is_of_effect
 from thermofit.experiment.coupon_records import CouponTest
 from thermofit.experiment.coupon_sensor import SENSOR, shown_rates
 from thermofit.experiment.instruments import station_names
@@ -156,7 +156,7 @@ def at_point(here: Traced, family: Family, known: frozenset[str]) -> Parameters:
     base = here.case.parameters
     others = {n: param(n).neutral for n in base.values if n in station_names() and effect_of_param(n).name not in known}
     own = effect(family.added).names if family.added else ()
-    free = (n for n in base.free if n not in own and (n in NAMES or ("." in n and effect_of_param(n).name in known)))
+    free = (n for n in base.free if n not in own and (effect_of_param(n).name in known if is_of_effect(n) else AT not in n))
     return base.replace(**others, **family.settings).with_free(tuple(n for n in free if n not in _OF_FIELDS))
 
 

@@ -16,7 +16,7 @@ from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rows import rows_of_tests
 from thermofit.diagnose.score import ALIKE, indistinguishable
-from thermofit.effects.catalogue import BASE, effect_of_param, effects
+from thermofit.effects.catalogue import BASE, effect_of_param, effects, is_of_effect
 from thermofit.experiment.errors_told import told, too_far
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.forms import experiment_of
@@ -33,7 +33,8 @@ from thermofit.study.stages import Stages
 from thermofit.study.study import Study
 
 SECTIONS = (
-    *("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "stages", "coupon", "diagnosis"),
+    *("model", "hardening", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics"),
+    *("stages", "coupon", "diagnosis"),
 )
 DIAGNOSE = "diagnose"
 USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
@@ -190,6 +191,6 @@ def freed_effects(free: Sequence[str]) -> dict[str, list[int]]:
     for k, n in enumerate(free):
         if bare_name(n) in of_base:
             own.setdefault(of_base[bare_name(n)], []).append(k)
-        elif "." in bare_name(n) and not param(n).scan:
+        elif is_of_effect(n) and not param(n).scan:
             own.setdefault(effect_of_param(n).name, []).append(k)
     return own

@@ -104,7 +104,7 @@ def _scaled(start: Parameters, name: str, factor: float) -> Parameters:
     return start.replace(**{p.name: float(np.clip(p.neutral + factor * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
-def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int) -> Parameters:
+def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int | str) -> Parameters:
     """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
     before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
     added, moved = effect_of_param(name), start.replace(**{name: value})
@@ -245,7 +245,7 @@ class JointFit:
                 nonlocal tried
                 tried += 1
                 assert flow is not None
-                begin = as_strong(start, name, value, flow, self.study.model).with_free(others)
+                begin = as_strong(start, name, value, flow, self.study.hardening_law).with_free(others)
                 for turn, stronger in enumerate(STRONGER):
                     try:
                         there, fit = self.minimised_on(

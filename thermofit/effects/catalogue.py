@@ -19,7 +19,7 @@ from typing import Any
 
 from thermofit.core.digest import effect_files
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import AT, Param, declare
+from thermofit.core.parameters import AT, Param, bare_name, declare
 from thermofit.effects.base import BASE as BASE_EFFECTS
 
 MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "asymmetry", "dissipation")
@@ -37,7 +37,7 @@ MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 FILE_SLOTS = (*MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
 """Slots that an effect file may act in."""
 SLOTS = (*BASE, *FILE_SLOTS)
-NO_EFFECTS = ("base", "catalogue", "scene")
+NO_EFFECTS = ("base", "catalogue", "curve", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 ON_FACETS = ("surface_flux", "boundary_temperature")
 """Slots of effects that act on facet sets, which the module constant ON names."""
@@ -111,6 +111,11 @@ def effect_of_param(name: str) -> Effect:
     """The effect that a Param <effect>.<param>, or <effect>.<param>@<experiment>, belongs to. StudyError where there is none."""
     bare, at, experiment = name.partition(AT)
     return effect(f"{bare.partition('.')[0]}{at}{experiment}")
+
+
+def is_of_effect(name: str) -> bool:
+    """True for the name of a Param that belongs to an effect, not to the base law or one of its hardening laws."""
+    return "." in bare_name(name) and bare_name(name).partition(".")[0] in EFFECTS
 
 
 def effect_of(module: ModuleType, name: str) -> Effect | None:

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.parameters import Param
+from thermofit.effects.curve import hardening
 
 SLOT = "yield_stress"
 PARAMS = (
-    # Not the length is the amplitude: to first order in a length, Voce's curve only shifts, which is a change of M_y0.
+    # Not the length is the amplitude: to first order in a length, a saturating curve only shifts, which is a change of M_y0.
     Param("yield_plateau.share", "1", 0.0, 0.0, 3.0, 0.2, "share of the law's hardening that begins late; 1 is a flat plateau", probe=0.5),
     Param("yield_plateau.length", "1", 0.02, 1e-3, 0.2, 5e-3, "plastic strain at the end of the plateau", scan=(0.005, 0.01, 0.02, 0.04)),
     # No amplitude of its own: a few samples tell it, and without them it would spoil what the others predict.
@@ -25,9 +26,8 @@ _ROUNDING = 0.1
 
 
 def yield_stress(accumulated: float, rate: float, theta: float, law: Any, share: float, length: float, upper: float, drop: float) -> float:
-    """A share of Voce's hardening from max(Lambda - length, 0) instead of Lambda, and the upper yield point; MPa."""
+    """A share of the base law's hardening from max(Lambda - length, 0) instead of Lambda, and the upper yield point; MPa."""
     ahead, before = accumulated - length, 0.0 * accumulated - length
     round_off = (_ROUNDING * length) ** 2
     late = 0.5 * (ahead + np.sqrt(ahead * ahead + round_off)) - 0.5 * (before + np.sqrt(before * before + round_off))
-    change = np.exp(-law.H_exp * accumulated) - np.exp(-law.H_exp * late)
-    return share * ((law.M_yinf - law.M_y0) * change + upper * np.exp(-accumulated / drop))
+    return share * (hardening(late, law) - hardening(accumulated, law) + upper * np.exp(-accumulated / drop))

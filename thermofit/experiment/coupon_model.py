@@ -102,7 +102,7 @@ class CouponRun:
 
 def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
     """Numerics of a study for the point driver."""
-    return PointSettings(model=study.model, closed_form=study.numerics.plastic_integration == "closed-form", plastic=plastic)
+    return PointSettings(model=study.hardening_law, closed_form=study.numerics.plastic_integration == "closed-form", plastic=plastic)
 
 
 def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plastic: bool = True) -> CouponRun:

@@ -58,7 +58,7 @@ def planned(study: Study, steps: tuple[Step, ...], assumed: Parameters) -> Plann
     """
     settings = simulated(study)
     specimen, instruments = study.specimen_of(Specimen(**settings.specimen.model_dump())), instruments_of(settings)
-    bar = bar_of(specimen, uniaxial_law(in_model_axes(assumed, study.material_axes.angle), study.model))
+    bar = bar_of(specimen, uniaxial_law(in_model_axes(assumed, study.material_axes.angle), study.hardening_law))
     load = load_history(steps, bar, instruments.machine, instruments.force.rate)
     dic_time, ir_time = instrument_times(load, instruments, settings.seed)
     dic_time, ir_time = _wanted(study.evaluation.displacement_times, dic_time), _wanted(study.evaluation.temperature_times, ir_time)

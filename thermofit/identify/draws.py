@@ -1,7 +1,7 @@
 """Starts spread over the bounds of the free parameters: Latin hypercube or Sobol sequence (scrambled; Owen 1998, as in scipy).
 
-A range over more than two decades is drawn by its logarithm, as the order of magnitude is what is unknown there. M_yinf lies above M_y0
-(the material must harden), so that it is drawn from the part of its range above the start value of M_y0.
+A range over more than two decades is drawn by its logarithm, as the order of magnitude is what is unknown there. Where the hardening law
+must rise (M_yinf above M_y0), the higher parameter is drawn from the part of its range above the lower one.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ import numpy as np
 from scipy.stats import qmc
 
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
+from thermofit.law.hardening.catalogue import Hardening, hardening
 from thermofit.study.search import DrawnStarts
 from thermofit.study.study import Study
 
 DECADES = 100.0
 """Upper over lower end from which a range is drawn by its logarithm."""
 _HARDER = 1.01
-"""M_yinf over M_y0 at least."""
+"""A parameter over the one that it must exceed, at least."""
 
 
 def drawn_starts(study: Study, draw: DrawnStarts, base: Parameters) -> tuple[dict[str, float], ...]:
@@ -32,7 +33,8 @@ def drawn_starts(study: Study, draw: DrawnStarts, base: Parameters) -> tuple[dic
         )
     ranges = {name: _range(study, draw, name) for name in names}
     points = _points(draw, len(names))
-    return tuple(_start(dict(zip(names, point.tolist(), strict=True)), ranges, base) for point in points)
+    law = hardening(study.hardening_law)
+    return tuple(_start(dict(zip(names, point.tolist(), strict=True)), ranges, base, law) for point in points)
 
 
 def _points(draw: DrawnStarts, dimensions: int) -> np.ndarray:
@@ -57,17 +59,19 @@ def _range(study: Study, draw: DrawnStarts, name: str) -> tuple[float, float]:
     return low, high
 
 
-def _start(point: Mapping[str, float], ranges: Mapping[str, tuple[float, float]], base: Parameters) -> dict[str, float]:
+def _start(point: Mapping[str, float], ranges: Mapping[str, tuple[float, float]], base: Parameters, law: Hardening) -> dict[str, float]:
     """A start from a point of the unit cube, by name."""
     out: dict[str, float] = {}
-    for name in sorted(point, key=lambda name: name == "M_yinf"):
+    rising = [name for chain in law.ascending for name in chain]
+    for name in sorted(point, key=lambda name: rising.index(name) if name in rising else 0):
         low, high = ranges[name]
-        if name == "M_yinf":
-            low = max(low, _HARDER * out.get("M_y0", base["M_y0"]))
+        if (below := law.above(name)) is not None:
+            low = max(low, _HARDER * out.get(below, base[below]))
             if low >= high:
+                unit = "" if param(below).unit == "1" else f" {param(below).unit}"
                 raise StudyError(
-                    f"gridsearch.draw: M_yinf cannot lie above M_y0 = {low / _HARDER:.4g} MPa within its range, which ends at {high:g}; "
-                    "raise its upper bound or narrow gridsearch.draw.within.M_y0"
+                    f"gridsearch.draw: {name} cannot lie above {below} = {low / _HARDER:.4g}{unit} within its range, which ends at "
+                    f"{high:g}; raise its upper bound or narrow gridsearch.draw.within.{below}"
                 )
         out[name] = between(point[name], low, high)
     return {name: out[name] for name in point}

@@ -14,16 +14,20 @@ equally well. Therefore the rate d ln sigma/dx (0) is prescribed; x_c and the ex
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from thermofit.law.hardening.catalogue import hardening
+
+_LAW = hardening("voce")
 _GRID = 400
 _NEWTON = 8
 
 
 @dataclass(frozen=True)
 class HardeningLaw:
-    """sigma/sigma(0) = 1 + R (1 - exp(-h x)) + H x, Voce and linear as in the law of the models (M_yinf/M_y0 - 1 = R, H_exp = h,
+    """sigma/sigma(0) = 1 + R g(x) + H x, hardening law voce with g = 1 - exp(-h x), and linear (M_yinf/M_y0 - 1 = R, H_exp = h,
     H_lin/M_y0 = H), told by the Considere strain `considere`, `exponent` h and the `rate` R h + H > 1/(1 - considere) at x = 0."""
 
     considere: float
@@ -38,7 +42,7 @@ class HardeningLaw:
     @property
     def linear(self) -> float:
         """H = H_lin/M_y0."""
-        return self.rate - self.exponent * self.voce
+        return float(self.rate - self.voce * _shape(0.0, self.exponent)[1])
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """sigma/sigma(0) at strains (any shape)."""
@@ -50,8 +54,7 @@ class HardeningLaw:
 
     def slope(self, x: np.ndarray) -> np.ndarray:
         """g' = d ln sigma/dx - 1."""
-        hardening = self.exponent * self.voce * np.exp(-self.exponent * x) + self.linear
-        return np.asarray(hardening / self.stress(x) - 1.0)
+        return np.asarray((self.voce * _shape(x, self.exponent)[1] + self.linear) / self.stress(x) - 1.0)
 
     def parameter_slopes(self, x: np.ndarray) -> np.ndarray:
         """dg/d(considere, exponent) (2, ...) by complex steps."""
@@ -68,16 +71,22 @@ class HardeningLaw:
         return bool(np.all(self.stress(x) > 0.0) and np.all(self.slope(x[:-1]) > 0.0))
 
 
+def _shape(x: Any, exponent: complex) -> tuple[Any, Any]:
+    """g, the hardening law between limits 0 and 1, and its derivative at strains x (any shape)."""
+    found: tuple[Any, Any] = _LAW.file.yield_stress(x, *_LAW.number_values({"M_y0": 0.0, "M_yinf": 1.0, "H_exp": exponent}))
+    return found
+
+
 def _voce(considere: complex, exponent: complex, rate: float) -> complex:
-    """R such that d sigma/dx = sigma at x = considere, with R h + H = rate."""
-    decay = np.exp(-exponent * considere)
-    return complex((1.0 - rate * (1.0 - considere)) / ((exponent + 1.0) * decay - 1.0 - exponent * (1.0 - considere)))
+    """R such that d sigma/dx = sigma at x = considere, with R g'(0) + H = rate."""
+    g, slope = _shape(considere, exponent)
+    return complex((1.0 - rate * (1.0 - considere)) / (slope - g - _shape(0.0, exponent)[1] * (1.0 - considere)))
 
 
 def _stress(x: np.ndarray, considere: complex, exponent: complex, rate: float) -> np.ndarray:
     voce = _voce(considere, exponent, rate)
-    linear = rate - exponent * voce
-    return np.asarray(1.0 + voce * (1.0 - np.exp(-exponent * x)) + linear * x)
+    linear = rate - voce * _shape(0.0, exponent)[1]
+    return np.asarray(1.0 + voce * _shape(x, exponent)[0] + linear * x)
 
 
 def section_states(law: HardeningLaw, offset: np.ndarray, tau: np.ndarray) -> np.ndarray:

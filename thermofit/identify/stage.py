@@ -92,7 +92,7 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     start, replaced = experiment.feasible(stage.base)
     solved = solve(study, stage.settings, start, model_on(experiment, stage.settings), task, scalable=experiment.scalable)
     solved, honest = _widened(study, solved)
-    warning = beta_warning(solved.parameters, study.model)
+    warning = beta_warning(solved.parameters, study.hardening_law)
     remarks = (*kept, replaced, *_own_remarks(stage, kind, solved), warning or "", honest)
     if not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
         return made(study, stage.base, solved, remarks)

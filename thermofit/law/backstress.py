@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+import thermofit.core.lanes  # noqa: F401, see law.composition
 from thermofit.core.jit import kernel
 
 _SMALL_PHI, _SMALL_PSI = 1e-2, 0.1

@@ -1,4 +1,5 @@
-"""How effects enter the law: within a slot additive terms are summed, then factors multiplied, so that order cannot matter.
+"""How effects and hardening laws enter the law: within a slot additive terms are summed, then factors multiplied, so that order cannot
+matter; of the hardening laws `law.model`, a number, selects one.
 
 The effects are files of their own (thermofit.effects, or a user's). Their formulas are joined here, once per process, in a module that is
 written beside the compiled kernels, so that it is cached with them:
@@ -12,6 +13,13 @@ written beside the compiled kernels, so that it is cached with them:
 
 Every Param of such an effect is a number of the law, called <effect>__<param>. At the neutral value of its amplitude an effect is skipped,
 not evaluated to zero: exactly off, at no cost.
+
+Of the hardening laws (law.hardening) there are
+
+    hardening_stress     yield stress of the base law and its derivative by alpha, without H_lin Lambda
+    hardening_alpha      alpha after an increment, and its derivative: alpha + dLambda but for model 2
+    hardening_energy     psi_pl,  hardening_heat = dissipation of an increment: beta M_y0 dLambda but for model 2
+    hardening_along      yield stress of the base law over Lambda in monotonic flow, and its slope; effects.curve gives it to effects
 """
 
 from __future__ import annotations
@@ -21,11 +29,20 @@ import importlib.util
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import numba.extending
+
+# Lanes come with the room, before any of its kernels: those that a body compiled name lanes, so that reading them from the cache would
+# otherwise import the module in the midst of type inference, whose np.exp is then no longer the np.exp of its beginning.
+import thermofit.core.lanes  # noqa: F401
 from thermofit.core.jit import CACHE_FOLDER
+from thermofit.effects import curve
 from thermofit.effects.catalogue import Effect, effects
+from thermofit.law.hardening.catalogue import SHARED, Hardening, hardening, hardening_laws
 
 SUMS = ("yield_stress",)
 FACTORS = ("yield_factor", "dissipation")
@@ -34,6 +51,7 @@ POINT_ONLY = ("backstress", "free_energy", "asymmetry")
 _HEAD = '''"""Joined formulas of effects; written by thermofit.law.composition."""
 from thermofit.core.jit import kernel
 from thermofit.effects.catalogue import effect
+from thermofit.law.hardening.catalogue import hardening
 '''
 
 
@@ -115,15 +133,79 @@ def _terms(members: list[Effect]) -> str:
     return "\n".join([*lines, f"    return ({pairs})", "", ""])
 
 
-def _as_tuples(n: int) -> str:
-    """Source of `effect_numbers` and `no_effects`: all numbers of effects from an array, and zeros in their stead. Written out, because the
-    compiler builds a tuple from a loop by copying it once per entry."""
-    entries = "".join(f"numbers[{k}], " for k in range(n))
-    zeros = "0.0j, " * n
-    return (
-        f"@kernel(forceinline=True)\ndef effect_numbers(numbers):\n    return ({entries})\n\n\n"
-        f"@kernel(forceinline=True)\ndef no_effects():\n    return ({zeros})\n\n\n"
-    )
+def _as_tuples() -> str:
+    """Source of `effect_numbers`, `hardening_numbers` and `no_effects`: all numbers of effects, or of the hardening law, from an array,
+    and zeros in stead of those of effects. Written out, because the compiler builds a tuple from a loop by copying it once per entry."""
+    parts = []
+    for name, n in (("effect_numbers", len(EFFECT_NUMBERS)), ("hardening_numbers", len(SHARED))):
+        entries = "".join(f"numbers[{k}], " for k in range(n))
+        parts.append(f"@kernel(forceinline=True)\ndef {name}(numbers):\n    return ({entries})\n\n\n")
+    zeros = "0.0j, " * len(EFFECT_NUMBERS)
+    parts.append(f"@kernel(forceinline=True)\ndef no_effects():\n    return ({zeros})\n\n\n")
+    return "".join(parts)
+
+
+_OF_HARDENING = {
+    "hardening_stress": ("alpha", "yield_stress", "alpha", ""),
+    "hardening_alpha": ("alpha_n, d_lambda", "hardening_variable", "alpha_n, d_lambda, law.closed_form", "alpha_n + d_lambda, 1.0"),
+    "hardening_energy": ("alpha", "stored_energy", "alpha", ""),
+    "hardening_heat": (
+        "alpha_n, alpha, d_lambda",
+        "dissipated_energy",
+        "alpha_n, alpha, d_lambda, law.closed_form, law.beta",
+        "law.beta * law.M_y0 * d_lambda",
+    ),
+    "hardening_along": ("accumulated", "monotonic", "accumulated", ""),
+}
+"""Of each function of the hardening laws: its arguments before the law, that of the law's file, what this one is called with before its
+numbers, and what holds for laws whose files do not have it; empty: all have it (`monotonic` is `yield_stress` where it is not given)."""
+_SHORT, _OTHERS = (tuple(law for law in hardening_laws() if law.small == small) for small in (True, False))
+
+
+def _in_file(law: Hardening, function: str) -> str:
+    """Name of the function of a law's file that does the work of `function`, empty where none does."""
+    other = {"monotonic": "yield_stress"}.get(function, "")
+    return function if hasattr(law.file, function) else other
+
+
+def _chosen(name: str) -> str:
+    """Source of short_<name>, that of a Law of the thesis, of any_<name>, that of an AnyLaw, which calls one function of all its laws, and
+    of kind_of_<name>, which chooses between them by the type of a law."""
+    arguments, function, given, usual = _OF_HARDENING[name]
+    lines = [f"def short_{name}({arguments}, law):", *_branches(_SHORT, function, given, "law.", usual), "", ""]
+    lines += [f"def kind_of_{name}({arguments}, law):", f"    return any_{name} if {SHARED[0]!r} in law.fields else short_{name}", "", ""]
+    called = f"def any_{name}({arguments}, law):"
+    if usual and not any(_in_file(law, function) for law in _OTHERS):
+        return "\n".join([*lines, called, f"    return {usual}", "", ""])
+    flags = tuple(flag for flag in ("closed_form", "beta") if f"law.{flag}" in given)
+    names = ("model", *flags, *dict.fromkeys(field for law in _OTHERS for field in law.fields))
+    lines += ["@kernel", f"def _any_{name}({arguments}, {', '.join(names)}):"]
+    lines += [*_branches(_OTHERS, function, given.replace("law.", ""), "", usual.replace("law.", "")), "", ""]
+    lines += [called, f"    return _any_{name}({arguments}, {', '.join(f'law.{field}' for field in names)})", "", ""]
+    return "\n".join(lines)
+
+
+def _branches(laws: tuple[Hardening, ...], function: str, given: str, prefix: str, usual: str) -> list[str]:
+    """Source of the choice by number among laws, whose numbers are called `prefix`<field>; the last answer is that of all others."""
+    found = [(law, _in_file(law, function)) for law in laws]
+    answers = [
+        (law.number, f"_{law.name}_{own}({given}, {', '.join(prefix + field for field in law.fields)})") for law, own in found if own
+    ]
+    last = usual or answers.pop()[1]
+    lines = []
+    for number, answer in answers:
+        lines += [f"    if {prefix}model == {number}:", f"        return {answer}"]
+    return [*lines, f"    return {last}"]
+
+
+def _compiled_laws() -> str:
+    """Source that makes kernels of the functions of all hardening laws, each called <law>_<function>."""
+    lines = []
+    for law in hardening_laws():
+        own = (_in_file(law, function) for _, function, _, _ in _OF_HARDENING.values())
+        for function in dict.fromkeys(name for name in own if name):
+            lines.append(f'_{law.name}_{function} = kernel(inline="always")(hardening({law.name!r}).file.{function})')
+    return "\n".join([*lines, "", "", ""])
 
 
 def source() -> str:
@@ -131,7 +213,8 @@ def source() -> str:
     members = [*law_effects(), *capacity_effects()]
     parts = [_HEAD]
     parts += [f"_{e.name} = kernel(forceinline=True)(effect({e.name!r}).act)\n" for e in members]
-    parts.append("\n\n")
+    parts.append(_compiled_laws())
+    parts += [_chosen(name) for name in _OF_HARDENING]
     parts.append(_function("added_yield_stress", [e for e in members if e.slot == "yield_stress"], False))
     parts.append(_function("stored_yield_stress", [e for e in members if e.slot == "yield_stress" and e.stored], False))
     parts.append(_function("yield_factor", [e for e in members if e.slot == "yield_factor"], True))
@@ -139,7 +222,7 @@ def source() -> str:
     parts.append(_function("modulus_factor", [e for e in members if e.slot == "free_energy"], True))
     parts.append(_function("asymmetry_factor", [e for e in members if e.slot == "asymmetry"], True))
     parts.append(_function("capacity_factor", [e for e in members if e.slot == "capacity"], True))
-    parts.append(_as_tuples(len(EFFECT_NUMBERS)))
+    parts.append(_as_tuples())
     parts.append(_terms([e for e in members if e.slot == "backstress"]))
     return "".join(parts)
 
@@ -173,3 +256,37 @@ effect_numbers = _module.effect_numbers
 no_effects = _module.no_effects
 asymmetry_factor = _module.asymmetry_factor
 capacity_factor = _module.capacity_factor
+hardening_numbers = _module.hardening_numbers
+_overload: Any = numba.extending.overload
+_AS_KERNELS = {"error_model": "numpy", "fastmath": False, "forceinline": True}
+
+
+def _by_type(name: str) -> Callable[..., Any]:
+    """The function of the hardening laws of that name, for kernels and outside them: the type of the law says whether it is of the thesis,
+    so that nothing of the other laws is compiled where they are not used, or any."""
+    short, of_any = getattr(_module, f"short_{name}"), getattr(_module, f"any_{name}")
+
+    def function(*arguments: Any) -> Any:
+        return (of_any if hasattr(arguments[-1], SHARED[0]) else short)(*arguments)
+
+    _overload(function, jit_options=_AS_KERNELS, strict=False)(getattr(_module, f"kind_of_{name}"))
+    return function
+
+
+hardening_stress = _by_type("hardening_stress")
+hardening_alpha = _by_type("hardening_alpha")
+hardening_energy = _by_type("hardening_energy")
+hardening_heat = _by_type("hardening_heat")
+hardening_along = _by_type("hardening_along")
+
+
+def _along(accumulated: Any, law: Any) -> Any:
+    """`hardening_along` outside kernels: Lambda a number, complex or real, or an array."""
+    selected = hardening(law.model)
+    return selected.along((getattr(law, field) for field in selected.fields), accumulated)
+
+
+curve.give(_along)
+_overload(curve.hardening, jit_options=_AS_KERNELS, strict=False)(
+    lambda accumulated, law: lambda accumulated, law: hardening_along(accumulated, law)[0]
+)

@@ -11,8 +11,8 @@ Free energy (4.1) to (4.7), per unit reference volume, theta_0 the stress-free r
 Plastic flow is isochoric, so J = det F = det F_el. Isotropic elasticity: M = F_el^T P_el is symmetric and its deviator is
 mu dev C_el; the Hill surface (4.19) sees nothing else of it.
 
-Model 1 is associated, alpha = Lambda, with Voce and linear hardening. Model 2 is non-associated,
-d alpha = (1 - b alpha) d Lambda, psi_pl = h alpha^2 / 2, with b = H_exp, h = b (M_yinf - M_y0) (4.27), (4.28).
+The yield stress over alpha, and psi_pl with it, is that of a hardening law, one file each in law.hardening: `model` selects it. All are
+associated, alpha = Lambda, but for model 2 of the thesis. Linear hardening, H_lin Lambda, is added to any of them.
 """
 
 from __future__ import annotations
@@ -32,13 +32,20 @@ from thermofit.law.composition import (
     EFFECT_PARAMS,
     added_yield_stress,
     dissipation_factor,
+    hardening_alpha,
+    hardening_energy,
+    hardening_heat,
+    hardening_stress,
     stored_yield_stress,
     yield_factor,
 )
+from thermofit.law.hardening.catalogue import SHARED, hardening
 
 
 class BaseLaw(NamedTuple):
-    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa. Those of effects follow in `Law`."""
+    """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa. Those of effects follow in `Law`, whose
+    hardening law is one of the thesis. Any other is an `AnyLaw`, which has numbers of its own before `model`; kernels are compiled for it
+    when one is used."""
 
     lame: float
     mu: float
@@ -59,6 +66,7 @@ class BaseLaw(NamedTuple):
     beta: float
     theta_ref: float
     model: int
+    """Number of the hardening law (law.hardening): 1 and 2 are the models of the thesis."""
     closed_form: int
     """1: alpha integrated in closed form (errata 2); 0: backward Euler as in the thesis."""
     plastic: int
@@ -71,30 +79,39 @@ class BaseLaw(NamedTuple):
 
 if TYPE_CHECKING:
     Law = BaseLaw
+    AnyLaw = BaseLaw
 else:
+    _FLAGS = BaseLaw._fields.index("model")
     Law = namedtuple("Law", (*BaseLaw._fields, *EFFECT_NUMBERS))
+    AnyLaw = namedtuple("AnyLaw", (*BaseLaw._fields[:_FLAGS], *SHARED, *BaseLaw._fields[_FLAGS:], *EFFECT_NUMBERS))
 
 
-def law_of(parameters: Parameters, model: int = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
-    """The Law of named parameters: lambda, mu, K from E and nu (Remark 4.5)."""
+def law_of(parameters: Parameters, model: int | str = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
+    """The Law of named parameters: lambda, mu, K from E and nu (Remark 4.5); `model` is the hardening law, by number or name. StudyError
+    where there is none of that name."""
     v = parameters.values
     E, nu = v["E"], v["nu"]
     lame = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     mu = E / (2.0 * (1.0 + nu))
     names = ("M_y0", "M_yinf", "H_exp", "H_lin", "F", "G", "H", "L", "M", "N", "alpha_exp", "kappa", "c0", "beta", "theta_ref")
     of_effects: dict[str, Any] = dict(zip(EFFECT_NUMBERS, (parameters[name] for name in EFFECT_PARAMS), strict=True))
-    return Law(
+    selected = hardening(model)
+    own = selected.own_values(parameters)
+    kind: Any = Law if selected.small else AnyLaw
+    made: Law = kind(
         lame=lame,
         mu=mu,
         bulk=lame + 2.0 * mu / 3.0,
-        model=int(model),
+        model=selected.number,
         closed_form=int(closed_form),
         plastic=int(plastic),
         effective=int(any(parameters[name] != param(name).neutral for name in AMPLITUDES)),
         per_second=0.0,
         **{name: v[name] for name in names},
+        **({} if selected.small else dict(zip(SHARED, (*own, *(0.0,) * (len(SHARED) - len(own))), strict=True))),
         **of_effects,
     )
+    return made
 
 
 def law_in_step(law: Law, dt: float) -> Law:
@@ -117,31 +134,15 @@ def in_model_axes(parameters: Parameters, angle: float) -> Parameters:
 
 @kernel(inline="always")
 def hardening_variable(alpha_n: float, d_lambda: float, law: Law) -> tuple[float, float]:
-    """alpha after the plastic increment d_lambda, and d alpha / d d_lambda (4.15).
-
-    Model 1: alpha = alpha_n + d_lambda. Model 2: exact alpha = (1 - (1 - b alpha_n) exp(-b d_lambda)) / b, or backward Euler
-    alpha = (alpha_n + d_lambda) / (1 + b d_lambda).
-    """
-    if law.model == 1:
-        return alpha_n + d_lambda, 1.0
-    b = law.H_exp
-    if law.closed_form == 1:
-        remaining = (1.0 - b * alpha_n) * np.exp(-b * d_lambda)
-        return (1.0 - remaining) / b, remaining
-    alpha = (alpha_n + d_lambda) / (1.0 + b * d_lambda)
-    return alpha, (1.0 - b * alpha_n) / (1.0 + b * d_lambda) ** 2
+    """alpha after the plastic increment d_lambda, and d alpha / d d_lambda (4.15): alpha_n + d_lambda but for model 2."""
+    found: tuple[float, float] = hardening_alpha(alpha_n, d_lambda, law)
+    return found
 
 
 @kernel(inline="always")
 def yield_stress(alpha: float, accumulated: float, law: Law) -> tuple[float, float, float]:
     """Yield stress M_y0 - K_bar in MPa, and its derivatives by alpha and by the accumulated multiplier Lambda (4.18), (4.29)."""
-    if law.model == 1:
-        saturation = (law.M_yinf - law.M_y0) * np.exp(-law.H_exp * alpha)
-        value = law.M_yinf - saturation
-        by_alpha = law.H_exp * saturation
-    else:
-        by_alpha = law.H_exp * (law.M_yinf - law.M_y0)
-        value = law.M_y0 + by_alpha * alpha
+    value, by_alpha = hardening_stress(alpha, law)
     return value + linear_hardening(accumulated, law.H_lin), by_alpha, law.H_lin
 
 
@@ -197,20 +198,9 @@ def released_energy(alpha_n: float, alpha: float, d_lambda: float, accumulated: 
 
 @kernel(inline="always")
 def dissipated_energy(alpha_n: float, alpha: float, d_lambda: float, law: Law) -> float:
-    """Mechanical dissipation of one increment in mJ/mm^3: the integral of (4.21) or (4.22) over d_lambda.
-
-    Model 2 in closed form: with d alpha = (1 - b alpha) d Lambda, b int alpha dLambda = d_lambda - d_alpha and
-    b int alpha^2 dLambda = (d_lambda - d_alpha)/b - (alpha^2 - alpha_n^2)/2.
-    """
-    if law.model == 1:
-        return law.beta * law.M_y0 * d_lambda
-    b = law.H_exp
-    h = b * (law.M_yinf - law.M_y0)
-    if law.closed_form == 1:
-        slack = d_lambda - (alpha - alpha_n)
-        squared = slack / b - 0.5 * (alpha * alpha - alpha_n * alpha_n)
-        return h * squared + (1.0 - law.beta) * law.M_y0 * slack + law.beta * law.M_y0 * d_lambda
-    return d_lambda * (b * h * alpha * alpha + (1.0 - law.beta) * b * law.M_y0 * alpha + law.beta * law.M_y0)
+    """Mechanical dissipation of one increment of the base law in mJ/mm^3: the integral of (4.21) or (4.22) over d_lambda."""
+    released: float = hardening_heat(alpha_n, alpha, d_lambda, law)
+    return released
 
 
 @kernel(inline="always")
@@ -242,14 +232,9 @@ def hill_gradient(a11: float, a22: float, a33: float, law: Law) -> tuple[float, 
 def plastic_energy(alpha: float, accumulated: float, law: Law) -> float:
     """Energy stored by plastic flow in mJ/mm^3: (1 - beta) M_y0 alpha (4.5) and hardening psi_pl (4.6), (4.7), zero at alpha = 0.
 
-    The linear hardening is H_lin Lambda^2 / 2 in both models.
+    The linear hardening is H_lin Lambda^2 / 2 with any law.
     """
-    saturation = law.M_yinf - law.M_y0
-    if law.model == 1:
-        hardening = saturation * (alpha + (np.exp(-law.H_exp * alpha) - 1.0) / law.H_exp)
-    else:
-        hardening = 0.5 * law.H_exp * saturation * alpha * alpha
-    return (1.0 - law.beta) * law.M_y0 * alpha + hardening + 0.5 * law.H_lin * accumulated * accumulated
+    return (1.0 - law.beta) * law.M_y0 * alpha + hardening_energy(alpha, law) + 0.5 * law.H_lin * accumulated * accumulated
 
 
 @kernel(inline="always")

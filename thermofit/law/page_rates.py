@@ -18,14 +18,14 @@ import numpy as np
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.law.composition import EFFECT_NUMBERS
-from thermofit.law.page import Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
+from thermofit.law.page import AnyLaw, Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
 
 LANES = 8
 """Directions that are treated side by side; their number is filled up to a multiple of it with zero directions."""
 
 _FLAGS = ("model", "closed_form", "plastic", "effective", "per_second")
-NUMBERS: tuple[str, ...] = tuple(name for name in Law._fields if name not in _FLAGS)
-"""Names of the real numbers of a Law, in the order of its fields."""
+NUMBERS: tuple[str, ...] = tuple(name for name in AnyLaw._fields if name not in _FLAGS)
+"""Names of the real numbers of any law, in the order of its fields; a Law of the thesis has not all of them."""
 N_NUMBERS = len(NUMBERS)
 MU, BULK = NUMBERS.index("mu"), NUMBERS.index("bulk")
 ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
@@ -61,7 +61,7 @@ def number_rates(parameters: Parameters, names: Sequence[str], law: Law) -> np.n
         param(name)
         moved = Parameters({**parameters.values, name: complex(parameters[name], STEP)}, parameters.free)  # type: ignore[dict-item]
         there = law_of(moved, law.model, closed_form=bool(law.closed_form), plastic=bool(law.plastic))
-        out[:, column] = [np.imag(getattr(there, number)) / STEP for number in NUMBERS]
+        out[:, column] = [np.imag(getattr(there, number, 0.0)) / STEP for number in NUMBERS]
     return out
 
 
@@ -83,9 +83,12 @@ def moved_law(law: Law, which: int) -> Law:
 
     One of an effect is looked at although the law may have none.
     """
-    moved: dict[str, Any] = {name: complex(getattr(law, name), STEP if k == which else 0.0) for k, name in enumerate(NUMBERS)}
-    asked = which >= 0 and NUMBERS[which] in EFFECT_NUMBERS
-    return law._replace(effective=1 if asked else law.effective, **moved)
+    moved = {name: complex(getattr(law, name)) for name in law._fields if name not in _FLAGS}
+    asked = NUMBERS[which] if which >= 0 else ""
+    if asked in moved:
+        moved[asked] += complex(0.0, STEP)
+    changes: dict[str, Any] = {**moved, "effective": 1 if asked in EFFECT_NUMBERS else law.effective}
+    return law._replace(**changes)
 
 
 Complex = Any

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import thermofit.core.lanes  # noqa: F401, see law.composition
 from thermofit.core.jit import kernel
 
 Symmetric = tuple[float, float, float, float, float, float]

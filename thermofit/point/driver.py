@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,10 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.law.bounds import check_beta
 from thermofit.law.composition import CAPACITIES
+from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.page import law_of
 from thermofit.law.page_rates import N_NUMBERS, NUMBERS, STEP, number_rates
-from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, Flags, Limits, run
+from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, AnyFlags, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
 
 CHANNELS: tuple[str, ...] = (
@@ -65,10 +67,10 @@ class Programme:
 
 @dataclass(frozen=True)
 class PointSettings:
-    """Numerics of a run: model 1 or 2, closed form or backward Euler of alpha, plasticity at all; the largest change of the nominal
-    strain in one step, and how often the steps of an interval may be halved."""
+    """Numerics of a run: `model`, the hardening law by number or name; closed form or backward Euler of alpha (model 2), plasticity at all;
+    the largest change of the nominal strain in one step, and how often the steps of an interval may be halved."""
 
-    model: int = 2
+    model: int | str = 2
     closed_form: bool = True
     plastic: bool = True
     max_strain: float = 0.01
@@ -135,7 +137,7 @@ def run_numbers(
     """Numbers (N_ALL,) of a run, their derivatives (N_ALL, n_p) by the named parameters, and the flags of the law."""
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     numbers, along = np.zeros(N_ALL), np.zeros((N_ALL, len(names)))
-    numbers[:N_NUMBERS] = [getattr(law, name) for name in NUMBERS]
+    numbers[:N_NUMBERS] = [getattr(law, name, 0.0) for name in NUMBERS]
     along[:N_NUMBERS] = number_rates(parameters, names, law)
     places = {TAU: "tau", LAG: "lag", AIR: "theta_air"} | ({START: "theta_air"} if programme.theta_start is None else {})
     for place, name in places.items():
@@ -144,7 +146,8 @@ def run_numbers(
     if programme.theta_start is not None:
         numbers[START] = programme.theta_start
     effective = law.effective or int(any(parameters[name] != param(name).neutral for name in CAPACITIES))
-    return numbers, along, Flags(law.model, law.closed_form, law.plastic, effective)
+    kind: Any = Flags if hardening(law.model).small else AnyFlags
+    return numbers, along, kind(law.model, law.closed_form, law.plastic, effective)
 
 
 def air_effects() -> tuple[Effect, ...]:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numba.extending
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from thermofit.core.jit import kernel
-from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, no_effects
-from thermofit.law.page import Law
+from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, hardening_numbers, no_effects
+from thermofit.law.hardening.catalogue import SHARED
+from thermofit.law.page import AnyLaw, Law
 from thermofit.law.page_rates import N_NUMBERS, STEP, Complex
 from thermofit.point.step import (
     ACROSS,
@@ -39,8 +41,12 @@ from thermofit.point.step import (
 
 _as_tuple: Any = to_fixed_tuple
 _new_law: Any = Law
+_new_any_law: Any = AnyLaw
+_overload: Any = numba.extending.overload
 N_OF_EFFECTS = len(EFFECT_NUMBERS)
-N_BASE = N_NUMBERS - N_OF_EFFECTS
+OF_EFFECTS = N_NUMBERS - N_OF_EFFECTS
+"""Place of the first number of an effect."""
+N_BASE = OF_EFFECTS - len(SHARED)
 N_ALL = N_NUMBERS + 4
 """Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
 TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
@@ -66,7 +72,16 @@ class Limits(NamedTuple):
 
 
 class Flags(NamedTuple):
-    """What the law is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
+    """What a law of the thesis is: model 1 or 2, alpha in closed form, plasticity at all, any effect on (as in `law.page.BaseLaw`)."""
+
+    model: int
+    closed_form: int
+    plastic: int
+    effective: int
+
+
+class AnyFlags(NamedTuple):
+    """The same of a law with any hardening: the type says which kernels run, `model` is the number of the hardening law."""
 
     model: int
     closed_form: int
@@ -106,7 +121,7 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
         for i in range(N_ALL):
             moved[p, i] = complex(numbers[i], STEP * along[i, p] if p < n_p else 0.0)
         if p < n_p:
-            asked[p] = np.any(along[N_BASE:N_NUMBERS, p] != 0.0)
+            asked[p] = np.any(along[OF_EFFECTS:N_NUMBERS, p] != 0.0)
     z = np.zeros((2, N_STATE), dtype=np.complex128)
     s, r = np.zeros((4, N_STATE)), np.zeros((3, N_STATE, n_p))
     return Work(
@@ -116,18 +131,49 @@ def work_for(numbers: np.ndarray, along: np.ndarray) -> Work:
 
 
 @kernel(forceinline=True)
+def _law(flags: Flags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    return _new_law(*_as_tuple(numbers, N_BASE), *rest, *of_effects)
+
+
+@kernel(forceinline=True)
+def _any_law(flags: AnyFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    return _new_any_law(*_as_tuple(numbers, N_BASE), *hardening_numbers(numbers[N_BASE:]), *rest, *of_effects)
+
+
+def law_for(flags: Flags | AnyFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    """In kernels: the law of numbers (N_ALL,), of the kind that the type of `flags` says."""
+    raise NotImplementedError
+
+
+@_overload(law_for, jit_options={"forceinline": True}, strict=False)
+def _law_for(flags: Any, numbers: Any, rest: Any, of_effects: Any) -> Any:
+    make = _any_law if flags.instance_class is AnyFlags else _law
+    return lambda flags, numbers, rest, of_effects: make(flags, numbers, rest, of_effects)
+
+
+def switched(flags: Flags, effective: int) -> Flags:
+    """In kernels: flags of the same type, with effects on (1) or off (0)."""
+    raise NotImplementedError
+
+
+@_overload(switched, jit_options={"forceinline": True}, strict=False)
+def _switched(flags: Any, effective: Any) -> Any:
+    kind: Any = flags.instance_class
+    return lambda flags, effective: kind(flags.model, flags.closed_form, flags.plastic, effective)
+
+
+@kernel(forceinline=True)
 def law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """Law in a step of dt s and Surroundings of complex numbers (N_ALL,)."""
-    base, of_effects = _as_tuple(numbers, N_BASE), effect_numbers(numbers[N_BASE:])
-    rest = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt)
-    return _new_law(*base, *rest, *of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    rest, of_effects = (flags.model, flags.closed_form, flags.plastic, flags.effective, 1.0 / dt), effect_numbers(numbers[OF_EFFECTS:])
+    return law_for(flags, numbers, rest, of_effects), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
 def plain_law_and_surroundings(numbers: np.ndarray, flags: Flags, dt: float) -> tuple[Law, Surroundings]:
     """The same without any effect, whatever their numbers are."""
     rest = (flags.model, flags.closed_form, flags.plastic, 0, 1.0 / dt)
-    return _new_law(*_as_tuple(numbers, N_BASE), *rest, *no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
+    return law_for(flags, numbers, rest, no_effects()), Surroundings(numbers[TAU], numbers[LAG], numbers[AIR])
 
 
 @kernel(forceinline=True)
@@ -290,7 +336,7 @@ def differentiate(x: tuple[float, float, float, float], step: Input, flags: Flag
 
     Without effects all is inlined, and nothing of the effects is left in it.
     """
-    plain, full = Flags(flags.model, flags.closed_form, flags.plastic, 0), Flags(flags.model, flags.closed_form, flags.plastic, 1)
+    plain, full = switched(flags, 0), switched(flags, 1)
     n_p = w.rates.shape[1]
     for p in range(n_p):
         _complex_state(w.s, w.rates, p, w.z)

@@ -15,7 +15,7 @@ from thermofit.study.models import bounds_of, start_of
 from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 
-SOLVED = ("model", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
+SOLVED = ("model", "hardening", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
 """Sections that whatever runs the model reads."""
 
 

@@ -46,7 +46,7 @@ from thermofit.study.study import Study
 
 NAME = "identifiability"
 _SECTIONS = (
-    *("model", "material_axes", "mesh", "geometry", "specimen", "parameters", "evaluation", "force", "noise", "numerics"),
+    *("model", "hardening", "material_axes", "mesh", "geometry", "specimen", "parameters", "evaluation", "force", "noise", "numerics"),
     *("simulate", "coupon"),
 )
 WIDER = 1.5

@@ -43,8 +43,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         return each(study, NAME, run, lambda one: one.virtual, force=force)
     settings = _settings(study)
     refuse_unseen(study)
-    study = study.model_copy(update={"model": settings.model or study.model})
-    task = job(study.run_dir, NAME, read_of(study, "name", "model", "material_axes", "simulate", "numerics"), {})
+    study = study.model_copy(update={"hardening": settings.hardening_law or study.hardening_law})
+    task = job(study.run_dir, NAME, read_of(study, "name", "model", "hardening", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
     if outcome.fresh and outcome.record.summary.get("raw_digest") != path_digest(raw):
@@ -64,7 +64,7 @@ def _make(study: Study, settings: Simulate) -> Made:
     specimen = Specimen(**settings.specimen.model_dump())
     instruments = instruments_of(settings)
     steps = programme_of([item.model_dump() for item in settings.programme])
-    law = uniaxial_law(in_model_axes(truth, study.material_axes.angle), study.model)
+    law = uniaxial_law(in_model_axes(truth, study.material_axes.angle), study.hardening_law)
     load = load_history(steps, bar_of(specimen, law), instruments.machine, instruments.force.rate)
     dic_time, ir_time = instrument_times(load, instruments, settings.seed)
     times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step)
@@ -112,7 +112,7 @@ def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], loa
         newton=NewtonSettings(tolerance=numerics.newton_tolerance),
         coupling_tolerance=numerics.coupling_tolerance,
         heat_scheme=numerics.heat_integration,
-        model=study.model,
+        model=study.hardening_law,
         closed_form=numerics.plastic_integration == "closed-form",
         material_angle=study.material_axes.angle,
     )

@@ -12,10 +12,9 @@ CHANNELS = ("stress", "strain", "lateral", "theta", "dtheta")
 """Channels of a coupon record."""
 FREE: Mapping[str, tuple[str, ...]] = {
     "elastic": ("E",),
-    "plastic": ("M_y0", "M_yinf", "H_exp"),
     "thermal": ("alpha_exp", "beta", "tau", "lag"),
 }
-"""What a stage identifies from coupons where the study does not say."""
+"""What a stage identifies from coupons where the study does not say; stage plastic what the hardening law frees."""
 ACROSS: Mapping[str, tuple[str, ...]] = {"elastic": ("nu",), "plastic": ("F",), "thermal": ()}
 """What it identifies besides from a strain across the load: the contraction, and of Hill's parameters the ratio F/H."""
 BY_LATERAL = ("nu", "F")
@@ -27,10 +26,18 @@ UNDETERMINED = set(acting("across", "conduction", "film")) - set(acting("coupon"
 
 
 def coupon_stage(
-    source: str, name: str, settings: StageSettings, control: str, *, wanted: tuple[str, ...] = ("E",), lateral: bool = False
+    source: str,
+    name: str,
+    settings: StageSettings,
+    control: str,
+    *,
+    hardening: tuple[str, ...],
+    wanted: tuple[str, ...] = ("E",),
+    lateral: bool = False,
 ) -> StageSettings:
-    """Settings of a stage on records of coupons, defaults filled in; `source` is the name of the study file, `wanted` are those of
-    COUPON_CHOICES for which the study gives a start, `lateral` whether a record has a strain across the load.
+    """Settings of a stage on records of coupons, defaults filled in; `source` is the name of the study file, `hardening` what the hardening
+    law frees, `wanted` are those of COUPON_CHOICES for which the study gives a start, `lateral` whether a record has a strain across the
+    load.
 
     Nothing is free in an elastic stage whose E is prescribed. StudyError for a parameter that a coupon does not determine, and for a
     channel that it does not have.
@@ -39,7 +46,7 @@ def coupon_stage(
     free = settings.free
     if "free" not in settings.model_fields_set:
         across = ACROSS[name] if lateral else ()
-        free = tuple(p for p in (*FREE[name], *across) if p not in COUPON_CHOICES or p in wanted)
+        free = tuple(p for p in (*(hardening if name == "plastic" else FREE[name]), *across) if p not in COUPON_CHOICES or p in wanted)
     channels = settings.channels
     if "channels" not in settings.model_fields_set:
         names = ["dtheta" if name == "thermal" else measured]

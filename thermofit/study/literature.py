@@ -8,7 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from thermofit.core.parameters import is_known, known_names
 from thermofit.study.errors import content_error, near_miss
-from thermofit.study.section import Interval, NonNegative, Number, ParameterSettings, Section
+from thermofit.study.section import HardeningName, Interval, NonNegative, Number, ParameterSettings, Section, check_law
 from thermofit.study.stages import Free
 
 PRESSURE = "c_p"
@@ -70,12 +70,19 @@ class Candidate(Section):
     """A model that competes with that of the study on the same data; what is absent is that of the study."""
 
     model: Literal[1, 2] | None = None
+    hardening: HardeningName | None = None
+    """Hardening law; what it frees takes the place of what that of the study frees, and starts on the same curve."""
     parameters: ParameterSettings = Field(default={})
     """Starts, or fixed values, that differ, such as the amplitude of an effect."""
     free: Free | None = None
     """All that is fitted; absent: what the stages identify, and `add`."""
     add: tuple[str, ...] = ()
     """Effects, or parameters, that are fitted as well: [rate_power] or [H_lin]."""
+
+    @model_validator(mode="after")
+    def _one_law(self) -> Candidate:
+        check_law(self.model, self.hardening)
+        return self
 
 
 CandidateName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]

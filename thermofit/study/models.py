@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, StrictBool, Tag, model_validator
 
 from thermofit.core.parameters import AT, acting, bare_name, param
+from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon
 from thermofit.study.diagnosis import Diagnosis
 from thermofit.study.errors import content_error
@@ -19,6 +20,7 @@ from thermofit.study.necking import Necking
 from thermofit.study.search import GridSearch, Sensitivity
 from thermofit.study.section import (
     Count,
+    HardeningName,
     Mesh,
     ModelNumber,
     NonNegative,
@@ -31,12 +33,14 @@ from thermofit.study.section import (
     SpecimenOverride,
     Times,
     Whole,
+    check_law,
     hardening_error,
+    law_named,
     no_repeats,
     physical_error,
     word_or,
 )
-from thermofit.study.stages import Stages, StageSettings
+from thermofit.study.stages import PlasticStage, Stages, StageSettings
 from thermofit.study.virtual import Simulate
 from thermofit.study.windows import Mask
 
@@ -147,7 +151,9 @@ class Sections(Section):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
     """Name of the study; letters, digits and _ . -"""
     model: ModelNumber = 2
-    """Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
+    """Model 1 (associated, 4.6) or 2 (non-associated, 4.7) of the thesis: hardening voce or model2."""
+    hardening: HardeningName | None = None
+    """Hardening law by its name; null: that of `model`."""
     mesh: Mesh = "full"
     geometry: Geometry = Geometry()
     specimen: SpecimenOverride = SpecimenOverride()
@@ -178,6 +184,11 @@ class Sections(Section):
     necking: Necking | None = None
     """A necking test without force, alone in its study: the hardening law from equal force through all cross-sections."""
 
+    @property
+    def hardening_law(self) -> str:
+        """Name of the hardening law, by `hardening` or `model`."""
+        return law_named(self.model, self.hardening) or ""
+
     @model_validator(mode="after")
     def _physics(self) -> Sections:
         """Starts, truth and grid are physical, and every stage that the study lists has its starts."""
@@ -186,11 +197,11 @@ class Sections(Section):
         check_literature(self.literature)
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
-        _check_hardening(starts, "parameters.M_yinf")
+        _check_hardening(starts, self.hardening_law, "parameters")
         if self.simulate is not None and self.static is not None:
             raise content_error("describes a measured field, but 'simulate' a virtual experiment; leave one of them out", "static")
         if self.simulate is not None:
-            _check_hardening(self.simulate.truth, "simulate.truth.M_yinf")
+            _check_hardening(self.simulate.truth, self.simulate.hardening_law or self.hardening_law, "simulate.truth")
         for name in sorted(self.stages.model_fields_set):
             stage = getattr(self.stages, name)
             if self.coupon is not None and "free" not in stage.model_fields_set:
@@ -199,7 +210,7 @@ class Sections(Section):
                 raise content_error(f"is missing, but stage {name} identifies it: add its start", f"parameters.{missing}")
         for index, trial in enumerate(self.gridsearch.starts if self.gridsearch else ()):
             key = f"gridsearch.starts.{index}"
-            _check_hardening({**starts, **trial}, f"{key}.M_yinf")
+            _check_hardening({**starts, **trial}, self.hardening_law, key)
             for name, value in trial.items():
                 low, high = bounds_of(name, self.parameters.get(name))
                 if not low <= value <= high:
@@ -221,8 +232,23 @@ class StudyFile(Sections):
     run_dir: str | None = None
     """Where artefacts and figures go, relative to the current directory; absent: runs/<name>."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _freed(cls, tree: Any) -> Any:
+        """Stage plastic of a full-field test frees what the chosen hardening law has, where the study does not say."""
+        if not isinstance(tree, dict) or tree.get("coupon") or tree.get("hardening") not in [law.name for law in hardening_laws()]:
+            return tree
+        stages = tree.get("stages") or {}
+        plastic = stages.get("plastic", {}) if isinstance(stages, dict) else None
+        usual = PlasticStage().free
+        free = hardening(tree["hardening"]).exchanged(usual, hardening(1))
+        if not isinstance(plastic, dict) or "free" in plastic or free == usual:
+            return tree
+        return {**tree, "stages": {**stages, "plastic": {**plastic, "free": list(free)}}}
+
     @model_validator(mode="after")
     def _has_data(self) -> StudyFile:
+        check_law(self.model if "model" in self.model_fields_set else None, self.hardening)
         others = [key for key in ("experiment", "simulate", "coupon", "static") if getattr(self, key) is not None]
         if self.necking is not None and others:
             raise content_error(f"is a study of its own, but '{others[0]}' is given too; leave one of them out", "necking")
@@ -311,7 +337,7 @@ def _check_parameter(name: str, setting: float | ParameterStart, key: str = "") 
         raise content_error(f"is {start:g}, outside its bounds [{low:g}, {high:g}]; expected a start between them", f"{key}.start")
 
 
-def _check_hardening(values: Mapping[str, float], key: str) -> None:
-    """M_yinf > M_y0."""
-    if text := hardening_error(values):
-        raise content_error(text, key)
+def _check_hardening(values: Mapping[str, float], law: str, key: str) -> None:
+    """The law rises: M_yinf > M_y0."""
+    if wrong := hardening_error(values, law):
+        raise content_error(wrong[1], f"{key}.{wrong[0]}")

@@ -23,6 +23,7 @@ from pydantic import (
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import NAMES, is_known, known_names, param
+from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.errors import content_error, found, near_miss, unknown_key
 
 Number = Annotated[float, Strict()]
@@ -111,12 +112,10 @@ def physical_error(name: str, value: float) -> str | None:
     return text
 
 
-def hardening_error(values: Mapping[str, float]) -> str | None:
-    """What is wrong with the hardening limits: M_yinf > M_y0 is needed, else h = b (M_yinf - M_y0) <= 0 (4.28)."""
-    yield_0, yield_inf = (values.get(name, param(name).neutral) for name in ("M_y0", "M_yinf"))
-    if yield_inf > yield_0:
-        return None
-    return f"is {yield_inf:g} MPa; expected more than M_y0 = {yield_0:g} MPa (the material must harden, 4.28)"
+def hardening_error(values: Mapping[str, float], law: str) -> tuple[str, str] | None:
+    """Parameter and what is wrong with it where the hardening law of that name does not rise (M_yinf > M_y0 is needed, 4.28), else None."""
+    own = hardening(law)
+    return own.error({name: values.get(name, param(name).neutral) for name in own.names})
 
 
 def check_values(values: dict[str, float]) -> dict[str, float]:
@@ -135,7 +134,31 @@ def _no_truth_value(value: Any) -> Any:
 
 
 ModelNumber = Annotated[Literal[1, 2], BeforeValidator(_no_truth_value)]
-"""Model 1 (associated, 4.6) or 2 (non-associated, 4.7)."""
+"""Model 1 (associated, 4.6) or 2 (non-associated, 4.7) of the thesis."""
+
+
+def _known_law(name: str) -> str:
+    known = [law.name for law in hardening_laws()]
+    if name not in known:
+        raise content_error(f"names no hardening law: '{name}' is not known{near_miss(name, known)}")
+    return name
+
+
+HardeningName = Annotated[str, AfterValidator(_known_law), Field(json_schema_extra={"pattern": "^[a-z][a-z0-9_]*$"})]
+"""Name of a hardening law, a file of law/hardening."""
+
+
+def law_named(model: int | None, name: str | None) -> str | None:
+    """The hardening law that two keys `model` and `hardening` choose: the name, else that of the model; None where neither is given."""
+    return name if name is not None or model is None else hardening(model).name
+
+
+def check_law(model: int | None, name: str | None) -> None:
+    """The error where `model` and `hardening` are both given and choose different laws."""
+    if model is not None and name is not None and hardening(model).name != name:
+        raise content_error(f"is {name}, but model {model} is {hardening(model).name}; give one of them", "hardening")
+
+
 ParameterValues = Annotated[dict[ParameterName, Number], AfterValidator(check_values)]
 """Named values, each inside the physical bounds."""
 

@@ -14,6 +14,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
+from thermofit.law.hardening.catalogue import hardening
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
 from thermofit.study.effect_files import Check, declare_effects
@@ -98,7 +99,8 @@ class Study(Sections):
         if self.coupon is not None:
             lateral = any("lateral" in record.model_fields_set for record in self.coupon.records)
             wanted = tuple(p for p in COUPON_CHOICES if not is_prescribed(self.parameters, p) and (p == "E" or p in self.parameters))
-            settings = coupon_stage(self.source.name, name, settings, self.coupon.control, wanted=wanted, lateral=lateral)
+            freed = hardening(self.hardening_law).fitted
+            settings = coupon_stage(self.source.name, name, settings, self.coupon.control, hardening=freed, wanted=wanted, lateral=lateral)
         if missing := check_starts(settings, self.parameters):
             raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")
         return settings

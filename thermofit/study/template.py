@@ -10,6 +10,7 @@ from pathlib import Path
 
 from thermofit.core.errors import StudyError
 from thermofit.core.yaml_text import parse_yaml
+from thermofit.law.hardening.catalogue import hardening, hardening_laws
 
 _TEMPLATE = """\
 ## A study of thermofit: which experiment, which parameters are identified, and how.
@@ -20,6 +21,7 @@ name: my-study                       # letters, digits and _ . -
 experiment: my-experiment            # raw folder, relative to this file; may hold ${VARIABLES} of the environment
 # run_dir: runs/my-study             # artefacts and figures, relative to the current directory
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
+# hardening: model2                  # instead of `model` (docs/hardening.md): @HARDENING@
 # mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
 # geometry: {shape: dogbone}         # bar, plate-with-hole, cruciform-arm, or file with unit and sets; look at it: `thermofit mesh`
 # static: null                       # a full-field test of one load step instead of a history: field, load_axis, centre, force
@@ -176,21 +178,17 @@ LookAt = Callable[[Path], "Look | str"]
 """Looks at a raw folder."""
 Look = tuple[float, float, float]
 """Elastic slope and largest nominal stress in MPa, and largest strain, as a test has shown them."""
-_METALS = {"E": (1e5, 5e3, 1e6), "M_y0": (2e2, 1.0, 1e4), "M_yinf": (5e2, 2.0, 2e4), "H_exp": (1e1, 1e-2, 1e3)}
+_LAW = hardening(2)
+"""The hardening law of a new study."""
+_METALS = {"E": (1e5, 5e3, 1e6), **_LAW.file.METALS}
 """Start and bounds of what a test shows at a first look, for metals in general."""
-_MEANING = {"E": "MPa", "M_y0": "MPa, M_yinf > M_y0", "M_yinf": "MPa", "H_exp": "saturation: reached at a strain of a few 1/H_exp"}
+_MEANING = {"E": "MPa", **_LAW.file.MEANING}
 
 
 def _of_look(look: Look) -> dict[str, tuple[float, float, float]]:
-    """Start and bounds by what a test has shown: E within a factor of 3 of its elastic slope; yield limits by its largest stress S, M_y0
-    being sqrt(F + H) times a part of it and M_yinf perhaps far above; 1/H_exp within a hundredth to a hundred times its largest strain."""
+    """Start and bounds by what a test has shown: E within a factor of 3 of its elastic slope; of hardening what its law says."""
     modulus, stress, strain = look
-    return {
-        "E": (modulus, modulus / 3.0, 3.0 * modulus),
-        "M_y0": (0.7 * stress, 0.02 * stress, 5.0 * stress),
-        "M_yinf": (1.3 * stress, 0.2 * stress, 20.0 * stress),
-        "H_exp": (1.0 / strain, 0.01 / strain, 100.0 / strain),
-    }
+    return {"E": (modulus, modulus / 3.0, 3.0 * modulus), **_LAW.file.search(stress, strain)}
 
 
 def _line(name: str, values: tuple[float, float, float]) -> str:
@@ -211,9 +209,11 @@ def template(name: str = "my-study", experiment: str = "my-experiment", look: Lo
             f"## E, M_y0, M_yinf, H_exp: from these data at a first look, elastic slope {look[0]:.3g} MPa, largest nominal stress "
             f"{look[1]:.3g} MPa, strain {look[2]:.3g}."
         )
+    laws = ", ".join(law.name for law in hardening_laws())
     lines = "\n".join(_line(parameter, own) for parameter, own in values.items())
     return (
         _TEMPLATE.replace("@LOOKED@", said, 1)
+        .replace("@HARDENING@", laws, 1)
         .replace("@MEASURED@", lines, 1)
         .replace("name: my-study                     ", f"{first:<35}", 1)
         .replace("experiment: my-experiment          ", f"{second:<35}", 1)

@@ -4,10 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from thermofit.study.errors import content_error
-from thermofit.study.section import Mesh, ModelNumber, NonNegative, Number, ParameterValues, Positive, Section, Whole
+from thermofit.study.section import (
+    HardeningName,
+    Mesh,
+    ModelNumber,
+    NonNegative,
+    Number,
+    ParameterValues,
+    Positive,
+    Section,
+    Whole,
+    check_law,
+    law_named,
+)
 
 
 def _moves(rate: float) -> float:
@@ -137,6 +149,8 @@ class Simulate(Section):
     seed: Annotated[Whole, Field(ge=0)] = 1
     model: ModelNumber | None = None
     """Model of the virtual material; null: the one that is identified."""
+    hardening: HardeningName | None = None
+    """Hardening law of the virtual material; null: that of `model`."""
     truth: ParameterValues
     mesh: Mesh = "full"
     specimen: VirtualSpecimen = VirtualSpecimen()
@@ -147,3 +161,13 @@ class Simulate(Section):
     force: VirtualForce = VirtualForce()
     thermocouple_error: NonNegative = 0.05
     """Standard deviation of the thermocouples of air and jaws, K."""
+
+    @model_validator(mode="after")
+    def _one_law(self) -> Simulate:
+        check_law(self.model, self.hardening)
+        return self
+
+    @property
+    def hardening_law(self) -> str | None:
+        """Name of the hardening law of the virtual material, None for the one that is identified."""
+        return law_named(self.model, self.hardening)

@@ -99,17 +99,7 @@ class Bar:
         return float(self.area.min() * self.law.nominal[-1])
 
 
-def yield_stress(parameters: Parameters, multiplier: np.ndarray, model: int) -> np.ndarray:
-    """Radius of the yield surface in MPa at the plastic multiplier Lambda (n,), equations (4.6), (4.19), (4.28).
-
-    sigma_y = M_y0 + H_lin Lambda + (M_yinf - M_y0) (1 - exp(-H_exp Lambda)); only model 1 has the linear part.
-    """
-    p = parameters
-    linear = p["H_lin"] * multiplier if model == 1 else 0.0
-    return np.asarray(p["M_y0"] + linear - (p["M_yinf"] - p["M_y0"]) * np.expm1(-p["H_exp"] * multiplier))
-
-
-def uniaxial_law(parameters: Parameters, model: int = 2, points: int = _TABLE) -> UniaxialLaw:
+def uniaxial_law(parameters: Parameters, model: int | str = 2, points: int = _TABLE) -> UniaxialLaw:
     """Uniaxial law for the load along y: that of the point driver with all its effects, at rest and at the reference temperature.
 
     A slow, isothermal pull to a strain at which any sheet has necked, then again, finely, up to the largest nominal stress. Where the

@@ -17,7 +17,7 @@ from thermofit.point.driver import PointSettings, Programme, simulate
 
 TRUTH = {"E": 70e3, "M_y0": 120.0, "M_yinf": 320.0, "H_exp": 8.0, "hockett_sherby.exponent": 0.6, "nu": 0.33, "c0": 2.4}
 NOISE = {"strain": 2e-7, "stress": 0.3}
-CORNERS = [(0.0, 0.0), (60.0, 0.06), (64.0, 0.057), (160.0, 0.16)]
+CORNERS = [(0.0, 0.0), (20.0, 0.002), (80.0, 0.06), (84.0, 0.057), (180.0, 0.16)]
 
 
 def study(folder: Path, **changes: Any) -> Path:

@@ -26,6 +26,7 @@ from thermofit.diagnose.loop import (
 )
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trial import Trial, near_scan
+from thermofit.report.findings import remark_of
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 FIT: Any = None
@@ -269,3 +270,20 @@ def test_candidates_of_coupons_are_all_that_passes_families_first() -> None:
 def test_an_exponent_that_has_run_away_from_what_is_tried_is_not_held_there(name: str, value: float, near: bool) -> None:
     """Between the values that are tried, or one distance beyond: a factor where all are positive."""
     assert near_scan(param(name), value) is near
+
+
+@pytest.mark.parametrize(
+    ("gain", "refused", "words"),
+    [
+        (0.5, "", ""),
+        (0.4, "", "less than a"),
+        (0.6, "", "better than a by no more than a standard error"),
+        (0.6, "at a bound", "at a bound"),
+    ],
+)
+def test_why_a_trial_was_not_added(gain: float, refused: str, words: str) -> None:
+    """The simplest of those that predict about as well is added: another one may have the larger gain, and its remark says so."""
+    added = trial("a", 0.5)
+    other = added if not words else trial("b", gain, refused)
+    turn: Any = SimpleNamespace(trials=(other, added), accepted=("a",))
+    assert remark_of(other, turn).startswith(words) and bool(remark_of(other, turn)) is bool(words)

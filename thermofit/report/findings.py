@@ -150,7 +150,17 @@ def _common(found: Prepared, here: Traced, against: Sequence[str]) -> dict[str, 
     }
 
 
-def _trial(trial: Trial, accepted: tuple[str, ...]) -> dict[str, Any]:
+def remark_of(trial: Trial, turn: Round) -> str:
+    """Why a trial of a round was not added; empty where it was."""
+    if trial.refused or trial.effects == turn.accepted:
+        return trial.refused
+    added, words = next((t for t in turn.trials if t.effects == turn.accepted), trial), " + ".join(turn.accepted)
+    if trial.gain > added.gain:
+        return f"better than {words} by no more than a standard error, with more fitted parameters"
+    return f"less than {words}"
+
+
+def _trial(trial: Trial, turn: Round) -> dict[str, Any]:
     estimate = {n: {"value": v, "sigma": trial.sigma.get(n), "unit": param(n).unit} for n, v in trial.estimate.items()}
     return {
         "effect": " + ".join(trial.effects),
@@ -163,9 +173,9 @@ def _trial(trial: Trial, accepted: tuple[str, ...]) -> dict[str, Any]:
         "held_out_gain": None if trial.proof is None else trial.proof.gain,
         "held_out_sigma": None if trial.proof is None else trial.proof.sigma,
         "held_out_on": None if trial.proof is None else trial.proof.on or "rows of the fitted data",
-        "accepted": trial.effects == accepted,
+        "accepted": trial.effects == turn.accepted,
         "unjudged": trial.unjudged,
-        "remark": trial.refused or ("" if trial.effects == accepted else f"less than {' + '.join(accepted)}"),
+        "remark": remark_of(trial, turn),
         "exponents": trial.exponents,
         "readings": trial.readings,
         "exponent_values": {n: {"value": v, "sigma": sigma, "unit": param(n).unit} for n, (v, sigma) in trial.ends.items()},
@@ -182,7 +192,7 @@ def round_row(turn: Round) -> dict[str, Any]:
     """A round of the loop as plain types: ranking, trials, what was accepted."""
     return {
         "ranking": ranking_rows(turn.traced),
-        "tried": [_trial(t, turn.accepted) for t in turn.trials],
+        "tried": [_trial(t, turn) for t in turn.trials],
         "accepted": " + ".join(turn.accepted) or None,
         "added": list(turn.accepted),
         "before": _place(place_of(turn.traced)),

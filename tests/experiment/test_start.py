@@ -16,7 +16,7 @@ PLASTIC = ("M_y0", "M_yinf", "H_exp", "F")
 def study(**bounds: tuple[float, float]) -> Any:
     """What the start needs of a study."""
     return SimpleNamespace(
-        model=2,
+        hardening_law="model2",
         material_axes=SimpleNamespace(angle=0.0),
         force=SimpleNamespace(drives="force"),
         bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)),

@@ -32,6 +32,9 @@ STARTS = {
 }
 FREE_E = {"start": 150e3, "bounds": [1e5, 3e5]}
 
+VOCE = ("M_y0", "M_yinf", "H_exp")
+"""What the hardening law of the models of the thesis frees."""
+
 
 def study(folder: Path, columns: dict[str, np.ndarray], record: dict[str, Any], **parameters: Any) -> Path:
     """A study on one record of the given columns."""
@@ -242,14 +245,14 @@ def test_a_lateral_strain_is_used_by_itself_where_the_study_gives_starts() -> No
     """What a stage identifies by default: E, nu and F where they have a start, and the channel only where it tells one of them."""
     elastic, plastic = ElasticStage(), PlasticStage()
     made = {
-        key: coupon_stage("bar.yaml", key, settings, "strain", wanted=("E", "nu", "F"), lateral=True)
+        key: coupon_stage("bar.yaml", key, settings, "strain", hardening=VOCE, wanted=("E", "nu", "F"), lateral=True)
         for key, settings in (("elastic", elastic), ("plastic", plastic))
     }
     assert made["elastic"].free == ("E", "nu") and tuple(made["elastic"].channels) == ("stress", "lateral")
     assert made["plastic"].free == ("M_y0", "M_yinf", "H_exp", "F") and tuple(made["plastic"].channels) == ("stress", "lateral")
-    plain = coupon_stage("bar.yaml", "elastic", elastic, "stress", wanted=("E",), lateral=True)
+    plain = coupon_stage("bar.yaml", "elastic", elastic, "stress", hardening=VOCE, wanted=("E",), lateral=True)
     assert plain.free == ("E",) and tuple(plain.channels) == ("strain",)
-    assert coupon_stage("bar.yaml", "elastic", elastic, "strain", wanted=(), lateral=True).free == ()
+    assert coupon_stage("bar.yaml", "elastic", elastic, "strain", hardening=VOCE, wanted=(), lateral=True).free == ()
 
 
 def test_a_body_has_no_lateral_channel(tmp_path: Path) -> None:

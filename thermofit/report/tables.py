@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.parameters import param
 from thermofit.records.artefact import Record
 from thermofit.study.section import PRESETS, MeshSize
 from thermofit.study.study import Study
@@ -118,11 +117,11 @@ def parameter_rows(study: Study, verify: Record) -> tuple[list[str], list[list[s
         bound = f"{p.lower:.6g} to {p.upper:.6g}" + (", reached" if p.at_bound else "")
         row = [name, p.unit, f"{p.value:.6g}", "-" if p.sigma is None else f"{p.sigma:.2g}", f"{p.start:.6g}", bound]
         if truth is not None:
-            true = float(truth.get(name, param(name).neutral))
+            true = study.truth_of(name)
             row += [
-                f"{true:.6g}",
+                "-" if true is None else f"{true:.6g}",
                 f"{100.0 * (p.value / true - 1.0):+.2f} %" if true else "-",
-                f"{(p.value - true) / p.sigma:+.1f}" if p.sigma else "-",
+                "-" if true is None or not p.sigma else f"{(p.value - true) / p.sigma:+.1f}",
             ]
         rows.append(row)
     return columns, rows

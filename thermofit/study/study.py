@@ -14,7 +14,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
-from thermofit.law.hardening.catalogue import hardening
+from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
 from thermofit.study.effect_files import Check, declare_effects
@@ -138,11 +138,16 @@ class Study(Sections):
         return Parameters.of(_with_temperatures(self.simulate.truth, f"{self.source.name}: key 'simulate.truth"))
 
     def truth_of(self, name: str) -> float | None:
-        """The value of a parameter with which the virtual experiment was made, None where it is measured."""
+        """The value of a parameter with which the virtual experiment was made, None where it is measured, and for a parameter of a
+        hardening law that the virtual material does not have."""
         bare, _, experiment = name.partition(AT)
         several = [self.one_of(other) for other in (experiment,) if other in self.experiments] or [self.one_of(n) for n in self.fitted]
         virtual = (several[0] if several else self).simulate
-        return None if virtual is None else float(virtual.truth.get(bare, param(bare).neutral))
+        if virtual is None:
+            return None
+        of_laws = {n for law in hardening_laws() for n in law.names}
+        own = hardening(virtual.hardening_law or self.hardening_law).names
+        return None if bare in of_laws and bare not in own else float(virtual.truth.get(bare, param(bare).neutral))
 
     @property
     def fitted(self) -> tuple[str, ...]:

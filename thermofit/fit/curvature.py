@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.fit.gauss_newton import Reduced
+from thermofit.fit.linear_model import LinearModel
 
 _GOOD = 0.5
 """Gauss-Newton is left as it is while a trial achieves between this share and its inverse of the drop that it predicts."""
@@ -41,7 +41,7 @@ class Local:
         return float(self.residual @ self.residual)
 
 
-def augmented(here: Local, S: np.ndarray) -> Reduced:
+def augmented(here: Local, S: np.ndarray) -> LinearModel:
     """The quadratic model of f with J^T J + S in the form of a linear least-squares problem: R^T R = J^T J + S, R^T c = J^T r.
 
     A direction of negative curvature counts by its magnitude: a step goes down along it, as far as for a valley of that curvature.
@@ -52,7 +52,7 @@ def augmented(here: Local, S: np.ndarray) -> Reduced:
     values = np.abs(values)
     root = np.sqrt(np.maximum(values, _SMALLEST * values.max()))
     R = root[:, None] * vectors.T * norms
-    return Reduced(R, vectors.T @ (here.jacobian.T @ here.residual / norms) / root, np.linalg.norm(R, axis=0))
+    return LinearModel(vectors.T @ (here.jacobian.T @ here.residual / norms) / root, R)
 
 
 def learnt(known: Curvature, here: Local, there: Local, d: np.ndarray, moved: bool) -> Curvature:

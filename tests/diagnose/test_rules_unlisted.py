@@ -163,7 +163,7 @@ def stead(
         rows = slice(None)
 
     def field(known: Any, *_: Any) -> Any:
-        return SimpleNamespace(after=np.array(["" if isinstance(known, tuple) else known]))
+        return SimpleNamespace(after=np.array([known if isinstance(known, str) else ""]))
 
     def compare(before: Any, after: np.ndarray, *_: Any) -> Proof:
         if after[0] == "":

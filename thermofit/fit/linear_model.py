@@ -95,9 +95,9 @@ class LinearModel:
     @cached_property
     def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """U (n, m), S (p,) with zeros behind the first m = min(n, p), V (p, p) of the columns of length one."""
-        q, triangle = np.linalg.qr(self.unit)
-        u, values, vectors_t = np.linalg.svd(triangle, full_matrices=True)
-        return q @ u, np.pad(values, (0, self.columns.shape[1] - len(values))), vectors_t.T
+        n, p = self.columns.shape
+        u, values, vectors_t = scipy.linalg.svd(self.unit, full_matrices=n < p)
+        return u, np.pad(values, (0, p - len(values))), vectors_t.T
 
     def _rank(self, tolerance: float) -> int:
         values = self._svd[1]

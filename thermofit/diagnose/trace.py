@@ -15,7 +15,7 @@ from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, sp
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.priors import improbable
-from thermofit.fit.linear_model import LinearModel, Room
+from thermofit.fit.linear_model import LinearModel, Room, projection
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
@@ -85,8 +85,7 @@ class Traced:
 
 def information(fitted: np.ndarray) -> np.ndarray:
     """Share (n,) of every row in what all rows tell of the parameters, half of it even: mean of its squared normalised columns."""
-    size = np.maximum(np.linalg.norm(fitted, axis=0), 1e-300)
-    return np.asarray(0.5 / len(fitted) + 0.5 * np.mean((fitted / size) ** 2, axis=1))
+    return np.asarray(0.5 / len(fitted) + 0.5 * np.mean(projection(fitted).unit ** 2, axis=1))
 
 
 def _clocked(case: Case, rows: Rows) -> Rows:

@@ -77,6 +77,11 @@ class LinearModel:
     bounds: Room | None = None
     n_priors: int = 0
 
+    @property
+    def f(self) -> float:
+        """f = r.r (2.24)."""
+        return float(self.residual @ self.residual)
+
     @cached_property
     def norms(self) -> np.ndarray:
         """Lengths (p,) of the columns."""
@@ -184,7 +189,7 @@ class LinearModel:
         # Exactly on the bound, which the division by the weights may miss by one bit.
         d = np.where(solution.active_mask < 0, room[0], np.where(solution.active_mask > 0, room[1], d))
         after = small.residual + small.columns @ d
-        return Step(d, max(0.0, float(small.residual @ small.residual - after @ after)))
+        return Step(d, max(0.0, small.f - float(after @ after)))
 
     @property
     def remaining(self) -> np.ndarray:
@@ -311,7 +316,7 @@ class LinearModel:
                 f"{n} residuals cannot determine {free.size} parameters and their errors (degrees of freedom {dof:.3g}): "
                 "fix parameters or use more data"
             )
-        s2 = float(self.residual @ self.residual) / dof
+        s2 = self.f / dof
         variance = np.diag(unit).copy()
         for i in np.flatnonzero(at_bound):
             released = self.only(np.append(free, i))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.fit.curvature import Curvature, Local, augmented, learnt
+from thermofit.fit.curvature import Curvature, augmented, learnt
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
 from thermofit.fit.gauss_newton import AT_NOISE, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
@@ -49,9 +49,9 @@ class State:
     curvature: Curvature | None = None
 
     @property
-    def local(self) -> Local:
+    def local(self) -> LinearModel:
         """Residual and Jacobian of the point."""
-        return Local(self.residual, self.jacobian)
+        return LinearModel(self.residual, self.jacobian)
 
 
 def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
@@ -117,7 +117,7 @@ def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
     curvature = state.curvature
     if curvature is not None and curvature.used:
         return replace(augmented(state.local, curvature.S), bounds=room).step
-    return LinearModel(state.residual, state.jacobian, bounds=room).step
+    return replace(state.local, bounds=room).step
 
 
 def _full(evaluations: Evaluations, state: State) -> Step:

@@ -12,12 +12,12 @@ from thermofit.diagnose.held_out import (
     Split,
     compared,
     groups_of,
-    held_out_residual,
     proof,
     rms_with_error,
     split_by_blocks,
     split_by_phase,
 )
+from thermofit.fit.linear_model import LinearModel
 
 N_T, N_S = 60, 50
 
@@ -57,7 +57,7 @@ def test_held_out_residual_is_that_of_a_fit_to_the_other_rows() -> None:
     random, here = np.random.default_rng(1), rows()
     split = split_by_blocks(here, (5, 2), (2.0, 0.6))
     columns, residual = random.normal(size=(len(here.time), 3)), random.normal(size=len(here.time))
-    found = held_out_residual(residual, columns, split)
+    found = LinearModel(residual, columns).predicted(split.folds)
     held, seen = split.held_out[0], ~(split.held_out[0] | split.buffer[0])
     step = np.linalg.lstsq(columns[seen], -residual[seen], rcond=None)[0]
     assert found[held] == pytest.approx(residual[held] + columns[held] @ step, abs=1e-10)
@@ -73,7 +73,7 @@ def test_an_effect_is_proved_only_where_it_is(size: float) -> None:
     for seed in range(20):
         random = np.random.default_rng(seed)
         residual = random.normal(size=len(here.time)) - size * effect[:, 0]
-        found = proof(residual, (fitted, effect), here, split, (free(2), free(1)))
+        found = proof(LinearModel(residual, fitted, bounds=free(2)), effect, free(1), here, split)
         gains.append((found.gain, found.sigma))
         assert found.folds == 5 and found.by_channel[0][0] == pytest.approx(found.without)
     sure = np.mean([gain > 2.0 * sigma for gain, sigma in gains])
@@ -93,7 +93,7 @@ def test_the_standard_error_is_that_of_the_gain_over_repeats() -> None:
     size, gains = 8.0 / float(np.linalg.norm(beyond)), []
     for seed in range(200):
         residual = np.random.default_rng(seed).normal(size=len(t)) - size * effect[:, 0]
-        found = proof(residual, (fitted, effect), here, split, (free(4), free(1)))
+        found = proof(LinearModel(residual, fitted, bounds=free(4)), effect, free(1), here, split)
         gains.append((found.gain, found.sigma))
     gain, sigma = np.array(gains).T
     assert 0.8 < sigma.mean() / gain.std() < 1.25, (sigma.mean(), gain.std())
@@ -107,7 +107,7 @@ def test_a_parameter_stays_within_its_room_and_the_others_step_anew() -> None:
     columns = random.normal(size=(len(here.time), 3)) @ np.array([[1.0, 0.4, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]])
     residual = random.normal(size=len(here.time)) - columns @ [0.5, -0.2, 0.1]
     room = (np.array([-1.0, -0.05, -1.0]), np.array([0.2, 1.0, 1.0]))
-    found = held_out_residual(residual, columns, split, room)
+    found = LinearModel(residual, columns, bounds=room).predicted(split.folds)
     held, seen = split.held_out[1], ~(split.held_out[1] | split.buffer[1])
     expected = lsq_linear(columns[seen], -residual[seen], bounds=room, tol=1e-14).x
     assert found[held] == pytest.approx(residual[held] + columns[held] @ expected, abs=1e-6)
@@ -166,9 +166,9 @@ def test_an_effect_of_one_phase_is_told_by_blocks_of_it_and_not_by_the_other_pha
 
     def error(split: Split, columns: np.ndarray) -> float:
         """Held-out mean square in the phase in which the effect acts."""
-        return float(np.mean(held_out_residual(residual, columns, split)[here.phase == 1] ** 2))
+        return float(np.mean(LinearModel(residual, columns).predicted(split.folds)[here.phase == 1] ** 2))
 
     both = np.hstack([fitted, effect])
-    assert proof(residual, (fitted, effect), here, blocks, (free(2), free(1))).convinces
+    assert proof(LinearModel(residual, fitted, bounds=free(2)), effect, free(1), here, blocks).convinces
     assert error(blocks, both) < 0.9 * error(blocks, fitted)
     assert error(phases, both) == pytest.approx(error(phases, fitted), rel=1e-9)

@@ -23,7 +23,7 @@ from thermofit.effects.catalogue import effect
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.residuals import Span
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
@@ -82,7 +82,7 @@ def refitting(model: StageModel) -> Refit:
             lambda x: model.linearised(start.with_vector(x), names),
         )
         fit = minimise(problem, "least-squares", Settings(f_tolerance=0.01))
-        spread = covariance(fit.jacobian, fit.residual, names, fit.at_bound)
+        spread = LinearModel(fit.residual, fit.jacobian).covariance(names, fit.at_bound)
         return start.with_vector(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
 
     return refit

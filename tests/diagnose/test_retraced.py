@@ -18,7 +18,7 @@ from thermofit.effects.catalogue import effect
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.residuals import Span
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
@@ -78,7 +78,7 @@ def refit_of(model: StageModel) -> Refit:
         limits = [np.array([getattr(param(n), word) for n in names]) for word in ("lower", "upper", "scale")]
         problem = Problem(lambda x: model.residual(at(x)), start.vector(), *limits, names, lambda x: model.linearised(at(x), names))
         fit = minimise(problem, "trust-region", Settings(f_tolerance=0.01))
-        spread = covariance(fit.jacobian, fit.residual, names, fit.at_bound)
+        spread = LinearModel(fit.residual, fit.jacobian).covariance(names, fit.at_bound)
         return at(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
 
     return refit

@@ -11,8 +11,9 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import backward as module
-from thermofit.diagnose.backward import made_up_for, still_needed, without_columns
-from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.backward import made_up_for, still_needed, without_effects
+from thermofit.diagnose.held_out import Proof, Split
+from thermofit.fit.linear_model import LinearModel
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 END = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.1, "lamp.start": 45.0}).with_free(
@@ -20,24 +21,27 @@ END = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.1
 )
 
 
-def here_of(parameters: Parameters = END, cheap: bool = False) -> Any:
-    fitted = np.arange(1.0, 25.0).reshape(6, 4)[:, : len(parameters.free)]
-    model = SimpleNamespace(linearised=lambda *_: (None, np.ones((6, 1))))
+def here_of(parameters: Parameters = END, cheap: bool = False, left: float = 1.0) -> Any:
+    """Every parameter has a row of its own; exponents that are held leave this part of the square of what the drift does."""
+    fitted = np.diag(np.arange(1.0, 7.0))[:, : len(parameters.free)]
+    exponent = np.sqrt(1.0 - left) * fitted[:, 1] / 2.0 + np.sqrt(left) * np.eye(6)[5]
+    model = SimpleNamespace(linearised=lambda *_: (None, exponent[:, None]))
     return SimpleNamespace(
         case=SimpleNamespace(parameters=parameters, cheap=cheap, model=model),
-        columns=SimpleNamespace(residual=np.ones(6), fitted=fitted),
+        columns=SimpleNamespace(residual=np.ones(6)),
         rows=None,
-        split=SimpleNamespace(held_out=(None,) * 5),
-        problem=SimpleNamespace(noise=None),
+        split=Split((np.zeros(6, dtype=bool),) * 5, (np.zeros(6, dtype=bool),) * 5, ""),
+        problem=SimpleNamespace(model=LinearModel(np.ones(6), fitted)),
     )
 
 
 def test_an_effect_goes_back_to_neutral_by_its_amplitude_with_all_its_columns() -> None:
     """Exponents have no neutral value: their columns go, and nothing moves along them."""
-    residual, fitted = without_columns(here_of(), "lamp")
-    assert residual == pytest.approx(1.0 - 0.1 * here_of().columns.fitted[:, 2]) and fitted.shape == (6, 2)
-    residual, fitted = without_columns(here_of(), "ir_drift")
-    assert residual == pytest.approx(1.0 - 0.02 * here_of().columns.fitted[:, 1]) and fitted.shape == (6, 3)
+    fitted = here_of().problem.model.columns
+    lamp, drift, both = (without_effects(here_of(), names) for names in (["lamp"], ["ir_drift"], ["lamp", "ir_drift"]))
+    assert lamp.residual == pytest.approx(1.0 - 0.1 * fitted[:, 2]) and lamp.columns.shape == (6, 2)
+    assert drift.residual == pytest.approx(1.0 - 0.02 * fitted[:, 1]) and drift.columns.shape == (6, 3)
+    assert both.residual == pytest.approx(lamp.residual + drift.residual - 1.0) and np.array_equal(both.columns, fitted[:, :1])
 
 
 @pytest.mark.parametrize(
@@ -50,7 +54,6 @@ def test_an_effect_is_needed_where_held_out_data_say_so(
     proofs = {True: GOOD, False: replace(GOOD, sigma=0.3)}
     monkeypatch.setattr(module, "compared", lambda *_: proofs[inside])
     monkeypatch.setattr(module, "proof_of_need", lambda *_: None if beyond is None else proofs[beyond])
-    monkeypatch.setattr(module, "held_out_residual", lambda *_: None)
     assert still_needed(here_of(), "ir_drift") is needed
 
 
@@ -62,19 +65,17 @@ HELD = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.
 def asked(monkeypatch: pytest.MonkeyPatch, left: float, convinces: bool = False, cheap: bool = False) -> tuple[list[Parameters], bool]:
     """The refits that are asked where the exponents leave this part of what the effect does, and whether it is dropped after them; it is
     still needed where the proof of it `convinces`."""
-    parts = iter([left, 1.0])
     begun: list[Parameters] = []
 
     def refit(start: Parameters, label: str) -> Any:
         begun.append(start)
         return start, "fit"
 
-    monkeypatch.setattr(module, "beyond_columns", lambda *_: next(parts))
     monkeypatch.setattr(module, "held_out_of", lambda *_: None)
     monkeypatch.setattr(module, "proof_of_refit", lambda *_: None)
     monkeypatch.setattr(module, "compared", lambda *_: GOOD if convinces else replace(GOOD, sigma=0.3))
     means: Any = SimpleNamespace(refit=refit, traced=lambda *_: "there")
-    return begun, made_up_for(here_of(HELD, cheap), "ir_drift", ["lamp"], means) is not None
+    return begun, made_up_for(here_of(HELD, cheap, left), "ir_drift", ["lamp"], means) is not None
 
 
 @pytest.mark.parametrize(("left", "refits"), [(0.79, 1), (0.81, 0)])

@@ -13,6 +13,7 @@ from thermofit.diagnose.unlisted_field import SIZE, Basis, Field, field_of, roug
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_structure import shared_part
 from thermofit.experiment.missing import Grid, time_hats
+from thermofit.fit.linear_model import LinearModel
 
 N, KNOTS = 240, 12
 TIME = np.linspace(0.0, 120.0, N)
@@ -34,7 +35,7 @@ def folds(count: int = 5) -> Split:
 
 
 def found_in(residual: np.ndarray, split: Split | None = None) -> Field:
-    return field_of((residual, FITTED), basis_of(), ROWS, split or folds())
+    return field_of(LinearModel(residual, FITTED), basis_of(), ROWS, split or folds())
 
 
 def test_roughness_is_the_squared_difference_of_neighbours_of_one_record() -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from thermofit.diagnose.elsewhere import proof_of_change
-from thermofit.diagnose.held_out import Proof, Rows, Split, compared, groups_of, held_out_residual, scatter, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import Proof, Rows, Split, compared, groups_of, scatter, split_by_blocks, split_by_phase
+from thermofit.fit.linear_model import LinearModel
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 
@@ -83,8 +84,8 @@ def test_buffers_are_not_seen() -> None:
     held, near = split.held_out[0], split.buffer[0]
     assert 4 <= near.sum() <= 16 and not (near & held).any()
     columns, residual = np.ones((100, 1)), np.zeros(100)
-    assert held_out_residual(residual + 5.0 * near, columns, split)[held] == pytest.approx(0.0, abs=1e-12)
-    assert np.all(held_out_residual(residual + 5.0 * ~(near | held), columns, split)[held] < -4.9)
+    assert LinearModel(residual + 5.0 * near, columns).predicted(split.folds)[held] == pytest.approx(0.0, abs=1e-12)
+    assert np.all(LinearModel(residual + 5.0 * ~(near | held), columns).predicted(split.folds)[held] < -4.9)
 
 
 def test_phases_have_buffers() -> None:
@@ -177,7 +178,7 @@ def test_scatter_counts_groups_as_one_value_each() -> None:
 
 def test_rows_that_no_fold_holds_out_are_not_compared() -> None:
     split = Split((np.arange(10) < 4,), (np.zeros(10, dtype=bool),), "")
-    found = held_out_residual(np.ones(10), np.zeros((10, 1)), split)
+    found = LinearModel(np.ones(10), np.zeros((10, 1))).predicted(split.folds)
     assert np.isfinite(found).sum() == 4 and compared(found, 0.5 * found, line(10), 1).gain == pytest.approx(0.75)
 
 

@@ -133,7 +133,8 @@ def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[s
 
     def here(count: int) -> Any:
         split, columns = SimpleNamespace(held_out=()), SimpleNamespace(residual=None)
-        return SimpleNamespace(count=count, split=split, rows=None, problem=SimpleNamespace(noise=None), columns=columns)
+        problem = SimpleNamespace(model=SimpleNamespace(noise=None))
+        return SimpleNamespace(count=count, split=split, rows=None, problem=problem, columns=columns)
 
     def drop(last: Any, name: str, means: Any) -> Any:
         if fails:

@@ -97,9 +97,8 @@ def test_a_pair_with_an_estimate_outside_its_bounds_is_none(size: float, there: 
 
 
 def test_effects_that_act_alike_or_are_not_felt_are_no_pair() -> None:
-    left = -0.02 * A[:, 0]
-    assert pair_of(A, A + 1e-5 * B, left) is None and pair_of(A, 0.0 * B, left) is None
-    assert pair_of(A, A + 0.1 * B, left) is not None
+    pairs = [pair_of(A, b, -(0.02 * A + 0.3 * b)[:, 0]) for b in (A + 1e-5 * B, 0.0 * B, A + 0.1 * B)]
+    assert [found is not None for found in pairs] == [False, False, True]
 
 
 def test_pairs_stand_at_their_best_exponents_the_largest_fall_first() -> None:
@@ -108,7 +107,8 @@ def test_pairs_stand_at_their_best_exponents_the_largest_fall_first() -> None:
     names = {"ir_drift": A, "ir_gain": C, "lamp": C}
     here = ranked(score("lamp", 7.0), score("ir_gain", 8.0), score("ir_drift", 9.0))
     here.scanned = {"ir_gain": (({"k": 1.0}, 0.5 * (A + C)), ({"k": 2.0}, B))}
-    here.problem = SimpleNamespace(left=left, dormant={n: (("",), c) for n, c in names.items()}, beyond=lambda block: block)
+    model = SimpleNamespace(left=left, beyond=lambda block: block)
+    here.problem = SimpleNamespace(model=model, dormant={n: (("",), c) for n, c in names.items()})
     found = pairs_of(here)
     assert {s.effect for s in found[0].scores} == {"ir_drift", "ir_gain"} and len(found) == 3
     assert found[0].settings == {"k": 2.0}
@@ -123,7 +123,7 @@ def here_of(cheap: bool = True, heated: Any = None) -> Any:
         case=SimpleNamespace(cheap=cheap, heated=heated, parameters=None),
         rows=None,
         split=SimpleNamespace(held_out=(None,) * 5),
-        problem=SimpleNamespace(noise=None),
+        problem=SimpleNamespace(model=SimpleNamespace(noise=None)),
         columns=SimpleNamespace(residual=None),
     )
 

@@ -10,6 +10,7 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.retraced import asked_of, missed
+from thermofit.diagnose.retraced import enough as one_step_is_enough
 
 N = 200
 
@@ -28,7 +29,7 @@ def here_of(beyond: float, **drops: float) -> Any:
 )
 def test_one_step_is_enough_where_it_takes_half_of_what_is_more_than_chance(beyond: float, drops: dict[str, float], enough: bool) -> None:
     """Four standard deviations of the square sum: 4 sqrt(2 x 200) = 80."""
-    assert bool(enough(here_of(beyond, **drops))) is enough
+    assert bool(one_step_is_enough(here_of(beyond, **drops))) is enough
 
 
 def test_asked_are_the_strong_those_that_cannot_be_and_the_unfelt_that_no_held_out_test_judges() -> None:

@@ -15,6 +15,7 @@ from thermofit.diagnose import trace
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.score import Columns, Score, drop_of, indistinguishable, likeness, named_from, ranked, threshold_of, veto
 from thermofit.diagnose.trace import Traced, information, traced
+from thermofit.fit.linear_model import LinearModel
 
 E1, E2, E3 = np.eye(12)[:, :3].T
 NOTHING = np.zeros((12, 0))
@@ -28,7 +29,7 @@ def at(cosine: float) -> np.ndarray:
 @pytest.mark.parametrize(("cosine", "alike"), [(0.89, False), (-0.89, False), (0.91, True), (-0.91, True)])
 def test_effects_are_alike_above_nine_tenths(cosine: float, alike: bool) -> None:
     columns = {"ir_drift": (("ir_drift.rate",), 3.0 * E1[:, None]), "ir_gain": (("ir_gain.gain",), 0.1 * at(cosine)[:, None])}
-    found = ranked(Columns(0.01 * E3, NOTHING, columns))
+    found = ranked(Columns(LinearModel(0.01 * E3, NOTHING), columns))
     assert all((len(s.family) == 2) is alike for s in found.scores)
     both = np.stack([3.0 * E1, 0.1 * at(cosine), E3], axis=1)
     assert (indistinguishable(both, {"ir_drift": [0], "ir_gain": [1]}) is not None) is alike
@@ -44,7 +45,7 @@ def test_likeness_is_that_of_the_nearest_directions() -> None:
 def test_likeness_is_beyond_the_fitted_parameters() -> None:
     """What both share is fitted: nothing alike is left."""
     columns = {"ir_drift": (("ir_drift.rate",), (E1 + 9.0 * E3)[:, None]), "ir_gain": (("ir_gain.gain",), (E2 + 9.0 * E3)[:, None])}
-    assert all(len(s.family) == 1 for s in ranked(Columns(0.01 * E1, E3[:, None], columns)).scores)
+    assert all(len(s.family) == 1 for s in ranked(Columns(LinearModel(0.01 * E1, E3[:, None]), columns)).scores)
 
 
 def test_what_cannot_be_is_in_no_family() -> None:
@@ -53,7 +54,7 @@ def test_what_cannot_be_is_in_no_family() -> None:
         "ir_drift": (("ir_drift.rate",), 100.0 * at(0.99)[:, None]),
         "radiation": (("radiation.emissivity",), 100.0 * E1[:, None]),
     }
-    up, down = (ranked(Columns(sign * 5.0 * E1, NOTHING, columns)) for sign in (-1.0, 1.0))
+    up, down = (ranked(Columns(LinearModel(sign * 5.0 * E1, NOTHING), columns)) for sign in (-1.0, 1.0))
     assert [s.effect for s in down.scores] == ["ir_drift", "radiation"] and down.scores[1].vetoed
     assert down.scores[0].family == ("ir_drift",) and {len(s.family) for s in up.scores} == {2}
 
@@ -65,7 +66,7 @@ def test_an_estimate_two_standard_errors_beyond_its_bounds_cannot_be(value: floa
 
 
 def test_a_fall_by_an_estimate_that_cannot_be_is_none() -> None:
-    columns = Columns(5.0 * E1, NOTHING, {})
+    columns = Columns(LinearModel(5.0 * E1, NOTHING), {})
     assert drop_of(columns, ("radiation.emissivity",), 100.0 * E1[:, None]) == -1.0
     assert drop_of(columns, ("ir_drift.rate",), 100.0 * E1[:, None]) == pytest.approx(25.0)
 
@@ -83,13 +84,14 @@ def test_rows_that_hang_together_widen_the_standard_error() -> None:
     left = np.where(np.arange(12) < 6, 3.0, -3.0) * column
     groups = np.repeat([0, 1], 6)
     columns = {"ir_drift": (("ir_drift.rate",), column[:, None])}
-    plain, grouped = (ranked(Columns(left, NOTHING, columns, groups=g)).scores[0].sigma["ir_drift.rate"] for g in (None, groups))
+    model = LinearModel(left, NOTHING)
+    plain, grouped = (ranked(Columns(model, columns, g)).scores[0].sigma["ir_drift.rate"] for g in (None, groups))
     assert plain == pytest.approx(12.0**-0.5) and grouped == pytest.approx(np.sqrt(2.0 * 2.0 * 18.0**2) / 12.0)
 
 
 def test_correlated_noise_widens_the_standard_error() -> None:
     columns = {"ir_drift": (("ir_drift.rate",), E1[:, None])}
-    plain, nine = (ranked(Columns(E1, NOTHING, columns, n)).scores[0] for n in (None, lambda v: 9.0 * v))
+    plain, nine = (ranked(Columns(LinearModel(E1, NOTHING, n), columns)).scores[0] for n in (None, lambda v: 9.0 * v))
     assert nine.sigma["ir_drift.rate"] == pytest.approx(3.0 * plain.sigma["ir_drift.rate"]) and nine.z == pytest.approx(plain.z / 3.0)
 
 
@@ -130,7 +132,7 @@ def test_why_an_effect_is_not_worth_a_refit(said: str, given: dict[str, Any]) ->
 )
 def test_the_size_from_which_an_effect_is_named(threshold: float, numerical: float, size: float, expected: float) -> None:
     """In standard errors: 2 + sqrt(6), the threshold, sqrt(4 x 25), or the root of 0.003 r.r + 2 with r.r = 40000."""
-    assert named_from(Columns(size * E1, NOTHING, {}), 0.1, 0.01, numerical, threshold) == pytest.approx(0.1 * expected, rel=1e-3)
+    assert named_from(LinearModel(size * E1, NOTHING), 0.1, 0.01, numerical, threshold) == pytest.approx(0.1 * expected, rel=1e-3)
 
 
 def test_half_of_what_a_row_tells_is_even() -> None:

@@ -145,7 +145,7 @@ def of(name: str, size: float = 0.02) -> Any:
 
 def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
     split = SimpleNamespace(held_out=(None,) * 5)
-    problem = SimpleNamespace(noise=None)
+    problem = SimpleNamespace(model=SimpleNamespace(noise=None))
     return SimpleNamespace(
         case=SimpleNamespace(parameters=parameters, **case),
         rows=None,

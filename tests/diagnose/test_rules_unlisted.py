@@ -59,11 +59,8 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
         ranking=SimpleNamespace(scores=(SimpleNamespace(effect="lamp"), SimpleNamespace(effect="refused"))),
         case=SimpleNamespace(parameters=None),
     )
-    monkeypatch.setattr(module, "unfitted", lambda *_: None)
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
-    monkeypatch.setattr(
-        module, "best_listed", lambda _here, _s, _left, names: ("refused", 0.9) if "refused" in names else ("lamp", explained)
-    )
+    monkeypatch.setattr(module, "best_listed", lambda _here, _s, names: ("refused", 0.9) if "refused" in names else ("lamp", explained))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "")
     found = unlisted(here, None, ["lamp"])
@@ -72,7 +69,6 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
 
 def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     here: Any = SimpleNamespace(ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None))
-    monkeypatch.setattr(module, "unfitted", lambda *_: None)
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
@@ -89,7 +85,6 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     here: Any = SimpleNamespace(
         ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None), rows=SimpleNamespace(time=np.arange(20.0))
     )
-    monkeypatch.setattr(module, "unfitted", lambda *_: None)
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)
@@ -132,7 +127,7 @@ def test_a_place_belongs_to_the_term_from_three_tenths_of_the_largest() -> None:
 
 
 def closed_of(first: float = 1000.0, accepted: tuple[str, ...] = ("a", "b", "c"), cheap: bool = False) -> Any:
-    split, problem = SimpleNamespace(held_out=()), SimpleNamespace(noise=None)
+    split, problem = SimpleNamespace(held_out=()), SimpleNamespace(model=SimpleNamespace(noise=None))
     columns = SimpleNamespace(residual=first, fitted=None)
     last = SimpleNamespace(case=SimpleNamespace(cheap=cheap), columns=columns, rows=None, split=split, problem=problem)
     return SimpleNamespace(first=SimpleNamespace(columns=columns), last=last, accepted=accepted)
@@ -168,7 +163,7 @@ def stead(
         rows = slice(None)
 
     def field(known: Any, *_: Any) -> Any:
-        return SimpleNamespace(after=np.array(["" if isinstance(known, tuple) else known]))
+        return SimpleNamespace(after=np.array([known if isinstance(known, str) else ""]))
 
     def compare(before: Any, after: np.ndarray, *_: Any) -> Proof:
         if after[0] == "":

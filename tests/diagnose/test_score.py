@@ -10,6 +10,7 @@ from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Param, declare, param
 from thermofit.diagnose.held_out import Rows, proof, split_by_blocks
 from thermofit.diagnose.score import CONVINCING, Columns, indistinguishable, likeness, ranked
+from thermofit.fit.linear_model import LinearModel
 
 N, P = 4000, 6
 for _name in ("made", "other", "third", "fourth"):
@@ -30,7 +31,7 @@ def test_planted_effect_is_first_with_its_estimate_and_drop() -> None:
     # residual = prediction - observation of a model that lacks the effect: minus its columns
     residual = random.normal(size=N) - 0.5 * dormant["made_third"][1][:, 0]
     residual -= fitted @ np.linalg.lstsq(fitted, residual, rcond=None)[0]
-    found = ranked(Columns(residual, fitted, dormant))
+    found = ranked(Columns(LinearModel(residual, fitted), dormant))
     first = found.scores[0]
     assert first.effect == "made_third" and first.z > 5.0 > found.threshold > 1.9
     assert first.estimate["made_third.a"] == pytest.approx(0.5, abs=4 * first.sigma["made_third.a"])
@@ -52,8 +53,7 @@ def test_an_effect_as_small_as_is_said_is_named_half_of_the_time(n: int, correla
         block = np.repeat(block[: n // 4], 4, axis=0)
     rows = Rows(np.zeros(n, dtype=int), np.arange(float(n)), np.zeros((n, 2)), np.zeros(n, dtype=int))
     split = split_by_blocks(rows, (25, 1), (0.0, 0.0))
-    far = (np.full(P, np.inf), np.ones(1) * np.inf)
-    rooms = ((-far[0], far[0]), (-far[1], far[1]))
+    anywhere = np.full(1, np.inf)
 
     def noise(a: np.ndarray) -> np.ndarray:
         return np.repeat(a.reshape(n // 4, 4, -1).sum(axis=1), 4, axis=0) if correlated else a
@@ -62,10 +62,11 @@ def test_an_effect_as_small_as_is_said_is_named_half_of_the_time(n: int, correla
         count = 0
         for _ in range(40):
             error = np.repeat(random.normal(size=n // 4), 4) if correlated else random.normal(size=n)
-            fresh = Columns(error, fitted, {"made_made": (("made_made.a",), block)}, noise)
+            fresh = Columns(LinearModel(error, fitted, noise), {"made_made": (("made_made.a",), block)})
             residual = error - times * ranked(fresh).scores[0].detectable * block[:, 0]
-            found = ranked(Columns(residual, fitted, fresh.dormant, noise))
-            held = proof(residual, (fitted, block), rows, split, rooms, noise)
+            model = LinearModel(residual, fitted, noise)
+            found = ranked(Columns(model, fresh.dormant))
+            held = proof(model, block, (-anywhere, anywhere), rows, split)
             count += found.scores[0].z > found.threshold and held.convinces
         return count / 40
 
@@ -77,7 +78,7 @@ def test_what_a_fitted_parameter_takes_up_is_not_an_effect() -> None:
     random, fitted, dormant = problem()
     dormant["made_made"] = (("made_made.a",), fitted @ np.ones((P, 1)))
     dormant["made_other"] = (("made_other.a",), fitted @ np.ones((P, 1)) + 1e-3 * random.normal(size=(N, 1)))
-    found = ranked(Columns(random.normal(size=N), fitted, dormant))
+    found = ranked(Columns(LinearModel(random.normal(size=N), fitted), dormant))
     assert found.unfelt == ("made_made",)
     other = next(s for s in found.scores if s.effect == "made_other")
     assert 1e-4 < other.detectability < 1e-2
@@ -86,7 +87,7 @@ def test_what_a_fitted_parameter_takes_up_is_not_an_effect() -> None:
 def test_effects_that_look_alike_are_one_family() -> None:
     random, fitted, dormant = problem()
     dormant["made_other"] = (("made_other.a",), dormant["made_made"][1] + 0.05 * random.normal(size=(N, 1)))
-    found = ranked(Columns(random.normal(size=N), fitted, dormant))
+    found = ranked(Columns(LinearModel(random.normal(size=N), fitted), dormant))
     families = {s.effect: set(s.family) for s in found.scores}
     assert families["made_made"] == families["made_other"] == {"made_made", "made_other"}
     assert families["made_third"] == {"made_third"}
@@ -96,7 +97,7 @@ def test_effects_that_look_alike_are_one_family() -> None:
 def test_estimate_outside_its_bounds_is_vetoed() -> None:
     random, fitted, _ = problem()
     s = random.normal(size=(N, 1))
-    found = ranked(Columns(0.01 * random.normal(size=N) + s[:, 0], fitted, {"made_positive": (("made_positive.a",), s)}))
+    found = ranked(Columns(LinearModel(0.01 * random.normal(size=N) + s[:, 0], fitted), {"made_positive": (("made_positive.a",), s)}))
     assert "outside" in found.scores[0].vetoed and found.scores[0].estimate["made_positive.a"] < param("made_positive.a").lower
 
 
@@ -105,7 +106,7 @@ def test_no_effect_passes_by_chance_more_often_than_said() -> None:
     random, fitted, dormant = problem()
     passed = 0
     for _ in range(400):
-        found = ranked(Columns(random.normal(size=N), fitted, dormant))
+        found = ranked(Columns(LinearModel(random.normal(size=N), fitted), dormant))
         passed += max(s.z for s in found.scores) > found.threshold
     assert 6 <= passed <= 36
 
@@ -118,15 +119,15 @@ def test_rows_that_hang_together_count_as_few() -> None:
     for _ in range(200):
         s, r = random.normal(size=40)[groups], 3.0 * random.normal(size=40)[groups]
         dormant = {"made_made": (("made_made.a",), s[:, None])}
-        assert ranked(Columns(r, fitted, dormant)).scores[0].z >= 0.0
-        large.append(ranked(Columns(r, fitted, dormant, groups=groups)).scores[0].z > 2.6)
+        assert ranked(Columns(LinearModel(r, fitted), dormant)).scores[0].z >= 0.0
+        large.append(ranked(Columns(LinearModel(r, fitted), dormant, groups=groups)).scores[0].z > 2.6)
     assert np.mean(large) < 0.06
 
 
 def test_error_of_the_discretisation_is_scored_like_the_residual() -> None:
     random, fitted, dormant = problem()
     error = 0.2 * dormant["made_other"][1][:, 0]
-    found = ranked(Columns(random.normal(size=N), fitted, dormant, numerical=error))
+    found = ranked(Columns(LinearModel(random.normal(size=N), fitted), dormant, numerical=error))
     drops = {s.effect: s.numerical_drop for s in found.scores}
     s = dormant["made_other"][1][:, 0]
     s = s - fitted @ np.linalg.lstsq(fitted, s, rcond=None)[0]
@@ -137,13 +138,13 @@ def test_two_params_of_one_effect_are_judged_together() -> None:
     random, fitted, _ = problem()
     block = random.normal(size=(N, 2))
     residual = random.normal(size=N) - block @ [0.0, 0.2]
-    found = ranked(Columns(residual, fitted, {"made_pair": (("made_pair.a", "made_pair.b"), block)})).scores[0]
+    found = ranked(Columns(LinearModel(residual, fitted), {"made_pair": (("made_pair.a", "made_pair.b"), block)})).scores[0]
     assert found.z > 5.0 and found.estimate["made_pair.b"] == pytest.approx(0.2, abs=4 * found.sigma["made_pair.b"])
 
 
 def test_more_parameters_than_data_is_refused() -> None:
     with pytest.raises(UntrustworthyError, match="nothing to judge"):
-        ranked(Columns(np.ones(3), np.eye(3), {}))
+        ranked(Columns(LinearModel(np.ones(3), np.eye(3)), {}))
 
 
 def test_an_effect_that_cannot_be_is_no_alternative() -> None:
@@ -151,7 +152,7 @@ def test_an_effect_that_cannot_be_is_no_alternative() -> None:
     random, fitted, _ = problem()
     s = random.normal(size=(N, 1))
     dormant = {"made_made": (("made_made.a",), s), "made_positive": (("made_positive.a",), s + 0.05 * random.normal(size=(N, 1)))}
-    found = {x.effect: x for x in ranked(Columns(s[:, 0] + 0.1 * random.normal(size=N), fitted, dormant)).scores}
+    found = {x.effect: x for x in ranked(Columns(LinearModel(s[:, 0] + 0.1 * random.normal(size=N), fitted), dormant)).scores}
     assert found["made_positive"].vetoed and not found["made_made"].vetoed
     assert found["made_made"].family == ("made_made",)
 
@@ -173,8 +174,8 @@ def test_what_was_tried_besides_raises_the_threshold() -> None:
     random, fitted, dormant = problem()
     residual = random.normal(size=N)
     tried = tuple(random.normal(size=(N, 1)) for _ in range(40))
-    alone = ranked(Columns(residual, fitted, dormant))
-    scanned = ranked(Columns(residual, fitted, dormant, also_tried=tried))
+    alone = ranked(Columns(LinearModel(residual, fitted), dormant))
+    scanned = ranked(Columns(LinearModel(residual, fitted), dormant, also_tried=tried))
     count = len(dormant) + len(tried)
     assert scanned.threshold == pytest.approx(norm.isf(0.5 * (1.0 - 0.95 ** (1.0 / count))), rel=0.01)
     assert scanned.threshold > alone.threshold + 0.6 and [s.z for s in scanned.scores] == [s.z for s in alone.scores]

@@ -18,7 +18,7 @@ from thermofit.cli.printing_loop import unlisted_lines
 from thermofit.core.jsonable import jsonable
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, best_listed, unfitted, unlisted
+from thermofit.diagnose.unlisted import Unlisted, best_listed, unlisted
 from thermofit.diagnose.unlisted_effect import heat_file
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_loop import ended
@@ -68,8 +68,8 @@ def test_nothing_is_unlisted_where_nothing_is_missing() -> None:
 def test_a_listed_effect_is_not_unlisted() -> None:
     """Before it is added a family explains it; once it is accepted nothing is left."""
     here, found = diagnosed(1, **{"ir_drift.rate": 2e-3})
-    structure = structures(here.case, here.rows, unfitted(here), None)[0]
-    assert structure.stands_out and best_listed(here, structure, unfitted(here), ["ir_drift", "ir_gain"]) == (
+    structure = structures(here.case, here.rows, here.problem.model.left, None)[0]
+    assert structure.stands_out and best_listed(here, structure, ["ir_drift", "ir_gain"]) == (
         "ir_drift",
         pytest.approx(1.0, abs=0.05),
     )

@@ -21,6 +21,7 @@ from thermofit.experiment.forward import Run, march_settings, sampler, specimen_
 from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_settings, station_names
 from thermofit.experiment.model import StageModel, stage_model
 from thermofit.experiment.residuals import Span
+from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, load_study
@@ -156,7 +157,7 @@ def test_what_a_force_does_not_pass_is_unfelt() -> None:
     residual, jacobian = joint.linearised(Parameters.of(TRUTH), names)
     assert not jacobian[:, 1:].any()
     dormant = {n.partition(".")[0]: ((n,), jacobian[:, [k]]) for k, n in enumerate(names) if k > 0}
-    assert ranked(Columns(residual, jacobian[:, :1], dormant)).unfelt == ("machine_compliance", "jaw_slip")
+    assert ranked(Columns(LinearModel(residual, jacobian[:, :1]), dormant)).unfelt == ("machine_compliance", "jaw_slip")
 
 
 def test_thermocouples_are_data_with_an_error() -> None:
@@ -204,7 +205,7 @@ def test_an_effect_of_the_base_law_that_is_held_at_neutral_is_found() -> None:
     base = Parameters.of({**TRUTH, "alpha_exp": 0.0}).with_free(("E", "M_y0", "c0"))
     case = Case(model(study()), base, effects((*BASE, *LOAD, *KINEMATICS)), (), station_names())
     found = linearised(case)
-    ranking = ranked(Columns(found.residual, found.fitted, found.dormant))
+    ranking = ranked(Columns(LinearModel(found.residual, found.fitted), found.dormant))
     assert ranking.scores[0].effect == "thermal_expansion"
     assert ranking.scores[0].estimate["alpha_exp"] == pytest.approx(2e-5, rel=0.1)
     assert set(ranking.unfelt) == {"machine_compliance", "jaw_slip"}

@@ -12,14 +12,13 @@ from thermofit.fit.bootstrap import (
     drawn_residual,
     effective_blocks,
     linearised_repeats,
-    outside_residual,
     percentile_interval,
 )
+from thermofit.fit.linear_model import LinearModel
 
 N, REPEATS = 400, 2000
 X = np.linspace(-1.0, 1.0, N)
 JACOBIAN = np.stack([np.ones(N), X, 2e3 * X**2], axis=1)
-FREE = (np.full(3, -np.inf), np.full(3, np.inf))
 
 
 def residual(memory: int) -> np.ndarray:
@@ -35,7 +34,7 @@ def blocks(length: int) -> Blocks:
 
 def test_white_noise_gives_the_standard_errors() -> None:
     r = residual(1)
-    moves = linearised_repeats(JACOBIAN, r, blocks(1), FREE, (1, REPEATS))
+    moves = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), (1, REPEATS))
     sigma = np.sqrt(np.diag(np.linalg.inv(JACOBIAN.T @ JACOBIAN)) * (r @ r) / (N - 3))
     assert moves.std(axis=0) == pytest.approx(sigma, rel=0.12)
     assert np.all(np.abs(moves.mean(axis=0)) < 4.0 * sigma / np.sqrt(REPEATS))
@@ -44,23 +43,23 @@ def test_white_noise_gives_the_standard_errors() -> None:
 def test_blocks_keep_the_memory_of_the_noise() -> None:
     """Values alike over ten entries count once: errors are sqrt(10) times those of single entries."""
     r = residual(10)
-    single = linearised_repeats(JACOBIAN, r, blocks(1), FREE, (1, REPEATS)).std(axis=0)
-    whole = linearised_repeats(JACOBIAN, r, blocks(10), FREE, (1, REPEATS)).std(axis=0)
+    single = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), (1, REPEATS)).std(axis=0)
+    whole = linearised_repeats(LinearModel(r, JACOBIAN), blocks(10), (1, REPEATS)).std(axis=0)
     assert whole[0] / single[0] == pytest.approx(np.sqrt(10.0), rel=0.25)
 
 
 def test_linearised_repeat_is_the_fit_to_the_drawn_residual() -> None:
     r, b = residual(10), blocks(20)
-    moves = linearised_repeats(JACOBIAN, r, b, FREE, (7, 5))
+    moves = linearised_repeats(LinearModel(r, JACOBIAN), b, (7, 5))
     for k in range(5):
-        drawn = drawn_residual(outside_residual(JACOBIAN, r, b), b, 7, k)
+        drawn = drawn_residual(LinearModel(r, JACOBIAN).outside(b.label), b, 7, k)
         assert moves[k] == pytest.approx(-np.linalg.lstsq(JACOBIAN, drawn, rcond=None)[0], rel=1e-8, abs=1e-14)
 
 
 def test_residual_of_a_block_against_the_others() -> None:
     """It is that of a fit from which the block was left out."""
     r, b = residual(10), blocks(100)
-    found = outside_residual(JACOBIAN, r, b)
+    found = LinearModel(r, JACOBIAN).outside(b.label)
     for k in range(b.count):
         out = b.label == k
         x = np.linalg.lstsq(JACOBIAN[~out], r[~out], rcond=None)[0]
@@ -70,8 +69,8 @@ def test_residual_of_a_block_against_the_others() -> None:
 def test_repeats_stay_within_bounds() -> None:
     r = residual(1)
     room = (np.array([0.0, -np.inf, -np.inf]), np.full(3, np.inf))
-    free = linearised_repeats(JACOBIAN, r, blocks(1), FREE, (1, 200))
-    held = linearised_repeats(JACOBIAN, r, blocks(1), room, (1, 200))
+    free = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), (1, 200))
+    held = linearised_repeats(LinearModel(r, JACOBIAN, bounds=room), blocks(1), (1, 200))
     assert held[:, 0].min() == 0.0 and (held[:, 0] == 0.0).mean() > 0.3
     inside = free[:, 0] > 0.0
     assert held[inside] == pytest.approx(free[inside])
@@ -83,7 +82,7 @@ def test_weights_and_too_few_blocks() -> None:
     assert w.mean() == pytest.approx(0.0, abs=0.03) and w.var() == pytest.approx(1.0, rel=0.03)
     assert len(np.unique(np.round(np.abs(w), 6))) == 3
     with pytest.raises(UntrustworthyError, match=r"4 blocks .*at least 5"):
-        linearised_repeats(JACOBIAN, residual(1), Blocks(np.arange(N) // 100, 4, "4 blocks"), FREE, (1, 10))
+        linearised_repeats(LinearModel(residual(1), JACOBIAN), Blocks(np.arange(N) // 100, 4, "4 blocks"), (1, 10))
 
 
 def test_percentiles() -> None:

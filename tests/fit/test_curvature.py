@@ -7,12 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from thermofit.fit import secant
-from thermofit.fit.curvature import Curvature, Local, augmented, learnt, updated
-from thermofit.fit.gauss_newton import bounded_step
+from thermofit.fit.curvature import Curvature, augmented, learnt, updated
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.settings import Settings
-
-FREE = (np.full(4, -np.inf), np.full(4, np.inf))
 
 
 def symmetric(rng, size):
@@ -48,18 +46,18 @@ def parabolas(z):
 @pytest.mark.parametrize("moved", [True, False])
 def test_one_variable_is_learnt_from_one_trial(moved):
     """S = sum r_i r_i'' at the point that the search goes on from: 2 - 4 + 15 at z = 0."""
-    here, there = (Local(parabolas(z), complex_step(parabolas, z)) for z in (np.array([0.0]), np.array([0.1])))
+    here, there = (LinearModel(parabolas(z), complex_step(parabolas, z)) for z in (np.array([0.0]), np.array([0.1])))
     S = learnt(Curvature(np.zeros((1, 1))), here, there, np.array([0.1]), moved).S
     at = there if moved else here
     assert S == pytest.approx(np.array([[at.residual @ [2.0, -1.0, 3.0]]]))
 
 
 def test_quadratic_model_is_used_where_it_is_right_and_gauss_newton_is_wrong():
-    here, there = (Local(parabolas(z), complex_step(parabolas, z)) for z in (np.array([0.0]), np.array([0.7])))
+    here, there = (LinearModel(parabolas(z), complex_step(parabolas, z)) for z in (np.array([0.0]), np.array([0.7])))
     assert learnt(Curvature(np.array([[13.0]])), here, there, np.array([0.7]), False).used
     assert not learnt(Curvature(np.array([[-13.0]])), here, there, np.array([0.7]), False).used
     # A small residual: Gauss-Newton is right within a few per cent, and stays, unless the other one is used already.
-    small = [Local(1e-2 * np.array([1.0, 2.0]) + [z - 0.5, 0.02 * z**2], np.array([[1.0], [0.04 * z]])) for z in (0.0, 0.4)]
+    small = [LinearModel(1e-2 * np.array([1.0, 2.0]) + [z - 0.5, 0.02 * z**2], np.array([[1.0], [0.04 * z]])) for z in (0.0, 0.4)]
     right = np.array([[0.02 * 0.04]])
     assert not learnt(Curvature(right), *small, np.array([0.4]), True).used
     assert learnt(Curvature(right, used=True), *small, np.array([0.4]), True).used
@@ -73,10 +71,10 @@ def test_step_of_the_quadratic_model(seed, badly):
     scales = 10.0 ** (badly * rng.uniform(-1, 1, 4))
     jacobian, residual = rng.standard_normal((12, 4)) * scales, rng.standard_normal(12)
     S = 0.1 * symmetric(rng, 4) * np.outer(scales, scales)
-    model = augmented(Local(residual, jacobian), S)
+    model = augmented(LinearModel(residual, jacobian), S)
     hessian, gradient = jacobian.T @ jacobian + S, jacobian.T @ residual
-    assert np.allclose((model.R.T @ model.R) / np.outer(scales, scales), hessian / np.outer(scales, scales), atol=1e-8)
-    step = bounded_step(model, FREE)
+    assert np.allclose((model.columns.T @ model.columns) / np.outer(scales, scales), hessian / np.outer(scales, scales), atol=1e-8)
+    step = model.step
     assert step.d * scales == pytest.approx(-np.linalg.solve(hessian / np.outer(scales, scales), gradient / scales), rel=1e-5, abs=1e-8)
     assert step.drop == pytest.approx(-(2.0 * gradient @ step.d + step.d @ hessian @ step.d), rel=1e-6)
 
@@ -87,13 +85,13 @@ def test_step_of_the_quadratic_model_along_a_weak_direction():
     jacobian, residual = rng.standard_normal((20, 2)), rng.standard_normal(20)
     jacobian[:, 1] = jacobian[:, 0] + 1e-3 * jacobian[:, 1]
     S = 1e-7 * np.eye(2)
-    step = bounded_step(augmented(Local(residual, jacobian), S), (np.full(2, -np.inf), np.full(2, np.inf)))
+    step = augmented(LinearModel(residual, jacobian), S).step
     assert step.d == pytest.approx(-np.linalg.solve(jacobian.T @ jacobian + S, jacobian.T @ residual), rel=1e-4)
 
 
 def test_negative_curvature_goes_down():
-    model = augmented(Local(np.array([1.0, 0.1]), np.eye(2)), np.diag([0.0, -3.0]))
-    assert bounded_step(model, (np.full(2, -9.0), np.full(2, 9.0))).d == pytest.approx([-1.0, -0.05])
+    model = augmented(LinearModel(np.array([1.0, 0.1]), np.eye(2)), np.diag([0.0, -3.0]))
+    assert model.step.d == pytest.approx([-1.0, -0.05])
 
 
 @pytest.mark.parametrize("start", [[25.0, 5.0, -5.0, -1.0], [2.5, 5.0, -5.0, -1.0], [-10.0, 12.0, -1.0, 1.0]])

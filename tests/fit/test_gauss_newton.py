@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from thermofit.fit.gauss_newton import bounded_step, pinned, reduce
+from thermofit.fit.gauss_newton import pinned
+from thermofit.fit.linear_model import LinearModel
 
 
 @settings(max_examples=60)
@@ -25,7 +26,7 @@ def _check(seed, size, badly):
     residual = rng.standard_normal(12)
     norms = np.linalg.norm(jacobian, axis=0)
     room = (-rng.uniform(0, 0.4, size) / norms, rng.uniform(0, 0.4, size) / norms)
-    step = bounded_step(reduce(jacobian, residual), room)
+    step = LinearModel(residual, jacobian, bounds=room).step
     assert (room[0] <= step.d).all() and (step.d <= room[1]).all()
     gradient = jacobian.T @ (jacobian @ step.d + residual) / norms
     low, up = step.d == room[0], step.d == room[1]
@@ -37,12 +38,12 @@ def _check(seed, size, badly):
 
 def test_parameter_without_effect_stays():
     jacobian = np.array([[1.0, 0.0], [1.0, 0.0]])
-    step = bounded_step(reduce(jacobian, np.array([1.0, 3.0])), (np.full(2, -np.inf), np.full(2, np.inf)))
+    step = LinearModel(np.array([1.0, 3.0]), jacobian).step
     assert np.allclose(step.d, [-2.0, 0.0])
 
 
 def test_fewer_data_than_parameters():
-    step = bounded_step(reduce(np.ones((1, 3)), np.array([3.0])), (np.full(3, -9.0), np.full(3, 9.0)))
+    step = LinearModel(np.array([3.0]), np.ones((1, 3)), bounds=(np.full(3, -9.0), np.full(3, 9.0))).step
     assert np.allclose(step.d, -1.0) and np.isclose(step.drop, 9.0)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermofit.fit.covariance import covariance
 from thermofit.fit.information import Information, criteria, detectability, fixing_sets, information, relative_sigma, spectrum
+from thermofit.fit.linear_model import LinearModel
 
 TIME = np.linspace(0.1, 3.0, 60)
 NAMES = ("alpha_exp", "kappa", "c0", "beta")
@@ -74,7 +74,7 @@ def test_unique_where_a_term_breaks_the_scale() -> None:
     info = information(jacobian, NAMES, X, X)
     found = spectrum(info, "beta")
     assert not found.flat and fixing_sets(info) == ((),)
-    spread = covariance(jacobian, np.zeros(len(jacobian)), NAMES)
+    spread = LinearModel(np.zeros(len(jacobian)), jacobian).covariance(NAMES)
     assert relative_sigma(info) * X == pytest.approx(spread.sigma_unit, rel=1e-8)
     assert found.sigma.max() == pytest.approx(criteria(info).e)
     # D-criterion: geometric mean of the axes, from the determinant of the covariance.
@@ -92,7 +92,7 @@ def test_correlated_noise_widens_as_the_sandwich_does() -> None:
         return np.asarray(matrix @ v)
 
     info = information(jacobian, NAMES[:3], X[:3], X[:3], noise, 4.0)
-    spread = covariance(jacobian, np.zeros(len(jacobian)), NAMES[:3], None, noise)
+    spread = LinearModel(np.zeros(len(jacobian)), jacobian, noise).covariance(NAMES[:3])
     assert relative_sigma(info) * X[:3] == pytest.approx(2.0 * spread.sigma_unit, rel=1e-8)
     assert relative_sigma(info)[0] > 1.5 * 2.0 * relative_sigma(information(jacobian, NAMES[:3], X[:3], X[:3]))[0]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import memories, noise_operator, tapered_correlation
 
 
@@ -54,7 +54,7 @@ def test_standard_errors_of_a_mean_under_memory() -> None:
         residual = remembering(n, rho, rng)
         means.append(residual.mean())
         left = residual - residual.mean()
-        found = covariance(np.ones((n, 1)), left, ("mean",), noise=noise_operator(memories(left, [n])))
+        found = LinearModel(left, np.ones((n, 1)), noise_operator(memories(left, [n]))).covariance(("mean",))
         said.append(found.sigma[0])
     assert np.median(said) == pytest.approx(np.std(means), rel=0.2)
     assert np.std(means) > 4.0 / np.sqrt(n)

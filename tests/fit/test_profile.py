@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import NumericsError
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.profile import Optimum, Side, profile_side
@@ -61,7 +61,7 @@ def sides(problem: Problem, i: int) -> tuple[Side, Side]:
 def test_profile_of_a_linear_model_is_its_standard_error() -> None:
     problem = line()
     at = optimum(problem)
-    sigma = covariance(at.jacobian, problem.residual(at.x), problem.names).sigma_unit
+    sigma = LinearModel(problem.residual(at.x), at.jacobian).covariance(problem.names).sigma_unit
     for i in (0, 1):
         low, high = sides(problem, i)
         assert not low.open and not high.open

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.correlated import correlogram, with_correlated_noise
 from thermofit.identify.solve import Solved
 
@@ -39,7 +39,7 @@ def solved_with(error: np.ndarray) -> tuple[Solved, np.ndarray]:
     bound = np.zeros(2, bool)
     fit = SimpleNamespace(jacobian=slope, residual=slope @ x - data, names=("a", "b"), at_bound=bound)
     model = SimpleNamespace(comparisons=(SimpleNamespace(rows=rows, noise=None),), observations={"u": SimpleNamespace(xy=XY)})
-    spread = covariance(fit.jacobian, fit.residual, fit.names, bound)
+    spread = LinearModel(fit.residual, fit.jacobian).covariance(fit.names, bound)
     made: Any = Solved(None, model, fit, spread, (), ())  # type: ignore[arg-type]
     return made, x
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.identify.reciprocal import reciprocal_of
@@ -31,7 +31,7 @@ def test_isothermal_start_finds_the_contact_coefficient() -> None:
     step = 1e-3
     difference = (residual(fit.x + np.array([0.0, step])) - residual(fit.x - np.array([0.0, step]))) / (2.0 * step)
     assert fit.jacobian[:, 1] == pytest.approx(difference, rel=1e-3)
-    assert np.isfinite(covariance(fit.jacobian, fit.residual, NAMES).sigma).all()
+    assert np.isfinite(LinearModel(fit.residual, fit.jacobian).covariance(NAMES).sigma).all()
 
 
 def test_map_is_its_own_inverse() -> None:

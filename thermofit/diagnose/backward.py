@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.held_out import Room, compared, held_out_residual
+from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.proof_elsewhere import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
-from thermofit.diagnose.trace import Traced, room_of, traced
+from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
 Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
@@ -36,36 +37,25 @@ class Means:
 
 def held_out_of(here: Traced) -> np.ndarray:
     """Whitened residual (n,) of every row as predicted from the folds that do not hold it; nan in rows that are never held out."""
-    return held_out_residual(here.columns.residual, here.columns.fitted, here.split, room(here))
+    return here.problem.model.predicted(here.split.folds)
 
 
-def room(here: Traced) -> Room:
-    """How far the free parameters may go to their physical bounds."""
-    return room_of(here.case.parameters, here.case.parameters.free)
-
-
-def _own(here: Traced, name: str) -> list[int]:
-    """Places of an effect's Params among the free parameters."""
-    return [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
-
-
-def without_columns(here: Traced, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Residual and fitted columns if the effect of that name were back at neutral, to first order."""
-    free, own = here.case.parameters.free, _own(here, name)
-    amplitudes = [k for k in own if not param(free[k]).scan]
-    back = np.array([param(free[k]).neutral - here.case.parameters[free[k]] for k in amplitudes])
-    residual = here.columns.residual + here.columns.fitted[:, amplitudes] @ back
-    return residual, np.delete(here.columns.fitted, own, axis=1)
+def without_effects(here: Traced, names: Sequence[str]) -> LinearModel:
+    """The linearised problem if the effects were back at neutral, to first order, and without their columns."""
+    free, parameters, model = here.case.parameters.free, here.case.parameters, here.problem.model
+    every = {n for name in names for n in effect(name).names}
+    amplitudes = [k for k, n in enumerate(free) if n in every and not param(n).scan]
+    back = np.array([param(free[k]).neutral - parameters[free[k]] for k in amplitudes])
+    rest = model.only([k for k, n in enumerate(free) if n not in every])
+    return replace(rest, residual=model.residual + model.columns[:, amplitudes] @ back)
 
 
 def still_needed(here: Traced, name: str) -> bool:
     """Whether the held-out error rises when an accepted effect is taken away again."""
-    residual, fitted = without_columns(here, name)
-    own, (low, high) = _own(here, name), room(here)
-    left = (np.delete(low, own), np.delete(high, own))
-    ends, folds = (held_out_residual(residual, fitted, here.split, left), held_out_of(here)), len(here.split.held_out)
-    found = compared(*ends, here.rows, folds, here.problem.noise, here.columns.residual)
-    return (proof_of_need(here, name, (residual, fitted), left) or found).convinces
+    without_it = without_effects(here, [name])
+    ends, folds = (without_it.predicted(here.split.folds), held_out_of(here)), len(here.split.held_out)
+    found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
+    return (proof_of_need(here, name, without_it) or found).convinces
 
 
 def _neutral(here: Traced, name: str) -> Parameters:
@@ -90,23 +80,14 @@ def made_up_for(here: Traced, name: str, others: Sequence[str], means: Means) ->
     exponents = tuple(p.name for other in others for p in effect(other).exponents if p.name not in free)
     if here.case.cheap or not exponents:  # of coupons every exponent is tried free already
         return None
-    residual, fitted = without_columns(here, name)
-    done = residual - here.columns.residual
-    columns = here.case.model.linearised(here.case.parameters, exponents)[1]
-    left, most = (beyond_columns(done, part) for part in (np.concatenate([fitted, columns], axis=1), fitted))
-    if left > (1.0 - STANDS_IN) * most:
+    rest = without_effects(here, [name])
+    done = replace(rest, residual=rest.residual - here.columns.residual)
+    left, most = (m.left for m in (done.with_columns(here.case.model.linearised(here.case.parameters, exponents)[1]), done))
+    if left @ left > (1.0 - STANDS_IN) * (most @ most):
         return None
     start = _neutral(here, name)
     parameters, fit = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}")
     there = means.traced(here, parameters)
     ends, folds = (held_out_of(there), held_out_of(here)), len(here.split.held_out)
-    found = compared(*ends, here.rows, folds, here.problem.noise, here.columns.residual)
+    found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
     return None if (proof_of_refit(there, here, name) or found).convinces else (there, fit)
-
-
-def beyond_columns(change: np.ndarray, columns: np.ndarray) -> float:
-    """Square of what columns (n, k) leave of a change (n,)."""
-    size = np.linalg.norm(columns, axis=0)
-    unit = columns[:, size > 0.0] / size[size > 0.0]
-    rest = change - unit @ np.linalg.lstsq(unit, change, rcond=None)[0]
-    return float(rest @ rest)

@@ -11,7 +11,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.held_out import Proof, Room, Rows, Split, compared, held_out_residual
+from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rows import rows_of_tests, stacked
 from thermofit.diagnose.trace import room_of, split_of
@@ -23,6 +23,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.trust import WHOLE
 from thermofit.experiment.verification import identified_stages
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening
 from thermofit.law.hardening.curves import taken_over
@@ -184,8 +185,8 @@ def _held_out(study: Study, contenders: Sequence[Contender]) -> tuple[tuple[np.n
 
 
 def _predicted(contender: Contender, split: Split) -> np.ndarray:
-    room: Room = room_of(contender.parameters, contender.parameters.free)
-    return held_out_residual(contender.residual, contender.columns, split, room)
+    room = room_of(contender.parameters, contender.parameters.free)
+    return LinearModel(contender.residual, contender.columns, bounds=room).predicted(split.folds)
 
 
 def _unseen(contenders: Sequence[Contender]) -> tuple[tuple[np.ndarray, ...], Rows, str]:

@@ -21,7 +21,7 @@ from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
 from thermofit.diagnose.decide_words import acted_on
 from thermofit.diagnose.loop import Closed
-from thermofit.diagnose.score import ALIKE, Columns
+from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects, is_of_effect
 from thermofit.experiment.coupon_records import CouponTest
@@ -29,6 +29,7 @@ from thermofit.experiment.coupon_sensor import SENSOR, shown_rates
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.known_effects import effects_of_point
+from thermofit.fit.linear_model import projection
 from thermofit.point.driver import PointSettings, simulate_rates
 from thermofit.point.driver import Programme as Driven
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
@@ -200,9 +201,8 @@ def columns(
     except NumericsError:
         return None
     at = {name: k for k, name in enumerate(names)}
-    dormant = {name: (group, whole[:, [at[n] for n in group]]) for name, group in felt.items()}
-    found = Columns(np.zeros(len(whole)), whole[:, : len(free)], dormant)
-    own = {name: found.felt(block) for name, (_, block) in dormant.items()}
+    found = projection(whole[:, : len(free)])
+    own = {name: found.felt(whole[:, [at[n] for n in group]]) for name, group in felt.items()}
     return {name: block for name, block in own.items() if block.shape[1] > 0}
 
 

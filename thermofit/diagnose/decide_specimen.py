@@ -16,11 +16,11 @@ from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import TINY, feels_rate
 from thermofit.diagnose.decide_told import Family
-from thermofit.diagnose.score import Columns
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.joint import Joint, JointParts, joint_settings
 from thermofit.experiment.known_motion import acts_in_heat
+from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
 
@@ -191,9 +191,8 @@ def columns(joint: Joint, programme: Change, parameters: Parameters, family: Fam
         return None
     at = {n: k for k, n in enumerate((*names, *(n for n, _ in directions)))}
     whole = np.concatenate([jacobian, along], axis=1)
-    dormant = {name: (group, whole[:, [at[n] for n in group]]) for name, group in felt.items()}
-    found = Columns(np.zeros(len(whole)), whole[:, : len(free)], dormant, n_priors=len(strip.model.priors))
-    shown = {name: found.felt(block) for name, (_, block) in dormant.items()}
+    found = LinearModel(np.zeros(len(whole)), whole[:, : len(free)], n_priors=len(strip.model.priors))
+    shown = {name: found.felt(whole[:, [at[n] for n in group]]) for name, group in felt.items()}
     return {name: block for name, block in shown.items() if block.shape[1] > 0}
 
 

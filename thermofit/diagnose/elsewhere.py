@@ -17,11 +17,12 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case, Elsewhere, Linearised, columns_of, linearised, scans
-from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Room, Rows, Split, compared, held_out_residual
+from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Rows, compared
 from thermofit.diagnose.rows import rows_of_tests, stacked
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.protocol import UnseenTest
+from thermofit.fit.linear_model import LinearModel, Room, projection
 from thermofit.observe.comparison import NoiseOperator
 from thermofit.study.stages import StageSettings
 
@@ -99,12 +100,7 @@ def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settin
         except NumericsError as error:
             failed[name] = f"held-out {test.name}: {error}"
     residual, fitted = found.residual[used], found.fitted[used]
-    basis, _ = np.linalg.qr(_unit(fitted[:, len(names) :]))
-
-    def judged(value: np.ndarray) -> np.ndarray:
-        """Without what the test's own parameters, fitted on its own data, take up."""
-        return np.asarray(value - basis @ (basis.T @ value))
-
+    judged = projection(fitted[:, len(names) :]).beyond  # without what the test's own parameters, fitted on its own data, take up
     rows = there.rows
     own = Rows(rows.channel[used], rows.time[used], rows.xy[used], rows.phase[used])
     floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in there.model.comparisons}
@@ -119,11 +115,6 @@ def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settin
         _noise_of(there, used) if noisy else None,
         failed,
     )
-
-
-def _unit(columns: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(columns, axis=0)
-    return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
 
 
 def _noise_of(there: Case, used: np.ndarray) -> NoiseOperator:
@@ -145,28 +136,21 @@ def _block(there: Case, found: Linearised, name: str, chosen: dict[str, float] |
     return columns_of(there, effect(name), chosen)
 
 
-System = tuple[np.ndarray, np.ndarray]
-"""Residual (n,) and columns (n, p) of the fitted tests."""
-
-
-def unseen_residual(seen: System, beyond: Sequence[Beyond], there: Sequence[np.ndarray], room: Room) -> np.ndarray:
+def unseen_residual(seen: LinearModel, beyond: Sequence[Beyond], there: Sequence[np.ndarray]) -> np.ndarray:
     """Residual (m,) of the held-out tests as the rows of the fitted ones predict it; `there` are their columns (m_k, p)."""
-    residual = np.concatenate([seen[0], *(b.residual for b in beyond)])
-    held = np.arange(len(residual)) >= len(seen[0])
-    split = Split((held,), (np.zeros_like(held),), "")
-    return held_out_residual(residual, np.concatenate([seen[1], *there]), split, room)[held]
+    residual = np.concatenate([seen.residual, *(b.residual for b in beyond)])
+    held = np.arange(len(residual)) >= len(seen.residual)
+    whole = LinearModel(residual, np.concatenate([seen.columns, *there]), bounds=seen.bounds)
+    return whole.predicted([(held, held)])[held]
 
 
-def proof_beyond(seen: System, name: str, block: np.ndarray, beyond: Sequence[Beyond], rooms: tuple[Room, Room]) -> Proof | None:
+def proof_beyond(seen: LinearModel, name: str, block: np.ndarray, beyond: Sequence[Beyond], room: Room) -> Proof | None:
     """Proof of a dormant effect of that name, its columns (n, k) in the fitted tests, on held-out ones; None where they cannot judge."""
     if not any(name in b.dormant for b in beyond):
         return None
-    (room, own), fitted = rooms, [b.fitted for b in beyond]
     both = [np.concatenate([b.fitted, b.dormant.get(name, np.zeros((len(b.residual), block.shape[1])))], axis=1) for b in beyond]
-    before = unseen_residual(seen, beyond, fitted, room)
-    wider = (np.append(room[0], own[0]), np.append(room[1], own[1]))
-    after = unseen_residual((seen[0], np.concatenate([seen[1], block], axis=1)), beyond, both, wider)
-    return proof_of_change(before, after, beyond)
+    before = unseen_residual(seen, beyond, [b.fitted for b in beyond])
+    return proof_of_change(before, unseen_residual(seen.with_columns(block, room), beyond, both), beyond)
 
 
 def proof_of_change(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:

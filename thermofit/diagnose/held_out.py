@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import orth
+
+from thermofit.fit.linear_model import Fold, LinearModel, Room, projection
 
 SURE = 2.0
 """Standard errors by which held-out error has to fall."""
@@ -40,6 +41,12 @@ class Split:
     held_out: tuple[np.ndarray, ...]
     buffer: tuple[np.ndarray, ...]
     by: str
+
+    @property
+    def folds(self) -> list[Fold]:
+        """Rows that are held out and rows that are not seen of every fold."""
+        hidden = [held | near for held, near in zip(self.held_out, self.buffer, strict=True)]
+        return list(zip(self.held_out, hidden, strict=True))
 
 
 def split_by_phase(rows: Rows, names: Sequence[str], buffer_s: float) -> Split | None:
@@ -138,8 +145,7 @@ def _predictable(blocks: Sequence[_Block], folds: int, fitted: np.ndarray | None
     """
     if fitted is None or fitted.shape[1] == 0:
         return list(blocks), 0
-    size = np.linalg.norm(fitted, axis=0)
-    basis = orth(fitted[:, size > 0.0] / size[size > 0.0], rcond=1e-8)
+    basis = projection(fitted).basis
     left, kept = [], 0
     for fold in range(folds):
         own = [b for b in blocks if b.fold == fold]
@@ -197,73 +203,13 @@ class Proof:
 
 
 Noise = Callable[[np.ndarray], np.ndarray]
-Room = tuple[np.ndarray, np.ndarray]
-"""How far every column's parameter may go down (<= 0) and up (>= 0), each (p,): to its bounds."""
 
 
-def held_out_residual(residual: np.ndarray, columns: np.ndarray, split: Split, room: Room | None = None) -> np.ndarray:
-    """Residual (n,) of every row when its fold is predicted from the others; nan in rows that no fold holds out.
-
-    A parameter that the step would take beyond its `room` stays at the end of it, and the others step anew.
-    """
-    out = np.full(len(residual), np.nan)
-    scaled, ends = _scaled(columns, room)
-    gram, right = scaled.T @ scaled, scaled.T @ residual
-    for held, near in zip(split.held_out, split.buffer, strict=True):
-        hidden = held | near
-        a = scaled[hidden]
-        step = _bounded_step(gram - a.T @ a, right - a.T @ residual[hidden], ends)
-        out[held] = residual[held] + scaled[held] @ step
-    return out
-
-
-def left_residual(residual: np.ndarray, columns: np.ndarray, room: Room | None = None) -> np.ndarray:
-    """Residual (n,) after the step that all rows ask for, within its room."""
-    scaled, ends = _scaled(columns, room)
-    return np.asarray(residual + scaled @ _bounded_step(scaled.T @ scaled, scaled.T @ residual, ends))
-
-
-def _scaled(columns: np.ndarray, room: Room | None) -> tuple[np.ndarray, Room]:
-    """Columns of unit length, and the room of steps along them."""
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    ends = (np.full(len(size), -np.inf), np.full(len(size), np.inf)) if room is None else (room[0] * size, room[1] * size)
-    return columns / size, ends
-
-
-def _bounded_step(gram: np.ndarray, right: np.ndarray, ends: Room) -> np.ndarray:
-    """Step (p,) that lowers |r + A x|^2 most between its ends, with gram = A^T A and right = A^T r, one end after the other.
-
-    A direction that the seen rows do not feel stays where it is.
-    """
-    step, free = np.zeros(len(right)), np.ones(len(right), dtype=bool)
-    for _ in range(len(right)):
-        pull = right[free] + gram[np.ix_(free, ~free)] @ step[~free]
-        step[free] = -np.linalg.pinv(gram[np.ix_(free, free)], rcond=1e-9, hermitian=True) @ pull
-        beyond = free & ((step < ends[0]) | (step > ends[1]))
-        if not beyond.any():
-            break
-        step[beyond] = np.clip(step[beyond], ends[0][beyond], ends[1][beyond])
-        free &= ~beyond
-    return step
-
-
-def proof(
-    residual: np.ndarray,
-    columns: tuple[np.ndarray, np.ndarray],
-    rows: Rows,
-    split: Split,
-    rooms: tuple[Room, Room],
-    noise: Noise | None = None,
-) -> Proof:
-    """Held-out error with and without an effect by linear algebra; columns = (fitted (n, p), those of the effect (n, k)), with their
-    rooms; `noise`: see `compared`."""
-    (fitted, effect), (room, own) = columns, rooms
-    both = (np.append(room[0], own[0]), np.append(room[1], own[1]))
-    before = held_out_residual(residual, fitted, split, room)
-    whole = np.concatenate([fitted, effect], axis=1)
-    after = held_out_residual(residual, whole, split, both)
-    return compared(before, after, rows, len(split.held_out), noise, left_residual(residual, whole, both))
+def proof(model: LinearModel, effect: np.ndarray, room: Room, rows: Rows, split: Split) -> Proof:
+    """Held-out error of the fitted parameters without and with an effect by linear algebra: its columns (n, k) and their room."""
+    whole = model.with_columns(effect, room)
+    before, after = model.predicted(split.folds), whole.predicted(split.folds)
+    return compared(before, after, rows, len(split.held_out), model.noise, whole.remaining)
 
 
 def compared(

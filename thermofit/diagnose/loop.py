@@ -193,7 +193,7 @@ def against_base(closed: Closed, how: str) -> Closed:
     while closed.accepted:
         ends = (held_out_of(closed.first), held_out_of(closed.last))
         folds = len(closed.last.split.held_out)
-        inside = compared(*ends, closed.last.rows, folds, closed.last.problem.noise, closed.last.columns.residual)
+        inside = compared(*ends, closed.last.rows, folds, closed.last.problem.model.noise, closed.last.columns.residual)
         beyond = [p for n in closed.accepted if (p := proof_of_refit(closed.first, closed.last, n)) is not None]
         proof = min(beyond, key=lambda p: p.gain) if beyond else inside
         if proof.convinces:

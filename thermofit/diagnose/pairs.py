@@ -23,6 +23,7 @@ from thermofit.diagnose.score import LEVEL, Score
 from thermofit.diagnose.trace import Scan, Traced
 from thermofit.diagnose.trial import Accepted, Trial, tried_together
 from thermofit.effects.catalogue import effect
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
 PARTNERS = 8
@@ -67,8 +68,8 @@ def pairs_of(here: Traced) -> list[Pair]:
     """Pairs by the fall of r.r that a joint step predicts, the largest first, each at the best values of its exponents."""
     scores = partners(here)
     scans = {s.effect: here.scanned.get(s.effect) or (({}, here.problem.dormant[s.effect][1]),) for s in scores if s.effect in _known(here)}
-    own = {(name, k): here.problem.beyond(block) for name, tried in scans.items() for k, (_, block) in enumerate(tried)}
-    left, found = here.problem.left, []
+    own = {(name, k): here.problem.model.beyond(block) for name, tried in scans.items() for k, (_, block) in enumerate(tried)}
+    left, found = here.problem.model.left, []
     for one, other in combinations([s for s in scores if s.effect in scans], 2):
         best: Pair | None = None
         for i, j in product(range(len(scans[one.effect])), range(len(scans[other.effect]))):
@@ -86,21 +87,16 @@ def _known(here: Traced) -> set[str]:
 
 def stepped(scores: tuple[Score, Score], at: tuple[Scan, Scan], s: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> Pair | None:
     """A pair after one joint step; None where both act alike, or an estimate is outside its physical bounds."""
-    both = np.concatenate(s, axis=1)
-    size = np.linalg.norm(both, axis=0)
-    if not np.all(size > 0.0):
+    both = LinearModel(left, np.concatenate(s, axis=1)).triangular
+    if both.condition > 1e4:
         return None
-    gram = (both / size).T @ (both / size)
-    if np.linalg.cond(gram) > 1e8:
-        return None
-    right = (both / size).T @ left
-    step = -np.linalg.solve(gram, right) / size
+    step = both.free_step
     names = [tuple(p.name for p in effect(score.effect).amplitudes) for score in scores]
     moved = {n: param(n).neutral + float(a) for n, a in zip((*names[0], *names[1]), step, strict=True)}
     if any(not param(n).lower <= v <= param(n).upper for n, v in moved.items()):
         return None
     told = tuple(replace(score, estimate={n: moved[n] for n in own}) for score, own in zip(scores, names, strict=True))
-    return Pair((told[0], told[1]), {**at[0][0], **at[1][0]}, float(-(right * size) @ step))
+    return Pair((told[0], told[1]), {**at[0][0], **at[1][0]}, float(-both.residual @ both.columns @ step))
 
 
 def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: Means) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
@@ -136,7 +132,7 @@ def by_chance(pairs: Sequence[Pair], after: FitResult, before: FitResult) -> flo
 
 def _better(here: Traced, one: Traced, other: Traced) -> bool:
     ends = (held_out_of(one), held_out_of(other))
-    return compared(*ends, here.rows, len(here.split.held_out), here.problem.noise, other.columns.residual).convinces
+    return compared(*ends, here.rows, len(here.split.held_out), here.problem.model.noise, other.columns.residual).convinces
 
 
 def worth_a_refit(here: Traced, pairs: Sequence[Pair]) -> list[Pair]:
@@ -164,5 +160,5 @@ def worth_a_refit(here: Traced, pairs: Sequence[Pair]) -> list[Pair]:
         return []
     pair, end = max(ends, key=lambda e: e[1].proof.gain)
     most = max(alone.values(), key=lambda e: e.proof.gain)
-    better = compared(most.held_out, end.held_out, here.rows, len(here.split.held_out), here.problem.noise, end.left)
+    better = compared(most.held_out, end.held_out, here.rows, len(here.split.held_out), here.problem.model.noise, end.left)
     return [pair] if better.convinces else []

@@ -7,20 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.parameters import param
-from thermofit.diagnose.elsewhere import System, proof_of_change, unseen_residual
-from thermofit.diagnose.held_out import Proof, Room, rms_with_error
+from thermofit.diagnose.elsewhere import proof_of_change, unseen_residual
+from thermofit.diagnose.held_out import Proof, rms_with_error
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
+from thermofit.fit.linear_model import LinearModel
 
 
 def predicted_beyond(here: Traced) -> np.ndarray:
     """Residual (m,) of the held-out tests of a trace."""
-    return unseen_residual((here.columns.residual, here.columns.fitted), here.beyond, [b.fitted for b in here.beyond], _room(here))
-
-
-def _room(here: Traced) -> Room:
-    x, bounds = here.case.parameters.vector(), [param(n) for n in here.case.parameters.free]
-    return np.array([p.lower for p in bounds]) - x, np.array([p.upper for p in bounds]) - x
+    return unseen_residual(here.problem.model, here.beyond, [b.fitted for b in here.beyond])
 
 
 def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
@@ -30,15 +26,15 @@ def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
     return proof_of_change(predicted_beyond(here), predicted_beyond(there), here.beyond)
 
 
-def proof_of_need(here: Traced, name: str, seen: System, room: Room) -> Proof | None:
-    """Proof of an accepted effect against the same model without it, `seen` its residual and columns; None as in `proof_of_refit`."""
+def proof_of_need(here: Traced, name: str, seen: LinearModel) -> Proof | None:
+    """Proof of an accepted effect against the same model without it, `seen`; None as in `proof_of_refit`."""
     if not any(name in test.judges for test in here.case.elsewhere):
         return None
     own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
     back = np.array([0.0 if param(n).scan else param(n).neutral - here.case.parameters[n] for n in effect(name).names])
     back = back[[effect(name).names.index(here.case.parameters.free[k]) for k in own]]
     without = [replace(b, residual=b.residual + b.fitted[:, own] @ back) for b in here.beyond]
-    before = unseen_residual(seen, without, [np.delete(b.fitted, own, axis=1) for b in here.beyond], room)
+    before = unseen_residual(seen, without, [np.delete(b.fitted, own, axis=1) for b in here.beyond])
     return proof_of_change(before, predicted_beyond(here), here.beyond)
 
 

@@ -17,14 +17,14 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import HeatFit
-from thermofit.diagnose.held_out import SURE, Proof, compared, held_out_residual, restricted
+from thermofit.diagnose.held_out import SURE, Proof, compared, restricted
 from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
 from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import felt_by_temperatures
-from thermofit.experiment.model import StageModel
+from thermofit.fit.linear_model import LinearModel, projection
 from thermofit.fit.result import FitResult
 
 HALF = 0.5
@@ -124,34 +124,29 @@ def _refitted(here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Map
         parameters = fit.minimised(start, f"{' '.join(s.effect for s in scores)} on the known motion")
     except NumericsError:
         return None
-    before = held_out_residual(
-        here.columns.residual, here.columns.fitted, here.split, room_of(here.case.parameters, here.case.parameters.free)
-    )
+    before = here.problem.model.predicted(here.split.folds)
     thermal = felt_by_temperatures(parameters.free)
-    residual, columns = fit.model.linearised(parameters, thermal)
     mine = _shown(here)
-    own = held_out_residual(residual, columns, restricted(here.split, mine), room_of(parameters, thermal))
+    noise = None if here.problem.model.noise is None else fit.model.noise
+    warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal))
+    own = warm.predicted(restricted(here.split, mine).folds)
     left, after = here.columns.residual.copy(), before.copy()
-    left[mine], after[mine] = residual, own
-    proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.noise, left)
+    left[mine], after[mine] = warm.residual, own
+    proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.model.noise, left)
     if len(scores) == 1 and (score.vetoed or score.z == 0.0):
-        score = _scored_there(here, score, fit.model, parameters, (residual, columns, mine))
+        score = _scored_there(here, score, parameters, warm, mine)
     return _End(score, parameters, left, after, proof)
 
 
-def _scored_there(
-    here: Traced, score: Score, model: StageModel, parameters: Parameters, there: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> Score:
-    """The score of an effect by the parameters of its refit; `there` = (residual (n,), columns (n, p), the rows that they are of)."""
-    residual, columns, mine = there
+def _scored_there(here: Traced, score: Score, parameters: Parameters, there: LinearModel, mine: np.ndarray) -> Score:
+    """The score of an effect by the parameters of its refit, linearised there in the rows that are `mine`, a mask."""
     names = tuple(p.name for p in effect(score.effect).amplitudes)
     thermal = felt_by_temperatures(parameters.free)
-    own = [thermal.index(n) for n in names]
-    block = columns[:, own]
-    without = residual - block @ np.array([parameters[p.name] - p.neutral for p in effect(score.effect).amplitudes])
+    block = there.columns[:, [thermal.index(n) for n in names]]
+    without = there.residual - block @ np.array([parameters[p.name] - p.neutral for p in effect(score.effect).amplitudes])
     groups = None if here.problem.groups is None else here.problem.groups[mine]
-    noise = None if here.problem.noise is None else model.noise
-    alone = ranked(Columns(without, np.delete(columns, own, axis=1), {score.effect: (names, block)}, noise, groups))
+    others = there.only([k for k, n in enumerate(thermal) if n not in names])
+    alone = ranked(Columns(replace(others, residual=without), {score.effect: (names, block)}, groups))
     return replace(alone.scores[0], numerical_drop=score.numerical_drop, family=score.family) if alone.scores else score
 
 
@@ -175,7 +170,7 @@ def _alike(here: Traced, ends: Mapping[str, _End], fit: HeatFit) -> dict[tuple[s
 def _told_apart(here: Traced, one: _End, other: _End) -> bool:
     """Whether one of two ends predicts held-out data better than the other by more than its uncertainty."""
     worse, better = sorted((one, other), key=lambda end: end.proof.gain)
-    found = compared(worse.held_out, better.held_out, here.rows, len(here.split.held_out), here.problem.noise, better.left)
+    found = compared(worse.held_out, better.held_out, here.rows, len(here.split.held_out), here.problem.model.noise, better.left)
     return found.gain > SURE * found.sigma
 
 
@@ -209,8 +204,7 @@ def missed(there: Traced, name: str, fit: FitResult) -> float:
     except NumericsError:
         return 0.0
     rise = float(np.sum(warm.model.residual(without) ** 2) - np.sum(warm.model.residual(parameters) ** 2))
-    size = np.linalg.norm(fit.jacobian, axis=0)
-    white = np.diag(np.linalg.pinv((fit.jacobian / size).T @ (fit.jacobian / size), hermitian=True)) / size**2
+    white = np.sum(projection(fit.jacobian).root() ** 2, axis=1)
     own = [fit.names.index(n) for n in amplitudes if n in fit.names]
     together = max((float(fit.sigma[k]) ** 2 / max(float(white[k]), 1e-300) for k in own), default=1.0)
     return float(np.sqrt(max(rise, 0.0) / max(together, 1.0)))

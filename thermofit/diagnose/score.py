@@ -10,17 +10,16 @@ C the correlation of the noise. For one Param z = a / sd(a) = -s.r / |s| where C
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from scipy.linalg import orth
 from scipy.stats import chi2, norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import param
 from thermofit.diagnose.held_out import PRACTICAL, SURE
+from thermofit.fit.linear_model import LinearModel, projection
 from thermofit.identify.reciprocal import RECIPROCAL
 
 ALIKE = 0.9
@@ -31,53 +30,22 @@ OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
 CONVINCING = SURE + (SURE**2 + 2.0) ** 0.5
 """|z| from which the held-out error is expected to fall by more than SURE standard errors: (z^2 - 2) / (2 z) > SURE, see `named_from`."""
-_UNFELT = 1e-6
-"""Part of a column, relative to its length, below which the fitted parameters take it up entirely."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Linearised problem at the optimum: residual (n,), fitted (n, p), and per effect its names and columns (n, k), per unit of the Params.
+    """Linearised problem at the optimum with the columns (n, k) of dormant effects, per unit of the Params that stand before them.
 
-    `noise` applies the correlation matrix of the noise to columns (n, k), None for independent noise. `groups` (n,) numbers rows that may
-    be correlated with each other, whatever the reason: the variance is never taken smaller than these groups show it. `numerical` (n,):
-    error of the discretisation in the residual.
+    `groups` (n,) numbers rows that may be correlated with each other, whatever the reason: the variance is never taken smaller than these
+    groups show it. `numerical` (n,): error of the discretisation in the residual.
     """
 
-    residual: np.ndarray
-    fitted: np.ndarray
+    model: LinearModel
     dormant: Mapping[str, tuple[tuple[str, ...], np.ndarray]]
-    noise: Callable[[np.ndarray], np.ndarray] | None = None
     groups: np.ndarray | None = None
     numerical: np.ndarray | None = None
     also_tried: tuple[np.ndarray, ...] = ()
     """Columns (n, k) that were tried besides, for other exponents: chance had as many more directions to pick from."""
-    n_priors: int = 0
-    """Rows at the end that are priors, no data: they make an estimate surer, but nobody feels an effect by them."""
-
-    @cached_property
-    def basis(self) -> np.ndarray:
-        """Orthonormal basis Q (n, q) of the fitted columns."""
-        return _orthonormal(self.fitted)
-
-    @cached_property
-    def left(self) -> np.ndarray:
-        """The residual (n,) without what the fitted parameters could still take up."""
-        return self.beyond(self.residual)
-
-    def beyond(self, block: np.ndarray) -> np.ndarray:
-        """(1 - Q Q^T) of a vector or of columns."""
-        return np.asarray(block - self.basis @ (self.basis.T @ block))
-
-    def data(self, block: np.ndarray) -> np.ndarray:
-        """The rows of a block that are data."""
-        return block[: len(block) - self.n_priors]
-
-    def felt(self, block: np.ndarray) -> np.ndarray:
-        """Columns of a block beyond the fitted ones, without those that the fitted parameters take up entirely."""
-        s = self.beyond(block)
-        size = np.linalg.norm(self.data(block), axis=0)
-        return s[:, np.linalg.norm(self.data(s), axis=0) > _UNFELT * np.maximum(size, 1e-300)]
 
 
 @dataclass(frozen=True)
@@ -115,15 +83,15 @@ def ranked(columns: Columns) -> Ranking:
 
     UntrustworthyError where the fitted parameters already use up all data.
     """
-    n, p = columns.fitted.shape
+    n, p = columns.model.columns.shape
     if n <= p:
         raise UntrustworthyError(
             f"diagnosis: {n} residuals and {p} fitted parameters leave nothing to judge; fix parameters or use more data"
         )
-    felt = {effect: columns.felt(block) for effect, (_, block) in columns.dormant.items()}
+    felt = {effect: columns.model.felt(block) for effect, (_, block) in columns.dormant.items()}
     own = {effect: s for effect, s in felt.items() if s.shape[1] > 0}
     unfelt = [effect for effect in felt if effect not in own]
-    besides = [columns.felt(block) for block in columns.also_tried]
+    besides = [columns.model.felt(block) for block in columns.also_tried]
     threshold = threshold_of([*own.values(), *(s for s in besides if s.shape[1] > 0)])
     alike = likeness(own)
     scores = [_score(columns, (effect, *columns.dormant[effect]), own[effect], threshold, _family(effect, alike)) for effect in own]
@@ -135,7 +103,7 @@ def ranked(columns: Columns) -> Ranking:
 
 def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> float:
     """Predicted drop of r.r by one effect's columns (n, k); minus one where its estimate is outside the physical bounds or unfelt."""
-    s = columns.felt(block)
+    s = columns.model.felt(block)
     if s.shape[1] == 0:
         return -1.0
     score = _score(columns, ("", names, block), s, 0.0, ())
@@ -144,7 +112,7 @@ def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> floa
 
 def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
     """Largest |cos| between any two effects after projection: the cosine of the smallest angle between their column spaces."""
-    bases = {effect: _orthonormal(s) for effect, s in own.items()}
+    bases = {effect: projection(s).basis for effect, s in own.items()}
     found = {}
     for one, a in bases.items():
         for other, b in bases.items():
@@ -154,8 +122,8 @@ def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
 
 def likeness_beyond(fitted: np.ndarray, blocks: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
     """`likeness` of columns (n, k) of effects after all that the fitted columns (n, p) can take of them."""
-    basis = _orthonormal(fitted)
-    return likeness({effect: block - basis @ (basis.T @ block) for effect, block in blocks.items()})
+    model = projection(fitted)
+    return likeness({effect: model.beyond(block) for effect, block in blocks.items()})
 
 
 def indistinguishable(fitted: np.ndarray, own: Mapping[str, Sequence[int]]) -> tuple[str, str, float] | None:
@@ -176,12 +144,6 @@ def _family(effect: str, alike: Mapping[tuple[str, str], float]) -> tuple[str, .
     return (effect, *sorted(others, key=lambda other: -alike[effect, other]))
 
 
-def _orthonormal(a: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns of a; columns are scaled to one, directions below 1e-10 are dropped."""
-    size = np.linalg.norm(a, axis=0)
-    return np.asarray(orth(a[:, size > 0.0] / size[size > 0.0], rcond=1e-10))
-
-
 def threshold_of(blocks: Sequence[np.ndarray]) -> float:
     """|z| that the largest of all effects exceeds by chance with probability LEVEL: Sidak with the effective number of directions."""
     if not blocks:
@@ -197,32 +159,29 @@ def _score(
 ) -> Score:
     """Score of an effect = (its name, its Params, their columns), s of which are beyond the fitted ones."""
     effect, names, block = of
-    gram = s.T @ s
-    right = s.T @ columns.left
-    step = -np.linalg.solve(gram, right)
-    inverse = np.linalg.inv(gram)
-    covariance = inverse @ _meat(columns, s, columns.left + s @ step) @ inverse
-    size = float(step @ np.linalg.solve(covariance, step))
+    model = columns.model
+    found = model.score(s, columns.groups)
+    size = float(found.step @ np.linalg.solve(found.covariance, found.step))
     felt = _felt_names(names, block, s)
-    sd = np.sqrt(np.diag(covariance))
-    estimate = {name: _moved(name, float(a)) for name, a in zip(felt, step, strict=True)}
-    numerical = 0.0 if columns.numerical is None else _drop(s, columns.numerical, inverse)
-    part = float(np.linalg.norm(columns.data(s)) / np.linalg.norm(columns.data(block)))
+    sigma = dict(zip(felt, found.sigma.tolist(), strict=True))
+    estimate = {name: _moved(name, float(a)) for name, a in zip(felt, found.step, strict=True)}
+    numerical = 0.0 if columns.numerical is None else found.drop_of(columns.numerical)
+    part = float(np.linalg.norm(model.data(s)) / np.linalg.norm(model.data(block)))
     return Score(
         effect=effect,
-        z=_normal_quantile(size, len(step)),
-        predicted_drop=float(-right @ step),
+        z=_normal_quantile(size, len(found.step)),
+        predicted_drop=found.drop,
         numerical_drop=numerical,
         estimate=estimate,
-        sigma=dict(zip(felt, sd.tolist(), strict=True)),
+        sigma=sigma,
         detectability=part,
-        detectable=named_from(columns, float(sd[0]), float(inverse[0, 0]), numerical, threshold),
-        vetoed=veto(estimate, dict(zip(felt, sd.tolist(), strict=True))),
+        detectable=named_from(model, float(found.sigma[0]), float(found.inverse[0, 0]), numerical, threshold),
+        vetoed=veto(estimate, sigma),
         family=family,
     )
 
 
-def named_from(columns: Columns, sd: float, inverse: float, numerical: float, threshold: float) -> float:
+def named_from(model: LinearModel, sd: float, inverse: float, numerical: float, threshold: float) -> float:
     """Amplitude a of an effect of standard error `sd` that is expected to pass all that an effect has to pass to be named.
 
     z = a / sd passes the threshold. Held out, r.r falls by k (z^2 - 2), k = sd^2 / `inverse` = 1 for independent noise: a^2 / `inverse`
@@ -230,7 +189,8 @@ def named_from(columns: Columns, sd: float, inverse: float, numerical: float, th
     CONVINCING on; it has to be worth an effect (PRACTICAL), and more than the error of the discretisation explains.
     """
     k = sd**2 / inverse
-    worth = PRACTICAL * float(columns.data(columns.left) @ columns.data(columns.left))
+    left = model.data(model.left)
+    worth = PRACTICAL * float(left @ left)
     z = max(threshold, CONVINCING, np.sqrt(worth / k + 2.0), np.sqrt(OVER_NUMERICAL * numerical / k))
     return float(z * sd)
 
@@ -242,27 +202,6 @@ def _moved(name: str, step: float) -> float:
         return x + step
     resistance = 1.0 / x - step / x**2
     return 1.0 / resistance if resistance > 0.0 else float("inf")
-
-
-def _drop(s: np.ndarray, error: np.ndarray, inverse: np.ndarray) -> float:
-    """Fall of the square sum that the effect would make of an error vector alone."""
-    right = s.T @ error
-    return float(right @ inverse @ right)
-
-
-def _meat(columns: Columns, s: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """s^T C s (k, k): by the correlation of the noise, or by what groups of rows show of it, whichever is larger in every direction."""
-    spread = s if columns.noise is None else columns.noise(s)
-    meat = 0.5 * (s.T @ spread + spread.T @ s)
-    if columns.groups is None:
-        return np.asarray(meat)
-    count = int(columns.groups.max()) + 1
-    sums = np.stack([np.bincount(columns.groups, s[:, k] * rest, count) for k in range(s.shape[1])], axis=1)
-    shown = sums.T @ sums * count / max(count - 1, 1)
-    root = np.linalg.cholesky(meat)
-    inner = np.linalg.solve(root, np.linalg.solve(root, shown).T)
-    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
-    return np.asarray(root @ (vectors * np.maximum(values, 1.0)) @ vectors.T @ root.T)
 
 
 def _felt_names(names: tuple[str, ...], block: np.ndarray, s: np.ndarray) -> tuple[str, ...]:

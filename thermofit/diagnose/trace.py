@@ -11,10 +11,11 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
 from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
-from thermofit.diagnose.held_out import Proof, Room, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.priors import improbable
+from thermofit.fit.linear_model import LinearModel, Room, projection
 
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
@@ -84,8 +85,7 @@ class Traced:
 
 def information(fitted: np.ndarray) -> np.ndarray:
     """Share (n,) of every row in what all rows tell of the parameters, half of it even: mean of its squared normalised columns."""
-    size = np.maximum(np.linalg.norm(fitted, axis=0), 1e-300)
-    return np.asarray(0.5 / len(fitted) + 0.5 * np.mean((fitted / size) ** 2, axis=1))
+    return np.asarray(0.5 / len(fitted) + 0.5 * np.mean(projection(fitted).unit ** 2, axis=1))
 
 
 def _clocked(case: Case, rows: Rows) -> Rows:
@@ -138,7 +138,9 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(_clocked(case, rows), np.ones(len(rows.time), dtype=bool))
     noise = case.model.noise if noisy else None
-    columns = Columns(found.residual, found.fitted, found.dormant, noise, groups, numerical, n_priors=len(case.model.priors))
+    room = room_of(case.parameters, case.parameters.free)
+    model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
+    columns = Columns(model, found.dormant, groups, numerical)
     scanned, unjudged = _scanned(case, columns, found)
     settings = {name: tried[0][0] for name, tried in scanned.items()}
     dormant = dict(columns.dormant)
@@ -149,15 +151,14 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     columns = replace(columns, dormant=dormant, also_tried=others)
     ranking = _probable(ranked(columns), case)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
-    own = room_of(case.parameters, case.parameters.free)
     beyond = beyond_of(case, strongest, settings)
     unjudged |= {name: why for b in beyond for name, why in b.failed.items()}
     proofs = {}
     for name in strongest:
         names, block = columns.dormant[name]
-        rooms = (own, room_of(case.parameters, names))
-        inside = proof(found.residual, (found.fitted, block), rows, split, rooms, columns.noise)
-        proofs[name] = proof_beyond((found.residual, found.fitted), name, block, beyond, rooms) or inside
+        own = room_of(case.parameters, names)
+        inside = proof(model, block, own, rows, split)
+        proofs[name] = proof_beyond(model, name, block, beyond, own) or inside
     return Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond, unjudged=unjudged, scanned=scanned)
 
 

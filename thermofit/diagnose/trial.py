@@ -260,7 +260,7 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
     own = [effect(s.effect) for s in scores]
     names = tuple(p.name for e in own for p in e.amplitudes)
     ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
-    inside = compared(*ends, here.rows, folds, here.problem.noise, there.columns.residual)
+    inside = compared(*ends, here.rows, folds, here.problem.model.noise, there.columns.residual)
     beyond = [proof for e in own if (proof := proof_of_refit(here, there, e.name)) is not None]
     proof = min(beyond, key=lambda p: p.gain) if beyond else inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
@@ -348,5 +348,5 @@ def told_apart(one: Traced, other: Traced, sure: float = SURE) -> bool:
     """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors."""
     ends = {id(t): held_out_of(t) for t in (one, other)}
     worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
-    found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.noise, better.columns.residual)
+    found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.model.noise, better.columns.residual)
     return found.gain > sure * found.sigma

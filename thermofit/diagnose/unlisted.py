@@ -24,6 +24,7 @@ from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Grid
+from thermofit.fit.linear_model import LinearModel
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
@@ -67,15 +68,14 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     `explains`: effects that are still worth a refit. One that was tried and refused, or is not worth it, explains nothing, however much of
     the excess its linear step would take: it would take it with an amplitude, a reading or a held-out error that cannot be.
     """
-    left = unfitted(here)
     every = [s.effect for s in here.ranking.scores]
     found = []
     for structure in standing(here, numerical):
-        if best_listed(here, structure, left, explains)[1] >= HALF:
+        if best_listed(here, structure, explains)[1] >= HALF:
             continue
         term = term_of(here, structure)
         if term is not None or not kind_of(here.case, structure):
-            found.append((structure, best_listed(here, structure, left, every), term))
+            found.append((structure, best_listed(here, structure, every), term))
     if not found:
         return None
     structure, listed, term = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
@@ -92,39 +92,26 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
 
 def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
     """Channels that hold more than noise and discretisation make, the surest first."""
-    error = None if numerical is None else unfitted(here, numerical)
-    found = [s for s in structures(here.case, here.rows, unfitted(here), error) if s.stands_out]
+    model = here.problem.model
+    error = None if numerical is None else model.beyond(numerical)
+    found = [s for s in structures(here.case, here.rows, model.left, error) if s.stands_out]
     return sorted(found, key=lambda s: -s.excess / s.blocks.spread)
 
 
-def unfitted(here: Traced, vector: np.ndarray | None = None) -> np.ndarray:
-    """What a joint step of the fitted parameters leaves of a vector (n,), None: of the residual."""
-    basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
-    r = here.columns.residual if vector is None else vector
-    return np.asarray(r - basis @ (basis.T @ r))
-
-
-def _scaled(columns: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(columns, axis=0)
-    return np.asarray(columns[:, size > 0.0] / size[size > 0.0])
-
-
-def best_listed(here: Traced, structure: Structure, left: np.ndarray, names: Sequence[str]) -> tuple[str, float]:
+def best_listed(here: Traced, structure: Structure, names: Sequence[str]) -> tuple[str, float]:
     """The one of the named dormant effects whose linear step takes most of the excess away, and that part."""
-    basis, _ = np.linalg.qr(_scaled(here.columns.fitted))
     best = ("", 0.0)
     for score in (s for s in here.ranking.scores if s.effect in names):
-        part = 1.0 - structure.blocks.excess(_stepped(here, score, basis, left)) / structure.excess
+        part = 1.0 - structure.blocks.excess(_stepped(here, score)) / structure.excess
         if not score.vetoed and part > best[1]:
             best = (score.effect, float(part))
     return best
 
 
-def _stepped(here: Traced, score: Score, basis: np.ndarray, left: np.ndarray) -> np.ndarray:
+def _stepped(here: Traced, score: Score) -> np.ndarray:
     """Residual (n,) after a joint step of an effect and all fitted parameters."""
-    block = _scaled(here.problem.dormant[score.effect][1])
-    own = block - basis @ (basis.T @ block)
-    return np.asarray(left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0])
+    model = here.problem.model
+    return LinearModel(model.left, model.felt(here.problem.dormant[score.effect][1])).left
 
 
 def kind_of(case: Case, structure: Structure) -> str:
@@ -201,7 +188,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)
         try:
-            known = there.model.linearised(parameters, parameters.free)
+            known = LinearModel(*there.model.linearised(parameters, parameters.free))
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
@@ -225,7 +212,7 @@ def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.nd
 
 def solved(here: Traced, hat: Basis) -> Field:
     """Field of a basis at the optimum."""
-    return field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split)
+    return field_of(here.problem.model, hat, here.rows, here.split)
 
 
 def volumes(case: Case, hat: Basis) -> np.ndarray | None:

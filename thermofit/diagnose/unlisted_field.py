@@ -10,13 +10,14 @@ which the misfit falls to the noise (discrepancy principle) no data ask for it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.experiment.missing import Grid
+from thermofit.fit.linear_model import LinearModel
 
 WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""
@@ -95,15 +96,11 @@ def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE) -> np.ndarray:
     return out
 
 
-Known = tuple[np.ndarray, np.ndarray]
-"""Residual (n,) and columns (n, p) of the fitted parameters."""
-
-
-def field_of(known: Known, basis: Basis, rows: Rows, split: Split) -> Field:
-    """The field that predicts held-out data best."""
+def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Field:
+    """The field that predicts held-out data best, beside the fitted parameters without their bounds."""
     system = _System(known, basis)
-    folds = [(held, *system.without(held | near)) for held, near in zip(split.held_out, split.buffer, strict=True)]
-    before = _predicted(system, folds, None)
+    folds = [(held, *system.without(hidden)) for held, hidden in split.folds]
+    before = replace(known, bounds=None).predicted(split.folds)
     unit = float(np.trace(system.gram[system.p :, system.p :]) / np.trace(system.rough))
     best: tuple[float, float, np.ndarray] | None = None
     for weight in WEIGHTS:
@@ -116,7 +113,7 @@ def field_of(known: Known, basis: Basis, rows: Rows, split: Split) -> Field:
     step = _step((system.gram, system.right), system.rough, weight, system.p)
     whole, scale = _scaled(system.gram, system.rough, weight, system.p)
     inverse = np.linalg.pinv(whole, rcond=_RANK, hermitian=True) * scale[:, None] * scale[None, :]
-    residual = known[0] + system.fitted @ step[: system.p]
+    residual = known.residual + system.fitted @ step[: system.p]
     residual[basis.rows] += basis.columns @ step[system.p :]
     spread = (inverse @ system.gram @ inverse)[system.p :, system.p :]
     moved = step[: system.p] / system.size
@@ -133,12 +130,9 @@ def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], fo
 class _System:
     """Normal equations of fitted parameters (scaled to columns of length one) and hats."""
 
-    def __init__(self, known: Known, basis: Basis) -> None:
-        self.residual, fitted = known
-        size = np.linalg.norm(fitted, axis=0)
-        self.size = np.where(size > 0.0, size, 1.0)
-        self.fitted = fitted / self.size
-        self.basis, self.p, self.rough = basis, fitted.shape[1], basis.rough
+    def __init__(self, known: LinearModel, basis: Basis) -> None:
+        self.residual, self.fitted, self.size = known.residual, known.unit, known.size
+        self.basis, self.p, self.rough = basis, known.columns.shape[1], basis.rough
         self.gram, self.right = self._normal(slice(None), slice(None))
 
     def _normal(self, mask: np.ndarray | slice, inside: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
@@ -159,21 +153,17 @@ Normal = tuple[np.ndarray, np.ndarray]
 Fold = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def _predicted(system: _System, folds: list[Fold], weight: float | None) -> np.ndarray:
-    """Held-out residual (n,) with the field at that lambda, None: without it; nan in rows that no fold holds out."""
+def _predicted(system: _System, folds: list[Fold], weight: float) -> np.ndarray:
+    """Held-out residual (n,) with the field at that lambda; nan in rows that no fold holds out."""
     out, p = np.full(len(system.residual), np.nan), system.p
     inside = np.full(len(system.residual), -1)
     inside[system.basis.rows] = np.arange(len(system.basis.rows))
     for held, gram, right in folds:
-        if weight is None:
-            step = np.append(-np.linalg.pinv(gram[:p, :p], rcond=_RANK, hermitian=True) @ right[:p], np.zeros(len(right) - p))
-        else:
-            step = _step((gram, right), system.rough, weight, p)
+        step = _step((gram, right), system.rough, weight, p)
         value = system.residual + system.fitted @ step[:p]
         out[held] = value[held]
-        if weight is not None:
-            own = held & (inside >= 0)
-            out[own] += system.basis.columns[inside[own]] @ step[p:]
+        own = held & (inside >= 0)
+        out[own] += system.basis.columns[inside[own]] @ step[p:]
     return out
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.experiment.residuals import Span, span_of
+from thermofit.fit.linear_model import LinearModel
 
 HALVES = 100
 MOST = 3
@@ -79,9 +80,7 @@ def _pursued(columns: np.ndarray, y: np.ndarray) -> list[int]:
         score = np.abs(columns.T @ left) / np.where(size > 1e-9, size, np.inf)
         score[taken] = 0.0
         best = int(np.argmax(score))
-        own = columns[:, np.array([*taken, best])]
-        fitted = own @ np.linalg.lstsq(own, y, rcond=None)[0]
-        rest = y - fitted
+        rest = LinearModel(y, columns[:, [*taken, best]]).left
         if float(left @ left - rest @ rest) < WORTH * whole:
             break
         taken.append(best)

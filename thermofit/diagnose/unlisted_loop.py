@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
-from thermofit.diagnose.backward import Refit, held_out_of
+from thermofit.diagnose.backward import Refit, held_out_of, without_effects
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base
 from thermofit.diagnose.trace import Traced, traced
@@ -78,7 +78,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, .
         hat = broad_basis(here.case, structure)
         if hat is None or structure.excess <= LEFT_BEHIND * structure.blocks.excess(closed.first.columns.residual):
             continue
-        with_both, rows = field_of((here.columns.residual, here.columns.fitted), hat, here.rows, here.split), rows_of(here, hat)
+        with_both, rows = field_of(here.problem.model, hat, here.rows, here.split), rows_of(here, hat)
         now = held_out_of(here)
         for size in range(1, len(closed.accepted) + 1):
             for names in combinations(closed.accepted, size):
@@ -93,17 +93,6 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, .
 def rows_of(here: Traced, hat: Basis) -> Rows:
     """The rows that show a reconstructed term."""
     return Rows(*(of[hat.rows] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
-
-
-def without_effects(here: Traced, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Residual (n,) and fitted columns (n, p) if the effects were back at neutral, to first order."""
-    free = here.case.parameters.free
-    every = {n for name in names for n in effect(name).names}
-    own = [k for k, n in enumerate(free) if n in every]
-    amplitudes = [k for k in own if not param(free[k]).scan]
-    back = np.array([param(free[k]).neutral - here.case.parameters[free[k]] for k in amplitudes])
-    residual = here.columns.residual + here.columns.fitted[:, amplitudes] @ back
-    return residual, np.delete(here.columns.fitted, own, axis=1)
 
 
 def _taken_back(closed: Closed, names: Sequence[str], refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | str:

@@ -25,6 +25,7 @@ from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.verification import Checked
+from thermofit.fit.linear_model import LinearModel
 from thermofit.point.driver import PointHistory, simulate
 from thermofit.point.programmes import NAMES, Usual, programme
 from thermofit.read.coupon import coupon_files
@@ -190,12 +191,10 @@ class CouponExperiment:
             return settings
         wider = settings.model_copy(update={"free": (*kept, *settings.free)})
         residual, columns = coupon_model(study, data, wider, base).linearised(base, wider.free)
-        basis, _ = np.linalg.qr(columns)
-        size = max(float(np.mean((residual - basis @ (basis.T @ residual)) ** 2)), 1.0) ** 0.5  # what a joint step leaves
+        size = max(float(np.mean(LinearModel(residual, columns).left ** 2)), 1.0) ** 0.5  # what a joint step leaves
         told = []
         for k, name in enumerate(kept):
-            others, _ = np.linalg.qr(np.delete(columns, k, axis=1))
-            own = columns[:, k] - others @ (others.T @ columns[:, k])
+            own = LinearModel(columns[:, k], np.delete(columns, k, axis=1)).left
             if size < KNOWN * base[name] * float(np.linalg.norm(own)):
                 told.append(name)
         return settings.model_copy(update={"free": (*told, *settings.free)})

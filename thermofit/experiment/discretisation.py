@@ -16,9 +16,10 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured, temperature_of
 from thermofit.experiment.force_error import with_force_error
-from thermofit.experiment.joint import Joint, beyond
+from thermofit.experiment.joint import Joint
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
+from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
 
@@ -78,7 +79,7 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
 
 def _share(told: np.ndarray, residual: np.ndarray, fitted: np.ndarray) -> float:
     """Share of an error (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, 0 to 1."""
-    own = beyond(told, fitted)
+    own = LinearModel(told, fitted).left
     length = float(own @ own)
     return 1.0 if length <= _PLAIN**2 else float(np.clip(own @ residual / length, 0.0, 1.0))
 

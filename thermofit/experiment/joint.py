@@ -27,6 +27,7 @@ from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.priors import THERMOCOUPLE, priors_of
 from thermofit.experiment.shared_noise import Modes, shared
+from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.diagnosis import THERMOCOUPLES
@@ -244,7 +245,7 @@ class Joint:
         The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error.
         """
         model, shown = self.model, []
-        residual = beyond(*model.linearised(parameters, parameters.free or self.settings.free))
+        residual = LinearModel(*model.linearised(parameters, parameters.free or self.settings.free)).left
         ends = np.cumsum([c.n for c in model.comparisons])
         for common in model.common:
             for place, one in common.shown.items():
@@ -308,10 +309,3 @@ class JointParts(Protocol):
 
     def force_misfit(self, parameters: Parameters) -> float:
         """Mean square of what the residual shows of the force's error, over its noise: about one where the model is right."""
-
-
-def beyond(residual: np.ndarray, fitted: np.ndarray) -> np.ndarray:
-    """A residual (n,) without what the columns (n, p) of the fitted parameters could take of it."""
-    size = np.linalg.norm(fitted, axis=0)
-    basis, _ = np.linalg.qr(fitted[:, size > 0.0] / size[size > 0.0])
-    return np.asarray(residual - basis @ (basis.T @ residual))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import UntrustworthyError
-from thermofit.fit.gauss_newton import Reduced, bounded_step
+from thermofit.fit.linear_model import LinearModel, projection
 
 FEW = 24
 """Fewer blocks than this take six weights instead of two signs: 2^n patterns would be too few."""
@@ -44,32 +44,8 @@ def block_weights(blocks: Blocks, seed: int, number: int) -> np.ndarray:
     return np.asarray(signs)
 
 
-def outside_residual(jacobian: np.ndarray, residual: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Residual (n,) of every block against the fit to all other blocks, from the linear model; no smaller than that of the fit.
-
-    A direction that a single block alone determines keeps the residual of the fit.
-    """
-    q = np.linalg.qr(_normalised(jacobian))[0]
-    order = np.argsort(blocks.label, kind="stable")
-    ends = np.cumsum(np.bincount(blocks.label, minlength=blocks.count))
-    out = np.empty_like(residual)
-    for first, last in zip(np.append(0, ends[:-1]), ends, strict=True):
-        rows = order[first:last]
-        own, r = q[rows], residual[rows]
-        values, vectors = np.linalg.eigh(own.T @ own)
-        left = 1.0 - values
-        gain = np.divide(1.0, left, out=np.zeros_like(left), where=left > 1e-3)
-        out[rows] = r + own @ (vectors @ (gain * (vectors.T @ (own.T @ r))))
-    return out
-
-
-def _normalised(jacobian: np.ndarray) -> np.ndarray:
-    norms = np.linalg.norm(jacobian, axis=0)
-    return np.asarray(jacobian / np.where(norms > 0.0, norms, 1.0))
-
-
 def drawn_residual(outside: np.ndarray, blocks: Blocks, seed: int, number: int) -> np.ndarray:
-    """Residual r* (n,) of one repeat: the blocks of `outside_residual` with random signs."""
+    """Residual r* (n,) of one repeat: the blocks of `LinearModel.outside` with random signs."""
     return np.asarray(outside * block_weights(blocks, seed, number)[blocks.label])
 
 
@@ -82,38 +58,32 @@ def require_blocks(blocks: Blocks) -> None:
         )
 
 
-def linearised_repeats(
-    jacobian: np.ndarray, residual: np.ndarray, blocks: Blocks, room: tuple[np.ndarray, np.ndarray], draws: tuple[int, int]
-) -> np.ndarray:
-    """Moves dx (count, n_p) of the optimum in `draws` = (seed, count) repeats; `room` = (lowest, highest) dx within the bounds.
+def linearised_repeats(fit: LinearModel, blocks: Blocks, draws: tuple[int, int]) -> np.ndarray:
+    """Moves dx (count, n_p) of the optimum within the bounds of a fit in `draws` = (seed, count) repeats.
 
     UntrustworthyError where there are too few blocks.
     """
     require_blocks(blocks)
     seed, count = draws
-    product = jacobian * outside_residual(jacobian, residual, blocks)[:, None]
+    product = fit.columns * fit.outside(blocks.label)[:, None]
     sums = np.stack([np.bincount(blocks.label, column, blocks.count) for column in product.T], axis=1)
     weights = np.stack([block_weights(blocks, seed, k) for k in range(count)])
-    right = weights @ sums
-    norms = np.linalg.norm(jacobian, axis=0)
-    unit = np.where(norms > 0.0, norms, 1.0)
-    triangle = np.asarray(np.linalg.qr(jacobian / unit, mode="r"))
-    inverse = np.linalg.pinv(triangle, rcond=1e-10)
-    # R^T R d = -g with g in the span of R^T, so that c = R^-T g is the right-hand side of the bounded problem |R d + c|.
-    c = (right / unit) @ inverse
-    moves = -(c @ inverse.T) / unit
-    outside = np.any((moves < room[0]) | (moves > room[1]), axis=1)
-    reduced = triangle * unit
-    for k in np.flatnonzero(outside):
-        moves[k] = bounded_step(Reduced(reduced, c[k], norms), room).d
+    # With g = J^T r* and B B^T = (J^T J)^+ a repeat moves the optimum by -B B^T g, and B^T g = U^T r* is its residual in the basis U.
+    root = fit.root()
+    right = (weights @ sums) @ root
+    moves = -right @ root.T
+    if fit.bounds is not None:
+        columns = fit.basis.T @ fit.columns
+        for k in np.flatnonzero(np.any((moves < fit.bounds[0]) | (moves > fit.bounds[1]), axis=1)):
+            moves[k] = LinearModel(right[k], columns, bounds=fit.bounds).step.d
     return np.asarray(moves)
 
 
 def effective_blocks(jacobian: np.ndarray, blocks: Blocks) -> np.ndarray:
     """Number of blocks (n_p,) that each parameter rests on: (sum v)^2 / sum v^2 of the shares v of the blocks in its variance (Carter,
     Schnepel and Steigerwald, Review of Economics and Statistics 99, 2017). A parameter that a few blocks alone feel has few."""
-    unit = _normalised(jacobian)
-    weights = np.linalg.pinv(unit, rcond=1e-10)
+    fit = projection(jacobian)
+    weights = fit.root() @ fit.basis.T
     shares = np.stack([np.bincount(blocks.label, row**2, blocks.count) for row in weights])
     squares = (shares**2).sum(axis=1)
     return np.divide(shares.sum(axis=1) ** 2, squares, out=np.ones(len(squares)), where=squares > 0.0)

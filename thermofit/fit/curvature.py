@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.fit.gauss_newton import Reduced
+from thermofit.fit.linear_model import LinearModel
 
 _GOOD = 0.5
 """Gauss-Newton is left as it is while a trial achieves between this share and its inverse of the drop that it predicts."""
@@ -28,34 +28,20 @@ class Curvature:
     used: bool = False
 
 
-@dataclass(frozen=True)
-class Local:
-    """Residual (n,) and Jacobian dr/dz (n, n_p) at one point."""
-
-    residual: np.ndarray
-    jacobian: np.ndarray
-
-    @property
-    def f(self) -> float:
-        """f = r.r (2.24)."""
-        return float(self.residual @ self.residual)
-
-
-def augmented(here: Local, S: np.ndarray) -> Reduced:
+def augmented(here: LinearModel, S: np.ndarray) -> LinearModel:
     """The quadratic model of f with J^T J + S in the form of a linear least-squares problem: R^T R = J^T J + S, R^T c = J^T r.
 
     A direction of negative curvature counts by its magnitude: a step goes down along it, as far as for a valley of that curvature.
     """
-    norms = np.linalg.norm(here.jacobian, axis=0)
-    norms = np.where(norms > 0.0, norms, 1.0)
-    values, vectors = np.linalg.eigh((here.jacobian.T @ here.jacobian + S) / np.outer(norms, norms))
+    norms = here.size
+    values, vectors = np.linalg.eigh((here.columns.T @ here.columns + S) / np.outer(norms, norms))
     values = np.abs(values)
     root = np.sqrt(np.maximum(values, _SMALLEST * values.max()))
     R = root[:, None] * vectors.T * norms
-    return Reduced(R, vectors.T @ (here.jacobian.T @ here.residual / norms) / root, np.linalg.norm(R, axis=0))
+    return LinearModel(vectors.T @ (here.columns.T @ here.residual / norms) / root, R)
 
 
-def learnt(known: Curvature, here: Local, there: Local, d: np.ndarray, moved: bool) -> Curvature:
+def learnt(known: Curvature, here: LinearModel, there: LinearModel, d: np.ndarray, moved: bool) -> Curvature:
     """S after a trial from `here` to `there` = here + d (n_p,), for the point that the search goes on from: `there` if `moved`.
 
     Of the two predictions of f the better one is used next; that of Gauss-Newton is kept while it is good by itself.
@@ -66,8 +52,8 @@ def learnt(known: Curvature, here: Local, there: Local, d: np.ndarray, moved: bo
     wrong = not _GOOD * plain <= achieved <= plain / _GOOD
     used = errors[1] < errors[0] and (known.used or wrong)
     weights = there.residual if moved else here.residual
-    curving = there.jacobian.T @ weights - here.jacobian.T @ weights
-    turning = there.jacobian.T @ there.residual - here.jacobian.T @ here.residual
+    curving = there.columns.T @ weights - here.columns.T @ weights
+    turning = there.columns.T @ there.residual - here.columns.T @ here.residual
     return Curvature(updated(known.S, d, curving, turning), used)
 
 
@@ -87,7 +73,7 @@ def updated(S: np.ndarray, d: np.ndarray, curving: np.ndarray, turning: np.ndarr
     return np.asarray(S + (mixed + mixed.T) / slope - float(d @ miss) * np.outer(turning, turning) / slope**2)
 
 
-def _promised(here: Local, d: np.ndarray) -> float:
+def _promised(here: LinearModel, d: np.ndarray) -> float:
     """Drop of f along d by the linear model of the residual."""
-    change = here.jacobian @ d
+    change = here.columns @ d
     return -float(2.0 * here.residual @ change + change @ change)

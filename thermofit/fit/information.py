@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from thermofit.fit.covariance import NoiseOperator
+from thermofit.fit.linear_model import LinearModel
 
 FREEDOM = 0.1
 """Relative standard error along a unit direction from which on it counts as flat: the data leave more than 10 % to it."""
@@ -86,15 +87,9 @@ def information(
     relative = jacobian * size
     if noise is None:
         return Information(names, x, size, np.asarray(np.linalg.qr(relative, mode="r")) / np.sqrt(s2))
-    felt = np.linalg.norm(relative, axis=0)
-    scaled = relative / np.where(felt > 0.0, felt, 1.0)
-    left, values, right = np.linalg.svd(scaled, full_matrices=False)
-    kept = values > 1e-12 * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
-    basis = left[:, kept]
-    meat = basis.T @ np.asarray(noise(basis))
-    lower = np.linalg.cholesky(0.5 * (meat + meat.T) * s2)
-    triangle = (values[kept, None] * right[kept]) * felt
-    return Information(names, x, size, scipy.linalg.solve_triangular(lower, triangle, lower=True))
+    model = LinearModel(np.zeros(len(relative)), relative, noise)
+    lower = np.linalg.cholesky(model.meat(model.basis) * s2)
+    return Information(names, x, size, scipy.linalg.solve_triangular(lower, model.basis.T @ relative, lower=True))
 
 
 def spectrum(info: Information, reference: str | None = None, freedom: float = FREEDOM) -> Spectrum:
@@ -168,14 +163,10 @@ def detectability(info: Information) -> np.ndarray:
     """Share (n_p,) of the effect of every parameter that no change of the others can imitate: 1 alone, 0 wholly imitated or unfelt."""
     out = np.zeros(len(info.names))
     for i in range(len(out)):
-        column, others = info.root[:, i], np.delete(info.root, i, axis=1)
-        whole = float(np.linalg.norm(column))
-        if whole == 0.0:
-            continue
-        norms = np.linalg.norm(others, axis=0)
-        kept = others[:, norms > 0.0] / norms[norms > 0.0]
-        left = column if not kept.size else column - kept @ np.linalg.lstsq(kept, column, rcond=1e-12)[0]
-        out[i] = float(np.linalg.norm(left)) / whole
+        column = info.root[:, i]
+        if np.any(column):
+            left = LinearModel(column, np.delete(info.root, i, axis=1)).left
+            out[i] = float(np.linalg.norm(left) / np.linalg.norm(column))
     return out
 
 

@@ -13,8 +13,9 @@ import numpy as np
 import scipy.optimize
 
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import AT_NOISE, UNRESOLVED, Step, full_step, pinned, reached, unresolved
+from thermofit.fit.gauss_newton import AT_NOISE, UNRESOLVED, full_step, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
+from thermofit.fit.linear_model import Step
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings, relative_drop
 

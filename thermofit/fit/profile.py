@@ -15,6 +15,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.fit.evaluate import Counts
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem, to_scaled
 from thermofit.fit.settings import Hooks, Settings, Store
@@ -112,8 +113,8 @@ def profile_side(
 
 def _first_step(optimum: Optimum, i: int, rise: float) -> float:
     """Distance at which the linear model expects the rise: sqrt(rise) times the standard error for unit variance."""
-    column, others = optimum.jacobian[:, i], np.delete(optimum.jacobian, i, axis=1)
-    left = column - others @ np.linalg.lstsq(others, column, rcond=1e-10)[0] if others.shape[1] else column
+    column = optimum.jacobian[:, i]
+    left = LinearModel(column, np.delete(optimum.jacobian, i, axis=1)).left
     size, whole = float(np.linalg.norm(left)), float(np.linalg.norm(column))
     return float(np.sqrt(rise)) / size if size > 1e-9 * whole else float("inf")
 
@@ -171,10 +172,8 @@ def _followed(problem: Problem, optimum: Optimum, i: int, value: float) -> np.nd
     others = [k for k in range(x.size) if k != i]
     x[i] = value
     if others:
-        scale = problem.scale[others]
-        columns = optimum.jacobian[:, others] * scale
-        moved = np.linalg.lstsq(columns, optimum.jacobian[:, i] * (value - optimum.x[i]), rcond=1e-8)[0]
-        x[others] = np.clip(x[others] - scale * moved, problem.lower[others], problem.upper[others])
+        step = LinearModel(optimum.jacobian[:, i] * (value - optimum.x[i]), optimum.jacobian[:, others]).free_step
+        x[others] = np.clip(x[others] + step, problem.lower[others], problem.upper[others])
     return x
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import NumericsError, UntrustworthyError
-from thermofit.fit.covariance import Covariance, covariance
+from thermofit.fit.covariance import Covariance
 from thermofit.fit.evaluate import Counts, Evaluation, Evaluations
 from thermofit.fit.gauss_newton import full_step
 from thermofit.fit.jacobian import derivative_error, jacobian_at
 from thermofit.fit.least_squares import Ending
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.problem import Problem, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings
 
@@ -82,7 +83,7 @@ def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str],
                 f"lower f by {optimality.drop:.3g} variances: continue from here with least-squares"
             )
         try:
-            spread = covariance(jacobian, residual, problem.names, at_bound, None, derivative_error(problem, settings))
+            spread = LinearModel(residual, jacobian).covariance(problem.names, at_bound, derivative_error(problem, settings))
         except UntrustworthyError as untrustworthy:
             error = str(untrustworthy)
     return FitResult(

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.fit.curvature import Curvature, Local, augmented, learnt
+from thermofit.fit.curvature import Curvature, augmented, learnt
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import AT_NOISE, Step, bounded_step, pinned, reached, reduce, unresolved
+from thermofit.fit.gauss_newton import AT_NOISE, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
+from thermofit.fit.linear_model import LinearModel, Step
 from thermofit.fit.problem import Problem, from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings
 
@@ -48,9 +49,9 @@ class State:
     curvature: Curvature | None = None
 
     @property
-    def local(self) -> Local:
+    def local(self) -> LinearModel:
         """Residual and Jacobian of the point."""
-        return Local(self.residual, self.jacobian)
+        return LinearModel(self.residual, self.jacobian)
 
 
 def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
@@ -115,8 +116,8 @@ def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
     room = np.maximum(lower - state.z, -radius), np.minimum(upper - state.z, radius)
     curvature = state.curvature
     if curvature is not None and curvature.used:
-        return bounded_step(augmented(state.local, curvature.S), room)
-    return bounded_step(reduce(state.jacobian, state.residual), room)
+        return replace(augmented(state.local, curvature.S), bounds=room).step
+    return replace(state.local, bounds=room).step
 
 
 def _full(evaluations: Evaluations, state: State) -> Step:

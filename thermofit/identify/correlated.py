@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from thermofit.fit.covariance import covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.solve import Solved
 from thermofit.observe.triangles import point_spacing
 
@@ -68,7 +68,7 @@ def with_correlated_noise(solved: Solved) -> tuple[Solved, str]:
             out[rows[:, 2] == c] = matrix @ v[rows[:, 2] == c]
         return out
 
-    spread = covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, noise)
+    spread = LinearModel(fit.residual, fit.jacobian, noise).covariance(fit.names, fit.at_bound)
     ratio = float(np.max(spread.sigma / solved.covariance.sigma))
     if not np.isfinite(ratio) or ratio < 1.0:
         return solved, "standard errors hold white noise: the correlation of the residual would lower them"

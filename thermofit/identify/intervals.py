@@ -18,10 +18,10 @@ from thermofit.fit.bootstrap import (
     drawn_residual,
     effective_blocks,
     linearised_repeats,
-    outside_residual,
     percentile_interval,
     require_blocks,
 )
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import memories
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
@@ -95,9 +95,8 @@ def bootstrap(linear: Linear, repeats: int, seed: int) -> tuple[dict[str, Interv
     """Intervals, optima (repeats, n_p) and blocks of a bootstrap with the Jacobian at hand. UntrustworthyError for too few blocks."""
     blocks = residual_blocks(linear.model, linear.residual)
     kept = np.flatnonzero(~linear.at_bound)
-    room = (linear.lower[kept] - linear.x[kept], linear.upper[kept] - linear.x[kept])
     x = np.tile(linear.x, (repeats, 1))
-    x[:, kept] += linearised_repeats(linear.jacobian[:, kept], linear.residual, blocks, room, (seed, repeats))
+    x[:, kept] += linearised_repeats(linear.inside, blocks, (seed, repeats))
     return _percentiles(linear, x, blocks), x, blocks
 
 
@@ -134,7 +133,7 @@ def refit_task(subject: Subject, kept: Kept, seed: int, numbers: tuple[int, ...]
     done = kept.store()
     linear = linear_subject(subject, kept.store("linear"))
     blocks = residual_blocks(linear.model, linear.residual)
-    outside = outside_residual(linear.jacobian[:, ~linear.at_bound], linear.residual, blocks)
+    outside = linear.inside.outside(blocks.label)
     out = []
     for number in numbers:
         key = np.array([1.0, float(seed), float(number)])
@@ -180,8 +179,7 @@ def allowed_rises(linear: Linear, analysis: Analysis) -> np.ndarray:
     free = np.flatnonzero(~linear.at_bound)
     scaled = linear.jacobian * linear.size
     for i in range(len(ratio)):
-        others = scaled[:, [k for k in free if k != i]]
-        left = scaled[:, i] - (others @ np.linalg.lstsq(others, scaled[:, i], rcond=1e-12)[0] if others.shape[1] else 0.0)
+        left = LinearModel(scaled[:, i], scaled[:, [k for k in free if k != i]]).left
         whole = float(np.linalg.norm(scaled[:, i]))
         if np.isfinite(analysis.sigma[i]) and float(np.linalg.norm(left)) > 1e-7 * whole:
             ratio[i] = (analysis.sigma[i] / linear.size[i]) ** 2 * float(left @ left)

@@ -11,11 +11,11 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.joint import THERMOCOUPLE
 from thermofit.experiment.model import StageModel
-from thermofit.fit.bootstrap import outside_residual
-from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
+from thermofit.fit.covariance import Covariance, NoiseOperator
 from thermofit.fit.evaluate import Evaluations
 from thermofit.fit.information import Information, information
 from thermofit.fit.jacobian import jacobian_at
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import ON_BOUND
 from thermofit.fit.settings import Settings
 from thermofit.identify.blocks import residual_blocks
@@ -71,17 +71,22 @@ class Linear:
         return noise_of(self.model, self.error)
 
     @property
+    def inside(self) -> LinearModel:
+        """The least-squares problem of the parameters that are not at a bound."""
+        k = np.flatnonzero(~self.at_bound)
+        return LinearModel(self.residual, self.jacobian[:, k], bounds=(self.lower[k] - self.x[k], self.upper[k] - self.x[k]))
+
+    @property
     def error(self) -> np.ndarray:
         """What shows the memory of records (n,): the residual of each block against the fit to all others. In that of the fit itself the
         slow errors are missing that the parameters could follow."""
         if self.before or self.model.segments is None:
             return self.residual
-        blocks = residual_blocks(self.model, self.residual)
-        return outside_residual(self.jacobian[:, ~self.at_bound], self.residual, blocks)
+        return self.inside.outside(residual_blocks(self.model, self.residual).label)
 
     def covariance(self) -> Covariance:
         """Covariance with the correlation of the noise; before a test take `sigma_unit`. UntrustworthyError for too few data."""
-        return covariance(self.jacobian, self.residual, self.names, self.at_bound, self.noise, 1e-9)
+        return LinearModel(self.residual, self.jacobian, self.noise).covariance(self.names, self.at_bound, 1e-9)
 
     def information(self, s2: float) -> Information:
         """Information on the parameters that are not at a bound; `s2` is the variance of the residual."""
@@ -167,6 +172,5 @@ def moved(linear: Linear, shift: Shift) -> np.ndarray:
     """Relative change (n_p,) of the optimum under a shift: -(J^T J)^-1 J^T dr over size; zero for parameters at a bound."""
     kept = np.flatnonzero(~linear.at_bound)
     out = np.zeros(len(linear.names))
-    columns = linear.jacobian[:, kept] * linear.size[kept]
-    out[kept] = -np.linalg.lstsq(columns, shift.column, rcond=1e-12)[0]
+    out[kept] = LinearModel(shift.column, linear.jacobian[:, kept]).free_step / linear.size[kept]
     return out

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import DataError, NumericsError
-from thermofit.fit.covariance import Covariance, covariance
+from thermofit.fit.covariance import Covariance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import memories, noise_operator
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
@@ -113,7 +114,7 @@ def fit_sections(sections: Sections, rate: float) -> NeckingFit:
         raise NumericsError(f"necking: {best.message or 'no derivative at the optimum'}; expected a minimum, check necking.fit_frames")
     lengths = [int(sections.used[: sections.n_fit, s].sum()) for s in (*sections.others, sections.neck)]
     found_memories = memories(best.residual, lengths)
-    spread = covariance(best.jacobian, best.residual, best.names, best.at_bound, noise_operator(found_memories))
+    spread = LinearModel(best.residual, best.jacobian, noise_operator(found_memories)).covariance(best.names, best.at_bound)
     n_o = len(sections.others)
     law = HardeningLaw(float(best.x[0]), float(best.x[1]), rate)
     return NeckingFit(law, best.x[2 : 2 + n_o], best.x[2 + n_o :], best, spread, sum(m.independent for m in found_memories))

@@ -16,7 +16,8 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.protocol import Experiment
-from thermofit.fit.covariance import Covariance, NoiseOperator, covariance
+from thermofit.fit.covariance import Covariance, NoiseOperator
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import memories, noise_operator
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
@@ -235,7 +236,7 @@ def covariance_of(model: StageModel, fit: FitResult) -> tuple[Covariance | None,
     if fit.jacobian is None:
         return None, "no standard errors: the Jacobian at the optimum could not be formed"
     try:
-        return covariance(fit.jacobian, fit.residual, fit.names, fit.at_bound, noise_of(model, fit.residual)), ""
+        return LinearModel(fit.residual, fit.jacobian, noise_of(model, fit.residual)).covariance(fit.names, fit.at_bound), ""
     except UntrustworthyError as error:
         return None, f"no standard errors: {error}"
 

@@ -16,6 +16,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import is_known
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.model import StageModel
+from thermofit.fit.linear_model import projection
 from thermofit.identify.solve import ModelOn, Solved, model_on
 from thermofit.identify.stage import Ready
 from thermofit.observe.comparison import Comparison
@@ -112,11 +113,8 @@ def response(study: Study, stage: Ready, solved: Solved, models: ModelOn, change
         slope = (ends[1] - ends[0]) / (2.0 * h)
     inside = ~solved.fit.at_bound
     out = np.zeros(len(names))
-    # Scaled columns: parameters differ by many orders of magnitude.
-    norm = np.linalg.norm(jacobian[:, inside], axis=0)
-    norm = np.where(norm > 0.0, norm, 1.0)
-    hessian = (jacobian[:, inside] / norm).T @ (jacobian[:, inside] / norm)
-    out[inside] = -(np.linalg.pinv(hessian, rcond=1e-13, hermitian=True) @ (slope[inside] / norm)) / norm
+    root = projection(jacobian[:, inside]).root()
+    out[inside] = -root @ (root.T @ slope[inside])
     return dict(zip(names, out.tolist(), strict=True))
 
 

@@ -289,12 +289,11 @@ class LinearModel:
             found.append(NullDirection(tuple(names[alive[m]] for m in members), tuple(float(vector[m]) for m in members)))
         return tuple(found)
 
-    def _sandwich(self, tolerance: float) -> tuple[np.ndarray, float]:
-        """(J^T J)^+ J^T C J (J^T J)^+ (p, p) and tr((J^T J)^+ J^T C J), in the orthonormal basis, which squares no condition."""
-        root = self.root(tolerance)
+    def _sandwich(self, kept: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, float]:
+        """(J^T J)^+ J^T C J (J^T J)^+ and tr((J^T J)^+ J^T C J) of the columns at these places with that root: no condition squared."""
         if self.noise is None:
             return root @ root.T, float(root.shape[1])
-        meat = self.meat(self.columns @ root)
+        meat = self.meat(self.columns[:, kept] @ root)
         return root @ meat @ root.T, float(np.trace(meat))
 
     def covariance(self, names: tuple[str, ...], at_bound: np.ndarray | None = None, null_tolerance: float = 1e-6) -> Covariance:
@@ -307,9 +306,10 @@ class LinearModel:
         n, size = self.columns.shape
         at_bound = np.zeros(size, dtype=bool) if at_bound is None else np.asarray(at_bound, dtype=bool)
         free = np.flatnonzero(~at_bound)
-        fitted, own = self.only(free), tuple(names[i] for i in free)
+        small = self.triangular  # has the same singular values at a fraction of the cost
+        fitted, own = small.only(free), tuple(names[i] for i in free)
         unit = np.zeros((size, size))
-        unit[np.ix_(free, free)], trace = fitted._sandwich(null_tolerance)
+        unit[np.ix_(free, free)], trace = self._sandwich(free, fitted.root(null_tolerance))
         dof = n - trace
         if dof < 1e-6:  # an exact zero does not survive rounding
             raise UntrustworthyError(
@@ -319,9 +319,10 @@ class LinearModel:
         s2 = self.f / dof
         variance = np.diag(unit).copy()
         for i in np.flatnonzero(at_bound):
-            released = self.only(np.append(free, i))
+            kept = np.append(free, i)
+            released = small.only(kept)
             lost = any(names[i] in direction.names for direction in released.null((*own, names[i]), null_tolerance))
-            variance[i] = np.inf if lost else released._sandwich(null_tolerance)[0][-1, -1]
+            variance[i] = np.inf if lost else self._sandwich(kept, released.root(null_tolerance))[0][-1, -1]
         null = fitted.null(own, null_tolerance)
         undetermined = [i for i in free if any(names[i] in direction.names for direction in null)]
         variance[undetermined] = np.inf

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import spread
-from thermofit.core.parameters import LAW, Parameters, param
+from thermofit.core.parameters import LAW, Param, Parameters, param
 from thermofit.effects.catalogue import MATERIAL, effects
 from thermofit.effects.curve import hardening as curve_for_effects
 from thermofit.law.composition import EFFECT_NUMBERS, hardening_along, hardening_stress
@@ -72,6 +72,14 @@ def test_a_file_that_lacks_something_is_told() -> None:
         law_of_file(file, "own", 9)
     file.PARAMS = ("M_y0", LAW[0])  # type: ignore[attr-defined]
     with pytest.raises(StudyError, match=r"PARAMS holds .*; expected Param\('own.<param>'"):
+        law_of_file(file, "own", 9)
+    file.PARAMS = ("M_y0", Param("own.n", "1", 0.2, 0.0, 1.0, 0.1, "exponent"))  # type: ignore[attr-defined]
+    file.SMALL = True  # type: ignore[attr-defined]
+    with pytest.raises(StudyError, match=r"SMALL is given beside Params of its own"):
+        law_of_file(file, "own", 9)
+    del file.SMALL
+    file.NUMBERS = tuple("abcdefghijklmnopq")  # type: ignore[attr-defined]
+    with pytest.raises(StudyError, match=r"17 NUMBERS found; expected at most 16"):
         law_of_file(file, "own", 9)
 
 

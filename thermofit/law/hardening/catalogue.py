@@ -16,7 +16,8 @@ and, where it differs from what is usual,
     ASCENDING       chains of names whose values must rise, and WHY
     hardening_variable, dissipated_energy, monotonic (yield_stress over Lambda in monotonic flow), dissipation_remark
                     of a law whose alpha is not Lambda (model2)
-    MODEL           its number in the thesis;  SMALL: so short that kernels hold it rather than call it
+    MODEL           its number in the thesis;  SMALL: a few operations on numbers of the base law, which all kernels hold; the others are
+                    compiled, with all that calls them, when one of them is first used
 
 The functions are plain formulas of numbers, arrays, complex numbers and lanes alike: no `if` on alpha; law.composition compiles them.
 Linear hardening, H_lin Lambda, is added to every law by the law page. Strains, alpha and Lambda have no unit.
@@ -76,7 +77,7 @@ class Hardening:
 
     @property
     def small(self) -> bool:
-        """True for a law so short that kernels hold it rather than call it."""
+        """True for a law that all kernels hold."""
         return hasattr(self.file, "SMALL")
 
     @property
@@ -163,6 +164,8 @@ def law_of_file(file: ModuleType, name: str, number: int) -> Hardening:
     for p in file.PARAMS:
         if not isinstance(p, str) and (not isinstance(p, Param) or p.name.partition(".")[0] != name):
             raise StudyError(f"{where}: PARAMS holds {p!r}; expected Param('{name}.<param>', unit, neutral, lower, upper, scale, meaning)")
+    if hasattr(file, "SMALL") and (hasattr(file, "NUMBERS") or not all(isinstance(p, str) for p in file.PARAMS)):
+        raise StudyError(f"{where}: SMALL is given beside Params of its own; expected PARAMS that are names of the base law, or no SMALL")
     if len(getattr(file, "NUMBERS", ())) > len(SHARED):
         raise StudyError(f"{where}: {len(file.NUMBERS)} NUMBERS found; expected at most {len(SHARED)}")
     return Hardening(name, number, file)

@@ -44,7 +44,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     settings = _settings(study)
     refuse_unseen(study)
     study = study.model_copy(update={"hardening": settings.hardening_law or study.hardening_law})
-    task = job(study.run_dir, NAME, read_of(study, "name", "model", "hardening", "material_axes", "simulate", "numerics"), {})
+    task = job(study.run_dir, NAME, read_of(study, "name", "hardening", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
     if outcome.fresh and outcome.record.summary.get("raw_digest") != path_digest(raw):

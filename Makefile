@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
-# Test processes that run side by side; from nothing two took 9 min 27 s on two busy cores, 12 min 39 s of CPU in all. 0: one process.
+# Test processes that run side by side; with nothing compiled two took 4 min 45 s on two cores, 8 min 46 s of CPU in all. 0: one process.
 JOBS ?= 2
 
 # One thread per linear algebra call: the systems are small, and several processes or numba threads share the cores.

@@ -60,6 +60,12 @@ def intact(study: Study, stage: str) -> None:
         assert experiment.dic is not None and len(experiment.dic.time) == 14
 
 
+def resumed(study: Study, stage: str) -> None:
+    """The same command once more: what the killed one replaced makes later stages refuse until these are run again."""
+    tiny.stage_run(stage)(study)
+    intact(study, stage)
+
+
 def test_every_stage_killed_leaves_its_artefact(study_of: StudyOf, worker: Callable[..., None]) -> None:
     study = study_of()
     for stage in LATER:
@@ -68,10 +74,12 @@ def test_every_stage_killed_leaves_its_artefact(study_of: StudyOf, worker: Calla
         worker(stage)
         for other in STAGES:
             intact(study, other)
+        resumed(study, stage)
     for stage in QUICK:
         for _ in range(3):
             worker(stage, "writing")
             intact(study, stage)
+        resumed(study, stage)
 
 
 @pytest.mark.slow
@@ -84,6 +92,7 @@ def test_every_stage_killed_many_times(study_of: StudyOf, worker: Callable[..., 
             for moment in ("random", "writing"):
                 worker(stage, moment)
                 intact(study, stage)
+            resumed(study, stage)
     for stage in STAGES:
         tiny.stage_run(stage)(study, force=True)
         left = [path.name for path in study.run_dir.iterdir() if path.name.startswith(".")]

@@ -34,6 +34,14 @@ stages:
 TRUTH = "simulate: {truth: {E: 68000, M_y0: 130, c0: 2.2, theta_air: 297.4, theta_clamp: 296.7}}\n"
 
 
+@pytest.fixture(autouse=True)
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """How often the kernels of a body were asked for; the stages here call none."""
+    calls: list[str] = []
+    monkeypatch.setattr("thermofit.experiment.body.compiled", lambda: calls.append("body"))
+    return calls
+
+
 def parameter(value: float, free: bool = True) -> ParameterResult:
     return ParameterResult(value, 0.01 * value, "MPa", free, False, 1.1 * value, 0.0, 1e9)
 
@@ -179,3 +187,9 @@ def test_summary_lists_the_pictures(tmp_path: Path) -> None:
     summary = summary_of(study, chain(study, links([], summaries), Selection()))
     assert summary["figures"] == ["a.png", "b.png", "c.png"]
     assert summary["verdict"].startswith("8 stages done (") and summary["verdict"].endswith("verify: verify ok")
+
+
+@pytest.mark.parametrize(("last", "times"), [("interpolate", 0), ("identify-elastic", 1)])
+def test_kernels_are_compiled_before_the_first_stage_that_runs_a_model(tmp_path: Path, asked: list[str], last: str, times: int) -> None:
+    chain(measured(tmp_path, infrared=True), links([]), Selection("calibrate-ir", last))
+    assert len(asked) == times

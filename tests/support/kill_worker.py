@@ -12,6 +12,7 @@ import random
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -51,6 +52,9 @@ def killed_run(study: Study, stage: str, wait: Callable[[], None]) -> None:
             os.write(begun_write, b"x")
             while True:
                 run(study, force=True)
+        except BaseException:
+            # The test shows what this process says on stderr.
+            traceback.print_exc()
         finally:
             os._exit(1)
     os.close(begun_write)

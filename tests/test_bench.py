@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from thermofit.law.page import law_of
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 SMALL = (2, 4, 2)

@@ -12,12 +12,12 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
-from thermofit.law.composition import body_effects
+from thermofit.law.composition import law_effects
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
-PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in body_effects() for p in e.params}
-AMPLITUDES = tuple(p.name for e in body_effects() for p in e.amplitudes)
-EFFECT_PARAMS = tuple(name for e in body_effects() for name in e.names)
+PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in law_effects() for p in e.params}
+AMPLITUDES = tuple(p.name for e in law_effects() for p in e.amplitudes)
+EFFECT_PARAMS = tuple(name for e in law_effects() for name in e.names)
 FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
 TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
 SETTINGS = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8)

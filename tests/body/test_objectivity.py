@@ -11,7 +11,7 @@ from thermofit.body.body import tension_body, thermal_geometry
 from thermofit.body.element.hex8 import element_data
 from thermofit.body.solve.newton import axes_about_z, virgin_state
 from thermofit.law.page import law_of
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
 STRETCH = np.array([[-0.012, 0.006, 0.002], [0.004, 0.024, -0.005], [0.006, 0.002, -0.011]])
 """Displacement gradient of one step."""

@@ -11,13 +11,13 @@ from scipy.integrate import solve_ivp
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.law.composition import AMPLITUDES, CAPACITIES, EFFECT_PARAMS, body_effects, capacity_effects, law_effects
+from thermofit.law.composition import AMPLITUDES, CAPACITIES, EFFECT_PARAMS, capacity_effects, law_effects
 from thermofit.point.driver import CHANNELS, PointSettings, Programme, simulate, simulate_rates
 
 PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in (*law_effects(), *capacity_effects()) for p in e.params}
 SWITCHES = (*AMPLITUDES, *CAPACITIES)
 SECONDARY = {name: PROBES[name] for name in EFFECT_PARAMS if name not in SWITCHES}
-IN_BODY = tuple(e.amplitude.name for e in body_effects())
+IN_BODY = tuple(e.amplitude.name for e in law_effects())
 PLAIN = SHEET.replace(F=0.5, alpha_exp=0.0)
 PERFECT = PLAIN.replace(M_yinf=PLAIN["M_y0"] * (1.0 + 1e-9), H_exp=1e-3)
 FINE = PointSettings(max_strain=0.004)

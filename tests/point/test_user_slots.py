@@ -40,8 +40,8 @@ from thermofit.core.digest import effect_files
 from thermofit.identify.user_effects import check_effects
 check_effects(effect_files())
 on = {"my_back.C": 2500.0, "my_moduli.part": 0.15, "my_sense.more": 0.04, "backstress_first.C": 1500.0}
-bar_and_point(LOSSY.replace(**on), *corners(*CYCLES, steps=4), 2)
-bar_and_point(LOSSY.replace(**on, H_lin=500.0), *corners(*CYCLES, steps=4), 2, "force")
+bar_and_point(LOSSY.replace(**on), *corners(*CYCLES, steps=4), 2, tolerance=1e-10)
+bar_and_point(LOSSY.replace(**on, H_lin=500.0), *corners(*CYCLES, steps=4), 2, "force", 1e-10)
 print("same")
 """
 

@@ -276,8 +276,8 @@ def new_state(x: tuple[float, float, float, float], s: np.ndarray, step: Input, 
     out[ACROSS], out[ALONG] = x[0], x[1]
     out[ALPHA], out[LAMBDA] = end.alpha, s[LAMBDA] + (x[2] if step.flows else 0.0 * x[2])
     out[THETA] = x[3]
-    if law.effective == 1 and step.flows:
-        set_backstresses(s, x[2], x[3], end.along, law, out)
+    if law.effective == 1:  # also where nothing flows: what a modulus that changes with temperature makes of them
+        set_backstresses(s, x[2] if step.flows else 0.0 * x[2], x[3], end.along, law, out)
     else:
         for i in range(BACKSTRESS, N_STATE):
             out[i] = s[i]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit import __version__
-from thermofit.cli import identifiability, judging, measured
+from thermofit.cli import exporting, identifiability, judging, measured
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
@@ -202,6 +202,7 @@ identifiability.register(app)
 
 
 judging.register(app, stage_function, _announce)
+exporting.register(app)
 
 
 @app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")

@@ -45,14 +45,14 @@ class Common:
 
         # A path is text whatever it looks like, and JSON's quotes are YAML's.
         folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
-        return load_study(self.study, (*self.settings, *folder), _check_effects)
+        return load_study(self.study, (*self.settings, *folder), check_effects)
 
     def setting(self, key: str, value: object) -> Common:
         """The same with a key of the study set by an option of its own, which counts more than --set; None: it is not given."""
         return self if value is None else replace(self, settings=(*self.settings, f"{key}={value}"))
 
 
-def _check_effects(files: Sequence[Path]) -> None:
+def check_effects(files: Sequence[Path]) -> None:
     """Try the user's effects; imported only then, because kernels come with it."""
     from thermofit.identify.user_effects import check_effects
 

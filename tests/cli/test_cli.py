@@ -22,7 +22,7 @@ from thermofit.records.executor import Executor
 from thermofit.records.staging import Outcome, artefact_path
 from thermofit.study.study import Study
 
-COMMANDS = ("new", "run", "inspect", *ORDER, "show")
+COMMANDS = ("new", "run", "inspect", *ORDER, "show", "diff", "export")
 STUDY = """
 name: tiny
 mesh: coarse
@@ -121,7 +121,7 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     assert result.exit_code == 0
     assert "Example" in result.output and f"thermofit {command} " in result.output
     assert "--json" in result.output
-    if command not in ("new", "show", "inspect"):
+    if command not in ("new", "show", "inspect", "diff", "export"):
         assert all(option in result.output for option in ("--set", "--run-dir", "--force"))
 
 
@@ -363,10 +363,9 @@ def test_show_describes_an_artefact(tmp_path: Path) -> None:
     outcome(path, "verify", {"phases": phases, "energy": {"work": 12.5}})
     human = call("show", path).stdout
     for part in (
-        "u/value",
+        "u/",
         "mm",
-        "time, point, component",
-        "4 x 7 x 2",
+        "value  [mm]  time 4 x point 7 x component 2  float64",
         "energy.work",
         "12.5",
         "elastic",
@@ -388,6 +387,40 @@ def test_show_of_doubtful_result_is_no_failure(tmp_path: Path) -> None:
     assert call("show", path).exit_code == 0
 
 
+def test_show_of_a_folder_lists_its_artefacts(tmp_path: Path) -> None:
+    for stage in ("identify-elastic", "verify"):
+        outcome(tmp_path / f"{stage}.h5", stage, {})
+    listed = json.loads(call("show", tmp_path, "--json").stdout)
+    assert [row["verdict"] for row in listed["artefacts"]] == ["identify-elastic is done", "verify is done"]
+    assert "verify is done" in call("show", tmp_path).stdout
+    assert call("show", tmp_path, "--plot").exit_code == 2
+
+
+def test_show_of_a_dataset_gives_its_values(tmp_path: Path) -> None:
+    path = tmp_path / "verify.h5"
+    outcome(path, "verify", {})
+    told = json.loads(call("show", path, "--dataset", "u/value", "--json").stdout)
+    assert np.array(told["values"]).shape == (4, 7, 2) and told["unit"] == "mm"
+    assert "0 to 0, mean 0" in call("show", path, "--dataset", "u/value").stdout
+    wrong = call("show", path, "--dataset", "v/value")
+    assert wrong.exit_code == 3 and "it holds u/value" in wrong.stderr
+
+
+@pytest.mark.parametrize("name", ["u/value", None])
+def test_show_draws(tmp_path: Path, name: str | None) -> None:
+    path = tmp_path / "verify.h5"
+    over_time = {
+        "u/value": Dataset(np.random.default_rng(0).normal(size=(4, 7, 2)), "mm", ("time", "point", "component")),
+        "over_time/du": Dataset(np.arange(4.0), "1", ("time",)),
+        "over_time/time": Dataset(np.arange(4.0), "s", ("time",)),
+    }
+    write_record(path, RecordContent("verify", {}, {}, over_time, {}, {"verdict": "done"}))
+    done = call("show", path, "--plot", *(("--dataset", name) if name else ()))
+    assert done.exit_code == 0, done.output
+    pictures = list((tmp_path / "figures").glob("*.png"))
+    assert len(pictures) == 1 and pictures[0].name in done.stdout.replace("\n", "") and pictures[0].stat().st_size > 5000
+
+
 def test_show_refuses_what_is_no_artefact(tmp_path: Path) -> None:
     path = tmp_path / "verify.h5"
     outcome(path, "verify", {})
@@ -395,7 +428,8 @@ def test_show_refuses_what_is_no_artefact(tmp_path: Path) -> None:
     result = call("show", path)
     assert result.exit_code == 3 and "verify.h5" in result.stderr and result.stderr.count("\n") == 1
     assert call("show", tmp_path / "missing.h5").exit_code == 2
-    folder = call("show", tmp_path)
+    (tmp_path / "empty").mkdir()
+    folder = call("show", tmp_path / "empty")
     assert folder.exit_code == 2 and "is a folder" in folder.stderr
 
 

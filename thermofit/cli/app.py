@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit import __version__
-from thermofit.cli import exporting, identifiability, judging, measured
+from thermofit.cli import exporting, identifiability, judging, looking, measured
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
-    LOOK,
     MANUAL,
     NECKING_ORDER,
     ON_CHAIN,
@@ -31,7 +30,6 @@ from thermofit.cli.catalogue import (
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study
-from thermofit.core.errors import StudyError
 
 if TYPE_CHECKING:
     from thermofit.records.executor import Executor
@@ -203,22 +201,4 @@ identifiability.register(app)
 
 judging.register(app, stage_function, _announce)
 exporting.register(app)
-
-
-@app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")
-def show(
-    artefact: Annotated[Path, typer.Argument(metavar="ARTEFACT", help="RUN_DIR/<stage>.h5", show_default=False)], json: AsJson = False
-) -> None:
-    """What is in a result: verdict, parameters, datasets."""
-    with reporting(json):
-        from thermofit.cli import printing
-        from thermofit.records.artefact import open_record
-        from thermofit.records.result import description_of
-
-        if artefact.is_dir():
-            raise StudyError(f"'{artefact}' is a folder: expected one artefact in it, such as {artefact / 'identify-elastic.h5'}")
-        record = open_record(artefact)
-        if json:
-            printing.as_json(description_of(record))
-        else:
-            printing.artefact(description_of(record))
+looking.register(app)

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from thermofit.cli import printing_loop
 from thermofit.cli.numbers import bounds, number, percent, seconds, with_error
+from thermofit.cli.printing_tree import dataset_tree
 
 _WIDTH = 140
 """Columns where stdout is no terminal."""
@@ -113,13 +114,9 @@ def artefact(description: Result) -> None:
     _evaluations(console, description["evaluations"])
     print_pairs(console, "summary", _plain(description))
     print_remarks(console, description.get("remarks") or ())
-    data = description["datasets"]
-    if data:
-        rows = (
-            [n, ", ".join(d.get("units", ())) or d["unit"], ", ".join(d["dims"]), " x ".join(map(str, d["shape"])) or "scalar", d["dtype"]]
-            for n, d in data.items()
-        )
-        console.print(table("datasets", ("name", "unit", "axes", "shape", "type"), rows, 5))
+    if description["datasets"]:
+        console.print(dataset_tree(description["datasets"]))
+        console.print()
     print_pairs(console, "provenance", _provenance(attributes, description["inputs"]))
     print_pairs(console, "config (what is not shown is null)", {k: v for k, v in _flat(description["config"]).items() if v != _NONE})
     for reason in description["stale"]:

@@ -15,14 +15,15 @@ from typer.testing import CliRunner
 
 import thermofit
 from thermofit.cli import app
-from thermofit.cli.catalogue import ORDER
+from thermofit.cli.catalogue import STAGES
 from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
 from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
 from thermofit.records.executor import Executor
 from thermofit.records.staging import Outcome, artefact_path
+from thermofit.stages import CHAIN
 from thermofit.study.study import Study
 
-COMMANDS = ("new", "run", "inspect", *ORDER, "show", "diff", "export")
+COMMANDS = ("demo", "new", "run", "inspect", *CHAIN, "show", "diff", "export")
 STUDY = """
 name: tiny
 mesh: coarse
@@ -109,8 +110,9 @@ def test_overview_reads_like_a_manual() -> None:
     assert result.exit_code == 0
     text = result.output
     assert all(name in text for name in (*COMMANDS, "data"))
-    positions = [text.index(f" {name} ") for name in ORDER]
+    positions = [text.index(f" {name} ") for name in CHAIN]
     assert positions == sorted(positions), "the chain is listed in its order"
+    assert tuple(entry.name for entry in STAGES) == CHAIN
     for part in ("An example session", "Where results go", "Exit codes", "not to be trusted"):
         assert part in text
 
@@ -121,7 +123,7 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     assert result.exit_code == 0
     assert "Example" in result.output and f"thermofit {command} " in result.output
     assert "--json" in result.output
-    if command not in ("new", "show", "inspect", "diff", "export"):
+    if command not in ("demo", "new", "show", "inspect", "diff", "export"):
         assert all(option in result.output for option in ("--set", "--run-dir", "--force"))
 
 
@@ -286,7 +288,7 @@ def test_run_goes_through_the_chain_and_ends_with_the_table(study: Path, monkeyp
     replace_stages(monkeypatch, working({"report": {"figures": ["figures/one.png"]}}, calls))
     result = call("run", study)
     assert result.exit_code == 0, result.stderr
-    assert [name for name, _ in calls] == [name for name in ORDER if name not in ("gridsearch", "sensitivity")]
+    assert [name for name, _ in calls] == [name for name in CHAIN if name not in ("gridsearch", "sensitivity")]
     assert not any(force for _, force in calls)
     row = next(line for line in result.stdout.splitlines() if line.split()[:1] == ["E"])
     assert row.split() == ["E", "MPa", "70000", "60000", "69111", "404", "-1.27", "%"]

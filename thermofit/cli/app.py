@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json as json_format
 import sys
 from collections.abc import Callable
@@ -17,10 +16,9 @@ from thermofit.cli import exporting, identifiability, judging, looking, measured
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
+    DEMO_HELP,
     MANUAL,
-    NECKING_ORDER,
     ON_CHAIN,
-    ORDER,
     RUN_EXAMPLES,
     RUN_HELP,
     SPREAD,
@@ -30,6 +28,7 @@ from thermofit.cli.catalogue import (
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study
+from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
 if TYPE_CHECKING:
     from thermofit.records.executor import Executor
@@ -41,7 +40,7 @@ app = typer.Typer(
     help=ABOUT,
     epilog=MANUAL,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
@@ -87,13 +86,6 @@ def _looked(folder: Path) -> tuple[float, float, float] | str:
 
 
 measured.register(app)
-
-
-def stage_function(name: str) -> Callable[..., Outcome]:
-    """`run` of a stage module, imported when it is needed: numba and scipy cost seconds that help and show must not pay."""
-    module = importlib.import_module(f"thermofit.stages.{name.replace('-', '_')}")
-    run: Callable[..., Outcome] = module.run
-    return run
 
 
 def _quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
@@ -142,7 +134,7 @@ def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], No
         from thermofit.records.executor import SERIAL
         from thermofit.stages.run import Link, Selection, chain
 
-        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in ORDER], Selection(last="identify-thermal"), report=report)
+        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in CHAIN], Selection(last="identify-thermal"), report=report)
 
 
 def _announce(command: str, study: Study, as_json: bool) -> None:
@@ -168,13 +160,38 @@ def run(
     scheduler: Scheduler = None,
 ) -> None:
     """All stages: raw files in, parameters and figures out."""
+    _run_chain(common, first, last, everything, jobs, scheduler)
+
+
+@app.command("demo", help=DEMO_HELP, rich_help_panel=START, epilog="[bold]Example:[/] thermofit demo --until calibrate-ir")
+def demo(
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="Folder for the study and its results.")] = Path("thermofit-demo"),
+    last: Annotated[str | None, typer.Option("--until", metavar="STAGE", help="Last stage to run.", show_default=False)] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the study.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
+    json: AsJson = False,
+) -> None:
+    """The quickstart study, from a folder of its own."""
+    with reporting(json):
+        from thermofit.study.demo import demo_study
+
+        study = demo_study(to)
+        _run_chain(Common(study, tuple(settings or ()), to / "run", force, json), None, last)
+
+
+def _run_chain(
+    common: Common, first: str | None, last: str | None, everything: bool = False, jobs: int = 1, scheduler: str | None = None
+) -> None:
+    """Run the chain and print every stage as it is done."""
     from thermofit.cli import printing
     from thermofit.stages.run import Link, Selection, chain, summary_of
 
     study = common.load()
     _announce("run", study, common.json)
     where = executor_of(study, jobs, scheduler)
-    links = [Link(name, _lazy(name, where)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
+    links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
     with _quiet(common.json):
         steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
     summary = summary_of(study, steps)

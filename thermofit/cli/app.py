@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit import __version__
-from thermofit.cli import exporting, identifiability, judging, looking, measured
+from thermofit.cli import exporting, identifiability, judging, looking, measured, watching
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
@@ -115,16 +115,16 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
 
     study = common.load()
     options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
-    _announce(entry.name, study, common.json)
+    _announce(entry.name, study, common.json or common.quiet)
     begin = time.perf_counter()
     with _quiet(common.json):
-        _chain_before(entry.name, study, None if common.json else printing.step)
+        _chain_before(entry.name, study, None if common.json or common.quiet else printing.step)
         outcome = stage_function(entry.name)(study, force=common.force, **options)
     result = result_of(outcome.record)
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
     _leave(is_trustworthy(outcome.record))
 
 
@@ -137,9 +137,9 @@ def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], No
         chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in CHAIN], Selection(last="identify-thermal"), report=report)
 
 
-def _announce(command: str, study: Study, as_json: bool) -> None:
+def _announce(command: str, study: Study, silent: bool) -> None:
     """What begins, before numba is imported: the first result may be minutes away."""
-    if not as_json:
+    if not silent:
         typer.echo(f"{command}  study {study.source.name}, results in {study.run_dir}")
 
 
@@ -189,16 +189,18 @@ def _run_chain(
     from thermofit.stages.run import Link, Selection, chain, summary_of
 
     study = common.load()
-    _announce("run", study, common.json)
+    _announce("run", study, common.json or common.quiet)
     where = executor_of(study, jobs, scheduler)
     links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
     with _quiet(common.json):
-        steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
+        steps = chain(
+            study, links, Selection(first, last, everything), common.force, None if common.json or common.quiet else printing.step
+        )
     summary = summary_of(study, steps)
     if common.json:
         printing.as_json(summary)
     else:
-        printing.chain_result(summary)
+        printing.chain_result(summary, quiet=common.quiet)
     _leave(summary["trustworthy"])
 
 
@@ -219,3 +221,4 @@ identifiability.register(app)
 judging.register(app, stage_function, _announce)
 exporting.register(app)
 looking.register(app)
+watching.register(app)

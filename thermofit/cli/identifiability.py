@@ -61,7 +61,7 @@ def identifiability(common: Common, **asked: Any) -> None:
             f"'{programmes[0]}' is given without --compare: programmes by name are compared, or one is taken by --programme NAME"
         )
     study = common.load()
-    if not common.json:
+    if not (common.json or common.quiet):
         typer.echo(f"identifiability  study {study.source.name}, results in {study.run_dir}")
     begin = time.perf_counter()
     with contextlib.redirect_stdout(sys.stderr) if common.json else contextlib.nullcontext():
@@ -73,7 +73,7 @@ def identifiability(common: Common, **asked: Any) -> None:
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
     if not is_trustworthy(outcome.record):
         raise typer.Exit(UNTRUSTWORTHY)
 

@@ -38,7 +38,7 @@ def _show(name: str, common: Common, call: Callable[[], Outcome]) -> None:
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
     if not is_trustworthy(outcome.record):
         raise typer.Exit(UNTRUSTWORTHY)
 
@@ -62,7 +62,7 @@ def register(app: typer.Typer, stage_function: StageFunction, announce: Callable
         from thermofit.study.links import make_record
 
         study = replace(common, settings=(*common.settings, *_held_out(experiment or []))).load()
-        announce("validate", study, common.json)
+        announce("validate", study, common.json or common.quiet)
 
         def prepare(one: Study) -> None:
             make_record(one, [(name, stage_function(name)) for name in RAW])
@@ -77,7 +77,7 @@ def register(app: typer.Typer, stage_function: StageFunction, announce: Callable
     ) -> None:
         study = common.load()
         further = [replace(common, study=path, run_dir=None).load() for path in others or ()]
-        announce("compare", study, common.json)
+        announce("compare", study, common.json or common.quiet)
         _show("compare", common, lambda: stage_function("compare")(study, force=common.force, others=further))
 
     for entry, command in ((VALIDATE, validate), (COMPARE, compare)):

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit.cli.failure import reporting
+from thermofit.core.errors import StudyError
+from thermofit.records.progress import set_verbosity
 
 if TYPE_CHECKING:
     from thermofit.records.executor import Executor
@@ -38,6 +40,8 @@ class Common:
     run_dir: Path | None
     force: bool
     json: bool
+    verbose: bool = False
+    quiet: bool = False
 
     def load(self) -> Study:
         """The study file with the settings of the command line."""
@@ -84,6 +88,8 @@ def _shared(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
     json: AsJson = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="One plain line per iteration on stderr.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the verdict alone, and no progress.")] = False,
 ) -> None:
     """Signature of the shared options."""
 
@@ -100,6 +106,9 @@ def on_study(command: Callable[..., None]) -> Callable[..., None]:
         given = {parameter.name: values.pop(parameter.name) for parameter in shared}
         common = Common(**{**given, "settings": tuple(given["settings"] or ())})
         with reporting(common.json):
+            if common.verbose and common.quiet:
+                raise StudyError("--verbose and --quiet are both given; expected one of them")
+            set_verbosity(1 if common.verbose else -1 if common.quiet else 0)
             command(common, **values)
 
     places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (shared[0], *own, *shared[1:])]

@@ -50,9 +50,12 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], tex
     return made
 
 
-def stage_result(result: Result, fresh: bool, wall: float) -> None:
-    """Tables of one stage, its warnings, the path of its artefact, and last its verdict."""
+def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = False) -> None:
+    """Tables of one stage, its warnings, the path of its artefact, and last its verdict; where `quiet` the verdict alone."""
     console = make_console()
+    if quiet:
+        print_verdict(console, result)
+        return
     console.print(f"{result['stage']}  {'fresh: nothing has changed' if fresh else 'done in ' + seconds(wall)}", style="bold")
     _parameters(console, result["parameters"], only_free=True)
     _channels(console, result["channels"])
@@ -80,9 +83,12 @@ def step(result: Result) -> None:
         console.print(_wrapped(console, " " * 31 + "! ", remark), style="yellow")
 
 
-def chain_result(result: Result) -> None:
-    """The final table of the chain, the figures, and the verdict."""
+def chain_result(result: Result, *, quiet: bool = False) -> None:
+    """The final table of the chain, the figures, and the verdict; where `quiet` the verdict alone."""
     console = make_console()
+    if quiet:
+        print_verdict(console, result)
+        return
     console.print()
     rows = result["table"]
     if rows:

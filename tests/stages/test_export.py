@@ -26,11 +26,12 @@ from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.cli import app
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.export.card import Card, card_of, flow_curve
+from thermofit.effects.catalogue import effect
+from thermofit.export.card import Card, Visited, card_of, flow_curve, heat_share, visited_by
 from thermofit.export.card_texts import CARDS, ratios
 from thermofit.export.finished import Finished, finished
 from thermofit.export.tables import covariances, csv_text, latex_text, tables_of
-from thermofit.records.artefact import Record, of_parameters, open_record, write_record
+from thermofit.records.artefact import Dataset, Record, RecordContent, of_parameters, open_record, write_record
 from thermofit.records.staging import artefact_path
 from thermofit.stages import export, verify
 from thermofit.study.study import Study, load_study
@@ -292,8 +293,6 @@ def test_rates_and_temperatures_are_tabulated_where_the_law_has_them(run: Finish
 
 
 def with_effect(parameters: Parameters, name: str, amplitude: float) -> Parameters:
-    from thermofit.effects.catalogue import effect
-
     return parameters.replace(**{effect(name).amplitude.name: amplitude})
 
 
@@ -314,10 +313,23 @@ def test_range_is_what_the_test_visited(card: Card, run: Finished) -> None:
     assert told["effects"] == [] and told["yield_curves"][0]["yield_stress_MPa"] == pytest.approx(card.reference.stress)
 
 
+def test_range_of_several_tests_is_that_of_all(card: Card, run: Finished, tmp_path: Path) -> None:
+    """The joined record of several experiments has no curves of its own: those of each count. Of coupons the flow of all cycles does."""
+    joined = write_record(tmp_path / "verify.h5", RecordContent("verify", run.verified.config, {}, {}, run.verified.parameters))
+    assert "nothing is known" in visited_by((joined,), run.parameters).source
+    time = np.array([0.0, 1.0, 2.0])
+    columns = {"time": (time, "s"), "accumulated": (0.1 * time, "1"), "theta": (300.0 + 50.0 * time, "K")}
+    curves = {f"curves/0/{key}": Dataset(value, unit, ("sample",)) for key, (value, unit) in columns.items()}
+    (tmp_path / "b").mkdir()
+    coupon = write_record(tmp_path / "b" / "verify.h5", RecordContent("verify", {}, {}, curves))
+    both = card_of("alloy", run.parameters, joined, (run.verified, coupon)).visited
+    assert both.strain == pytest.approx(0.2 * np.sqrt(0.85)) and both.temperature[1] == 400.0
+    assert both.temperature[0] == card.visited.temperature[0] and "1 records" in both.source
+    assert finished(tmp_path, load_study).tests[0].path == coupon.path
+
+
 def test_share_of_heat_without_hardening_is_beta(run: Finished) -> None:
     """Dissipation beta M_y0 over work M_y0 where nothing hardens."""
-    from thermofit.export.card import Visited, heat_share
-
     visited = Visited(0.1, (1e-3, 1e-3), (297.0, 297.0), "")
     flat = run.parameters.replace(M_yinf=run.parameters["M_y0"])
     assert heat_share(flat, "voce", visited) == pytest.approx(run.parameters["beta"], rel=1e-9)

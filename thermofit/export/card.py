@@ -8,7 +8,7 @@ logarithmic. The law gives Kirchhoff stress; Cauchy stress, which other programm
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,12 +126,12 @@ class Card:
         return min(self.curves, key=lambda c: abs(np.log(c.rate / middle[0])) + abs(c.theta / middle[1] - 1.0))
 
 
-def card_of(name: str, parameters: Parameters, verified: Record) -> Card:
-    """The card of the verified model of a run."""
+def card_of(name: str, parameters: Parameters, verified: Record, tests: Sequence[Record] = ()) -> Card:
+    """The card of the verified model of a run; `tests`: the records of its experiments, where there are several."""
     config = verified.config
     which = config.get("hardening") or config["model"]
     law_file = hardening(which)
-    visited = visited_by(verified, parameters)
+    visited = visited_by((verified, *tests), parameters)
     used = {n: p.sigma for n, p in verified.parameters.items() if p.sigma is not None}
     linear = f" + H_lin Lambda, H_lin = {parameters[LINEAR]:.6g} MPa" if parameters[LINEAR] else ""
     law = law_of(parameters, which)
@@ -214,28 +214,40 @@ def _acting(parameters: Parameters) -> tuple[ActingEffect, ...]:
     return tuple(ActingEffect(e.name, e.formula, {p.name: parameters[p.name] for p in e.params}, e.slot in held) for e in acting)
 
 
-def visited_by(verified: Record, parameters: Parameters) -> Visited:
-    """Range of a test by the model of its verification: of a specimen under cameras the mean strain of its window, of records of coupons
-    what each went through."""
-    along = _along(parameters)
-    if verified.has("curves/stress_stretch/step_stretch"):
-        stretch, time = (verified[f"curves/stress_stretch/step_{key}"].value for key in ("stretch", "time"))
-        stress = verified["curves/stress_stretch/step_stress"].value * stretch
-        plastic = np.maximum.accumulate(np.log(stretch) - stress / parameters["E"])
-        rate = np.diff(plastic) / np.diff(time)
-        thetas = [verified[f"theta/{key}"].value for key in ("value", "predicted") if verified.has(f"theta/{key}")]
-        seen = np.concatenate([t[np.isfinite(t)] for t in thetas]) if thetas else np.array([parameters["theta_ref"]])
-        return _visited(plastic, rate, seen, "mean of the evaluation window; a neck goes further")
-    names = sorted({name.split("/")[1] for name in verified.names if name.startswith("curves/") and name.endswith("/accumulated")})
-    plastics, rates, temperatures = [], [], []
-    for name in names:
-        plastic, time = along * verified[f"curves/{name}/accumulated"].value, verified[f"curves/{name}/time"].value
-        plastics.append(plastic)
-        rates.append(np.diff(plastic) / np.diff(time))
-        temperatures.append(verified[f"curves/{name}/theta"].value)
-    if not plastics:
+def visited_by(verified: Sequence[Record], parameters: Parameters) -> Visited:
+    """Range of the tests by the model of their verification: of a specimen under cameras the mean strain of its window, of records of
+    coupons what each went through, flow of all cycles added up."""
+    windows = [found for record in verified if (found := _in_window(record, parameters)) is not None]
+    coupons = [found for record in verified for found in _in_records(record, parameters)]
+    if not windows and not coupons:
         return _visited(np.zeros(1), np.zeros(0), np.array([parameters["theta_ref"]]), "this run holds no curve: nothing is known")
-    return _visited(np.concatenate(plastics), np.concatenate(rates), np.concatenate(temperatures), f"{len(names)} records")
+    plastic, rate, theta = (np.concatenate(values) for values in zip(*windows, *coupons, strict=True))
+    told = ["mean of the evaluation window; a neck goes further"] if windows else []
+    told += [f"{len(coupons)} records, flow added up"] if coupons else []
+    return _visited(plastic, rate, theta, "; ".join(told))
+
+
+_Course = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Plastic strains along the load, their rates in 1/s, and temperatures in K, each (n,)."""
+
+
+def _in_window(record: Record, parameters: Parameters) -> _Course | None:
+    folder = "curves/stress_stretch"
+    if not record.has(f"{folder}/step_stretch"):
+        return None
+    stretch, time = (record[f"{folder}/step_{key}"].value for key in ("stretch", "time"))
+    stress = record[f"{folder}/step_stress"].value * stretch
+    plastic = np.maximum.accumulate(np.log(stretch) - stress / parameters["E"])
+    thetas = [record[f"theta/{key}"].value for key in ("value", "predicted") if record.has(f"theta/{key}")]
+    seen = np.concatenate([t[np.isfinite(t)] for t in thetas]) if thetas else np.array([parameters["theta_ref"]])
+    return plastic, np.diff(plastic) / np.diff(time), seen
+
+
+def _in_records(record: Record, parameters: Parameters) -> Iterator[_Course]:
+    along = _along(parameters)
+    for name in sorted(n.rpartition("/")[0] for n in record.names if n.startswith("curves/") and n.endswith("/accumulated")):
+        plastic, time = along * record[f"{name}/accumulated"].value, record[f"{name}/time"].value
+        yield plastic, np.diff(plastic) / np.diff(time), record[f"{name}/theta"].value
 
 
 _LITTLE = 0.05

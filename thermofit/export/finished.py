@@ -35,6 +35,11 @@ class Finished:
         return self.records[VERIFY]
 
     @property
+    def tests(self) -> tuple[Record, ...]:
+        """The records of `verify` of several experiments; empty where there is one."""
+        return tuple(open_record(path) for path in sorted(self.folder.glob(f"*/{VERIFY}.h5")))
+
+    @property
     def parameters(self) -> Parameters:
         """All parameters of the verified model."""
         return Parameters.of({name: result.value for name, result in self.verified.parameters.items()})

@@ -92,7 +92,7 @@ def _tables(source: Finished, folder: Path, _: float | None) -> Iterator[Path]:
 
 def _cards(source: Finished, folder: Path, density: float | None) -> Iterator[Path]:
     name = source.folder.name if source.given is None else source.given.name
-    card = card_of(name, source.parameters, source.verified)
+    card = card_of(name, source.parameters, source.verified, source.tests)
     for file, text in CARDS.values():
         yield _written(folder / "cards" / file, text(card, None if density is None else density * T_PER_KG_M3))
 

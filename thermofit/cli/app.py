@@ -68,6 +68,9 @@ def new(
     experiment: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Raw folder of the experiment, with experiment.yaml.", show_default=False)
     ] = None,
+    law: Annotated[
+        str | None, typer.Option("--hardening", metavar="NAME", help="Hardening law, such as swift; else model2.", show_default=False)
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -75,7 +78,7 @@ def new(
     with reporting(json):
         from thermofit.study.template import write_template
 
-        said = write_template(file, experiment, overwrite=force, look=_looked)
+        said = write_template(file, experiment, overwrite=force, look=_looked, law=law)
         line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
         typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
 

@@ -70,7 +70,7 @@ NAMES: tuple[str, ...] = tuple(p.name for p in PROGRAMMES)
 
 def usual_of(settings: Simulate) -> Usual:
     """Peak, rate and cooling of the study's own programme. StudyError where it never moves the crosshead to a position."""
-    steps = programme_of([item.model_dump() for item in settings.programme])
+    steps = programme_of(settings.programme)
     pulls = [step for step in steps if step.kind == "crosshead_to"]
     if not pulls:
         raise StudyError("simulate.programme: no item crosshead_to is found; programmes by name are made from the largest of them: add one")
@@ -81,7 +81,7 @@ def usual_of(settings: Simulate) -> Usual:
 def programme_named(name: str, settings: Simulate) -> tuple[Step, ...]:
     """Steps of the programme of that name, `own` being that of the study. StudyError for an unknown name."""
     if name == OWN:
-        return programme_of([item.model_dump() for item in settings.programme])
+        return programme_of(settings.programme)
     for known in PROGRAMMES:
         if known.name == name:
             return (Step("hold", REST), *known.steps(usual_of(settings)))

@@ -45,7 +45,7 @@ def specimen_of(study: Study) -> Specimen:
     if study.static is not None:
         return static_specimen(study)
     if study.simulate is not None and study.virtual:
-        return study.specimen_of(Specimen(**study.simulate.specimen.model_dump()))
+        return study.specimen_of(study.simulate.specimen.lengths())
     return study.specimen_of(read_description(study.experiment).specimen.lengths())
 
 

@@ -15,7 +15,8 @@ from scipy.ndimage import gaussian_filter
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CELSIUS, Landmarks, Specimen
 from thermofit.observe.face import FaceGrid, interpolate, invert_motion, locate, outline
-from thermofit.virtual.setup import IrSettings, RigidMotion, VirtualFields, stream
+from thermofit.study.virtual import VirtualIr
+from thermofit.virtual.setup import RigidMotion, VirtualFields, stream
 
 _JAW_MARGIN = 8.0
 """mm by which the jaws are wider than the grip section on either side."""
@@ -31,7 +32,7 @@ class CameraPose:
     roll: float
 
 
-def camera_pose(settings: IrSettings, seed: int) -> CameraPose:
+def camera_pose(settings: VirtualIr, seed: int) -> CameraPose:
     """Where the operator has put the camera: the centre of the specimen is a few pixels off the image centre."""
     rng = stream(seed, "ir.pose")
     rows, columns = settings.image_shape
@@ -55,7 +56,7 @@ def to_space(pose: CameraPose, pixel: np.ndarray) -> np.ndarray:
     return np.stack([-c * right + s * up, s * right + c * up], axis=-1)
 
 
-def pick_landmarks(pose: CameraPose, specimen: Specimen, settings: IrSettings, seed: int) -> Landmarks:
+def pick_landmarks(pose: CameraPose, specimen: Specimen, settings: VirtualIr, seed: int) -> Landmarks:
     """Landmarks as an operator picks them in frame 0, with the picking error, to a tenth of a pixel.
 
     StudyError where the image is too small to show them.
@@ -85,7 +86,7 @@ def pick_landmarks(pose: CameraPose, specimen: Specimen, settings: IrSettings, s
     return Landmarks(0, picked[:2], float(length), picked[2:4], picked[4], picked[5:])
 
 
-def background_field(settings: IrSettings, seed: int) -> np.ndarray:
+def background_field(settings: VirtualIr, seed: int) -> np.ndarray:
     """Temperature in K (n_row, n_col) of the surroundings: warmer at the top, with a gentle wave."""
     rng = stream(seed, "ir.background")
     rows, columns = settings.image_shape
@@ -100,7 +101,7 @@ def background_field(settings: IrSettings, seed: int) -> np.ndarray:
 class Scene:
     """What does not change from frame to frame: pixel positions in space (n_px, 2) mm, background (n_row, n_col) K."""
 
-    settings: IrSettings
+    settings: VirtualIr
     grid: FaceGrid
     specimen: Specimen
     theta_clamp: float
@@ -108,7 +109,7 @@ class Scene:
     background: np.ndarray
 
 
-def scene_of(fields: VirtualFields, grid: FaceGrid, settings: IrSettings, seed: int) -> Scene:
+def scene_of(fields: VirtualFields, grid: FaceGrid, settings: VirtualIr, seed: int) -> Scene:
     """The fixed part of all frames."""
     rows, columns = np.indices(settings.image_shape)
     pixel = np.stack([rows.ravel(), columns.ravel()], axis=-1).astype(float)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from test_records_chain import call
+from record_studies import call
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord

@@ -17,7 +17,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.fit.evaluate import Counts
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
-from thermofit.fit.problem import Problem, to_scaled
+from thermofit.fit.problem import Problem
 from thermofit.fit.settings import Hooks, Settings, Store
 
 NEAR = 0.02
@@ -198,8 +198,3 @@ def held(problem: Problem, i: int, value: float, guess: np.ndarray) -> Problem:
         linearise=None if exact is None else linearise,
         first_jacobian=None,
     )
-
-
-def scaled_distance(problem: Problem, a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference of two points in units of the scale."""
-    return float(np.max(np.abs(to_scaled(problem, a) - to_scaled(problem, b))))

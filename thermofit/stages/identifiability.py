@@ -46,8 +46,8 @@ from thermofit.study.study import Study
 
 NAME = "identifiability"
 _SECTIONS = (
-    *("model", "hardening", "material_axes", "mesh", "geometry", "specimen", "parameters", "evaluation", "force", "noise", "numerics"),
-    *("simulate", "coupon"),
+    *("model", "hardening", "material_axes", "mesh", "geometry", "specimen", "static", "parameters", "evaluation", "force", "noise"),
+    *("numerics", "simulate", "coupon", "diagnosis.priors"),
 )
 WIDER = 1.5
 """Bootstrap intervals wider than Laplace's by this factor: the residual is correlated beyond what the noise model knows."""
@@ -116,7 +116,8 @@ def _job(study: Study, options: Options, key: str) -> Job:
         inputs = {**optimum_of(study, key)[1]}
     else:
         inputs = experiment_of(study).plan_inputs
-    config = {**read_of(study, *_SECTIONS, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
+    several = ("experiments", "shared") if study.fitted else ()
+    config = {**read_of(study, *_SECTIONS, *several, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
     return job(study.run_dir, name, config, inputs)
 
 

@@ -33,7 +33,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     inputs: dict[str, Path] = {} if study.mesh_file is None else {"mesh": study.mesh_file}
     if study.static is None and not study.virtual:
         inputs["experiment"] = study.experiment / "experiment.yaml"
-    task = job(study.run_dir, NAME, study.config_of("mesh", "geometry", "specimen", "simulate"), inputs)
+    task = job(study.run_dir, NAME, study.config_of("mesh", "geometry", "specimen", "static", "simulate"), inputs)
     outcome = produce(task, lambda: _make(study), force=force)
     if outcome.fresh and not Path(str(outcome.record.summary["picture"])).exists():
         outcome = produce(task, lambda: _make(study), force=True)

@@ -18,12 +18,13 @@ from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.errors import near_miss, sentence
-from thermofit.study.experiments import virtual_of
+from thermofit.study.experiments import OwnExperiment, virtual_of
 from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
 from thermofit.study.paths import path_from
+from thermofit.study.reading import reading, seen
 from thermofit.study.section import MeshSize, ParameterStart, mesh_size
 from thermofit.study.series import with_series
-from thermofit.study.stages import COUPON_CHOICES, StageSettings, coupon_stage
+from thermofit.study.stages import COUPON_CHOICES, Stages, StageSettings, coupon_stage
 
 _FIELDS = (
     *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise"),
@@ -32,6 +33,9 @@ _FIELDS = (
 """Keys by which the data of a full-field test are made ready."""
 Check = Callable[[Sequence[Path]], None]
 """Raises StudyError where an effect file does not do what its slot asks."""
+
+
+_SECTIONS = frozenset(Sections.model_fields)
 
 
 class Study(Sections):
@@ -47,6 +51,11 @@ class Study(Sections):
     """True where the raw folder is to be made by `simulate`."""
     overrides: tuple[str, ...] = ()
     """Keys that the command line has set, as key=value."""
+
+    def __getattribute__(self, name: str) -> Any:
+        """A section only where the record that is being made may read it."""
+        value = super().__getattribute__(name)
+        return seen(name, value) if name in _SECTIONS else value
 
     @property
     def mesh_size(self) -> MeshSize:
@@ -90,12 +99,12 @@ class Study(Sections):
         tells the elastic strain that is added to a flow curve, and what is no elastic line."""
         if self.coupon is None:
             return _FIELDS
-        return ("coupon", *(("parameters.E",) if isinstance(self.parameters.get("E"), float) else ()))
+        return ("coupon", "parameters.E")
 
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
-        if name not in type(self.stages).model_fields:
-            raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
+        if name not in Stages.model_fields:
+            raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, Stages.model_fields)}")
         settings: StageSettings = getattr(self.stages, name)
         if self.coupon is not None:
             lateral = any("lateral" in record.model_fields_set for record in self.coupon.records)
@@ -153,12 +162,14 @@ class Study(Sections):
     @property
     def fitted(self) -> tuple[str, ...]:
         """Names of the experiments that are fitted jointly; empty where the study has one experiment only."""
-        return tuple(name for name, own in self.experiments.items() if not own.held_out)
+        with reading(None):  # which tests there are is said by their artefacts
+            return tuple(name for name, own in self.experiments.items() if not own.held_out)
 
     @property
     def held_out(self) -> tuple[str, ...]:
         """Names of the experiments that are predicted, not fitted."""
-        return tuple(name for name, own in self.experiments.items() if own.held_out)
+        with reading(None):
+            return tuple(name for name, own in self.experiments.items() if own.held_out)
 
     @property
     def alone(self) -> Study:
@@ -167,7 +178,13 @@ class Study(Sections):
 
     def one_of(self, name: str) -> Study:
         """The study of one of several experiments, with its own folder below the run folder."""
-        own, stages = self.experiments[name], self.stages
+        own = self.experiments[name]
+        with reading(None):
+            return self._joined(name, own)
+
+    def _joined(self, name: str, own: OwnExperiment) -> Study:
+        """The study with what one experiment says itself."""
+        stages = self.stages
         for key, window in own.windows.items():
             stages = stages.model_copy(update={key: getattr(stages, key).model_copy(update={"window": window})})
         simulate = virtual_of(self.simulate, own, list(self.experiments).index(name), f"experiments.{name}")

@@ -53,11 +53,17 @@ def test_a_section_that_the_key_lacks_cannot_be_read(study: Study) -> None:
 
 
 def test_of_a_section_only_the_keys_that_are_declared(study: Study) -> None:
-    with reading(read_of(study, "stages.elastic", "numerics.max_time_step", "parameters.nu")):
+    with reading(read_of(study, "stages.elastic", "stages.plastic.window", "numerics.max_time_step", "parameters.nu")):
         assert study.stages.elastic.free == ("E", "nu") and study.numerics.max_time_step == 5.0 and study.numerics.threads == 2
+        assert study.stages.plastic.window == "all"
         assert study.parameters["nu"] == study.parameters.get("nu") == 0.3
         for read in (
-            *(lambda: study.stages.plastic, lambda: study.numerics.newton_tolerance, lambda: study.parameters["E"]),
+            *(
+                lambda: study.stages.plastic.free,
+                lambda: study.stages.thermal,
+                lambda: study.numerics.newton_tolerance,
+                lambda: study.parameters["E"],
+            ),
             *(lambda: study.parameters.get("E"), lambda: "E" in study.parameters, lambda: list(study.parameters)),
             *(lambda: study.parameters.items(), lambda: len(study.parameters), lambda: {**study.parameters}),
         ):

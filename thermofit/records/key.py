@@ -21,6 +21,8 @@ SOLVED = (
     "diagnosis.priors",
 )
 """Sections that whatever runs the model reads."""
+BESIDES = {"plastic": ("stages.elastic.window",)}
+"""What an identification stage reads besides its own section: was any point plastic within the elastic window?"""
 
 
 _THREADS = "threads"
@@ -71,7 +73,7 @@ def stage_key(study: Study, key: str) -> dict[str, Any]:
     """The key of the identification stage of that name under `stages`. StudyError where a free parameter has no start."""
     several = ("experiments", "shared") if study.fitted else ()
     with reading(None):
-        return read_of(study, *SOLVED, *several, f"stages.{key}", free=study.stage(key).free)
+        return read_of(study, *SOLVED, *several, f"stages.{key}", *BESIDES.get(key, ()), free=study.stage(key).free)
 
 
 def differences(config: Mapping[str, Any], now: Mapping[str, Any], lead: str = "") -> tuple[str, ...]:

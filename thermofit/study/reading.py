@@ -71,9 +71,12 @@ class _Part:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        if name in type(self._section).model_fields and name not in self._keys:
-            raise _undeclared(f"{self._name}.{name}")
-        return getattr(self._section, name)
+        value = getattr(self._section, name)
+        if name not in type(self._section).model_fields or name in self._keys:
+            return value
+        if parts := {key.partition(".")[2] for key in self._keys if key.startswith(f"{name}.")}:
+            return _Part(f"{self._name}.{name}", value, parts)
+        raise _undeclared(f"{self._name}.{name}")
 
 
 class _Entries(dict[str, Any]):

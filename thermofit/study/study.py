@@ -118,7 +118,7 @@ class Study(Sections):
     def setting(self, name: str) -> float | ParameterStart | None:
         """What the study says of a parameter; of that of one experiment what that experiment says, else of the common one."""
         bare, _, experiment = name.partition(AT)
-        own = self.experiments[experiment].parameters if experiment in self.experiments else {}
+        own = self.experiments[experiment].parameters if experiment and experiment in self.experiments else {}
         return self.parameters.get(name, own.get(bare, self.parameters.get(bare)))
 
     def bounds(self, name: str) -> tuple[float, float]:

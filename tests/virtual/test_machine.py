@@ -13,7 +13,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.study.virtual import Machine, Simulate
 from thermofit.virtual.machine import (
-    Step,
+    CrossheadStep,
     bar_of,
     describe_programme,
     elongation,
@@ -37,7 +37,7 @@ PROGRAMME = (
 MACHINE = Machine()
 
 
-def steps_of(*actions: dict[str, float]) -> tuple[Step, ...]:
+def steps_of(*actions: dict[str, float]) -> tuple[CrossheadStep, ...]:
     return programme_of(Simulate.model_validate({"truth": {}, "programme": actions}).programme)
 
 
@@ -153,7 +153,11 @@ def test_slip_only_grows_and_stays_after_unloading() -> None:
 @given(st.floats(0.5, 8.0), st.floats(0.0, 1000.0), st.floats(8.5, 15.0), st.floats(0.05, 0.5))
 def test_any_loading_unloading_reloading_is_consistent(first: float, down: float, second: float, rate: float) -> None:
     bar = bar_of(DOGBONE, uniaxial_law(LAW))
-    steps = [Step("crosshead_to", first, rate), Step("force_to", down, -rate), Step("crosshead_to", second, rate)]
+    steps = [
+        CrossheadStep("crosshead_to", first, rate),
+        CrossheadStep("force_to", down, -rate),
+        CrossheadStep("crosshead_to", second, rate),
+    ]
     history = load_history(steps, bar, MACHINE, rate=2.0)
     largest = np.maximum.accumulate(history.force)
     give = elongation(bar, history.force, largest) + MACHINE.compliance * history.force + history.slip

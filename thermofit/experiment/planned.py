@@ -22,7 +22,7 @@ from thermofit.observe.observation_points import observation_points
 from thermofit.study.section import mesh_size
 from thermofit.study.study import Study
 from thermofit.study.virtual import Simulate, VirtualInstruments
-from thermofit.virtual.machine import LoadHistory, Step, bar_of, load_history, uniaxial_law
+from thermofit.virtual.machine import CrossheadStep, LoadHistory, bar_of, load_history, uniaxial_law
 from thermofit.virtual.setup import instrument_times, rigid_motion, solution_times
 
 INTERPOLATED = 0.5**0.5
@@ -50,7 +50,7 @@ def simulated(study: Study) -> Simulate:
     return study.simulate
 
 
-def planned(study: Study, steps: tuple[Step, ...], assumed: Parameters) -> Planned:
+def planned(study: Study, steps: tuple[CrossheadStep, ...], assumed: Parameters) -> Planned:
     """Planned of a programme with the assumed material.
 
     StudyError where the section `simulate` is missing or the programme cannot be carried out; NumericsError where the run fails.

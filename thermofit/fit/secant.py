@@ -101,7 +101,7 @@ BELIEVED = 0.5
 
 
 @dataclass(frozen=True)
-class State:
+class SearchState:
     """Point z (n_p,), its residual (n,) and Jacobian (n, n_p) with respect to z, half width `radius` of the trust box.
 
     `fresh`: the Jacobian was computed at z, not updated; `rejected`: trials in a row that did not lower f; `failed`: the last
@@ -152,35 +152,35 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
 
 
-def _first(evaluations: Evaluations, settings: Settings) -> State:
+def _first(evaluations: Evaluations, settings: Settings) -> SearchState:
     problem = evaluations.problem
     if problem.linearise is not None:
         return _exact(problem, problem.start, *evaluations.linearised(problem.start))
     residual = evaluations.residual(problem.start)
     given = problem.first_jacobian
     if given is not None and given.shape == (residual.size, len(problem.names)):
-        return State(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
+        return SearchState(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
     jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
-    return State(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
+    return SearchState(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
 
 
-def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> State:
+def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> SearchState:
     """The state at a point with an exact dr/dx (n, n_p)."""
     scaled = jacobian * problem.scale
     matrix = pinned(scaled, residual)
     told = matrix is scaled and residual.size >= 2 * (x.size + 1)
     curvature = Curvature(np.zeros((x.size, x.size))) if told else None
-    return State(to_scaled(problem, x), residual, matrix, FIRST_RADIUS_EXACT, curvature=curvature)
+    return SearchState(to_scaled(problem, x), residual, matrix, FIRST_RADIUS_EXACT, curvature=curvature)
 
 
-def _refresh(evaluations: Evaluations, state: State, settings: Settings) -> State:
+def _refresh(evaluations: Evaluations, state: SearchState, settings: Settings) -> SearchState:
     """The Jacobian computed at z. A box that shrank on account of an outdated one gets room again."""
     problem = evaluations.problem
     jacobian = jacobian_at(evaluations, from_scaled(problem, state.z), settings) * problem.scale
     return replace(state, jacobian=jacobian, fresh=True, rejected=0, radius=max(state.radius, 10.0 * settings.x_tolerance))
 
 
-def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
+def _step(evaluations: Evaluations, state: SearchState, radius: float) -> Step:
     """Minimum within bounds and box of the linear model, or of the quadratic one where that has proved better."""
     lower, upper = scaled_bounds(evaluations.problem)
     room = np.maximum(lower - state.z, -radius), np.minimum(upper - state.z, radius)
@@ -190,7 +190,7 @@ def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
     return replace(state.local, bounds=room).step
 
 
-def _full(evaluations: Evaluations, state: State) -> Step:
+def _full(evaluations: Evaluations, state: SearchState) -> Step:
     """The step without a box, by which a search ends. Where steps are based on second derivatives, which are learnt from few trials, the
     linear model must agree that nothing is left: the longer step and the larger drop of both."""
     plain = _step(evaluations, replace(state, curvature=None), np.inf)
@@ -200,7 +200,7 @@ def _full(evaluations: Evaluations, state: State) -> Step:
     return Step(max(plain.d, curved.d, key=lambda d: float(np.max(np.abs(d)))), max(plain.drop, curved.drop))
 
 
-def _advance(evaluations: Evaluations, state: State, settings: Settings) -> State:
+def _advance(evaluations: Evaluations, state: SearchState, settings: Settings) -> SearchState:
     """One trial step and the state after it."""
     problem = evaluations.problem
     step = _step(evaluations, state, state.radius)
@@ -227,7 +227,7 @@ def _advance(evaluations: Evaluations, state: State, settings: Settings) -> Stat
     z = to_scaled(problem, x)
     jacobian = _update(state, z - state.z, outcome.residual)
     if accepted:
-        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
+        moved = SearchState(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
         return moved if ratio >= BELIEVED else _refresh(evaluations, moved, settings)
     if state.fresh:
         return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
@@ -246,7 +246,7 @@ def _radius(radius: float, length: float, ratio: float) -> float:
     return (0.5 if ratio > 0.1 else 0.25) * length
 
 
-def _update(state: State, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
+def _update(state: SearchState, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Broyden's rank-one update: the smallest change of J that explains the residual after the step d."""
     square = float(d @ d)
     if square == 0.0:
@@ -255,7 +255,7 @@ def _update(state: State, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
     return np.asarray(state.jacobian + np.outer(miss, d / square))
 
 
-def _stuck(evaluations: Evaluations, state: State, settings: Settings) -> Ending:
+def _stuck(evaluations: Evaluations, state: SearchState, settings: Settings) -> Ending:
     """No step lowers f, down to the shortest. Where second derivatives outweigh J^T J, the linear model takes the noise of the residual
     for many times the drop that the quadratic one does: that one decides."""
     curvature = None if state.curvature is None else replace(state.curvature, used=True)

@@ -398,7 +398,7 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     if smoothing == "none":
         inner = record.time[1:-1]
         curve = Curve(record.time[[0, -1]], (inner,), (1,), record.force)
-        return _summary(record, phases, level, (curve, curve, np.full(record.time.size, level**2)))
+        return _summary(record, phases, level, curve, curve, np.full(record.time.size, level**2))
     if phases.kinks.size + phases.knees.size > _MOST_BREAKS:
         raise DataError(
             f"force record: found {phases.kinks.size} kinks and {phases.knees.size} knees at a noise of {level:.3g} N, "
@@ -414,7 +414,7 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     fit = fit_curve(curve, record.time, record.force)
     fit = _without_reversals(fit, record, phases, sigma)
     finer = _finer(fit, record)
-    return _summary(record, phases, level, (fit.curve, finer.curve, level**2 * finer.solve(np.eye(finer.curve.coefficients.size))))
+    return _summary(record, phases, level, fit.curve, finer.curve, level**2 * finer.solve(np.eye(finer.curve.coefficients.size)))
 
 
 def _settle_knees(record: ForceRecord, phases: Phases, sigma: float) -> np.ndarray:
@@ -583,9 +583,8 @@ def _chi_square(fit: Fit, sigma: float) -> float:
     return float(fit.residual @ fit.residual) / sigma**2
 
 
-def _summary(record: ForceRecord, phases: Phases, noise: float, result: tuple[Curve, Curve, np.ndarray]) -> SmoothForce:
+def _summary(record: ForceRecord, phases: Phases, noise: float, curve: Curve, finer: Curve, covariance: np.ndarray) -> SmoothForce:
     """The smoothed force with what was taken away, in numbers."""
-    curve, finer, covariance = result
     force = curve.evaluate(record.time)
     residual = record.force - force
     power = float(residual @ residual)
@@ -628,13 +627,12 @@ def step_times(smooth: SmoothForce, required: np.ndarray, tolerance: float, max_
     end = float(wanted.max()) if wanted.size else last
     forced = programme_times(smooth)
     fixed = np.unique(np.concatenate([[first], wanted, forced[(forced > first) & (forced < end)], [end]]))
-    parts = [_subdivide(smooth, a, b, (tolerance, max_dt)) for a, b in pairwise(fixed)]
+    parts = [_subdivide(smooth, a, b, tolerance, max_dt) for a, b in pairwise(fixed)]
     return np.concatenate([*parts, fixed[-1:]])
 
 
-def _subdivide(smooth: SmoothForce, a: float, b: float, limits: tuple[float, float]) -> np.ndarray:
-    """Step times in [a, b), a among them, for a gap without break; limits = (tolerance N, largest step s)."""
-    tolerance, max_dt = limits
+def _subdivide(smooth: SmoothForce, a: float, b: float, tolerance: float, max_dt: float) -> np.ndarray:
+    """Step times in [a, b), a among them, for a gap without break; tolerance N, largest step s."""
     inner = smooth.knots[(smooth.knots > a) & (smooth.knots < b)]
     marks = np.concatenate([[a], inner, [b]])
     fine = np.unique((marks[:-1, None] + np.diff(marks)[:, None] * np.linspace(0.0, 1.0, _FINE + 1)).ravel())

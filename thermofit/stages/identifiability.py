@@ -85,8 +85,8 @@ def run(study: Study, options: Options | None = None, *, force: bool = False, wh
     def make() -> Made:
         set_threads(study.numerics.threads)
         if options.compare is not None:
-            return _compared(study, key, options, (task, where))
-        return _analysis(study, key, options, (task, where))
+            return _compared(study, key, options, task, where)
+        return _analysis(study, key, options, task, where)
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)
@@ -121,8 +121,7 @@ def _job(study: Study, options: Options, key: str) -> Job:
     return job(study.run_dir, name, config, inputs)
 
 
-def _analysis(study: Study, key: str, options: Options, how: tuple[Job, Executor]) -> Made:
-    task, where = how
+def _analysis(study: Study, key: str, options: Options, task: Job, where: Executor) -> Made:
     subject = Subject(study, key, options.programme if options.before else None)
     ready = prepared(subject)
     kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, ready.base))
@@ -244,9 +243,8 @@ def _saved(study: Study, stage: str, figures: Mapping[str, Figure | None]) -> li
         raise StudyError(f"'{folder}' cannot be written ({error}): expected a writable folder with free space") from error
 
 
-def _compared(study: Study, key: str, options: Options, how: tuple[Job, Executor]) -> Made:
+def _compared(study: Study, key: str, options: Options, task: Job, where: Executor) -> Made:
     """Programmes ranked by the intervals that they would give."""
-    task, where = how
     assert options.compare is not None
     names = options.compare or experiment_of(study).programmes
     kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, Parameters.of({})))

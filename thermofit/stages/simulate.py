@@ -67,7 +67,7 @@ def _make(study: Study, settings: Simulate) -> Made:
     load = load_history(steps, bar_of(specimen, law), settings.machine, settings.force.rate)
     dic_time, ir_time = instrument_times(load, settings, settings.seed)
     times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step)
-    body, history = _solve(study, truth, (specimen, mesh_size(settings.mesh)), load, times)
+    body, history = _solve(study, truth, specimen, mesh_size(settings.mesh), load, times)
     face = body.mesh.node_sets["face"]
     fields = VirtualFields(
         specimen=specimen,
@@ -103,8 +103,9 @@ def refuse_unseen(study: Study) -> None:
             )
 
 
-def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray) -> tuple[Body, History]:
-    specimen, size = what
+def _solve(
+    study: Study, truth: Parameters, specimen: Specimen, size: MeshSize, load: LoadHistory, times: np.ndarray
+) -> tuple[Body, History]:
     body = tension_body(dogbone_mesh(specimen, size.n_x, size.n_y, size.n_z))
     numerics = study.numerics
     settings = MarchSettings(

@@ -34,7 +34,7 @@ _TINY_FORCE = 1e-6
 
 
 @dataclass(frozen=True)
-class Step:
+class CrossheadStep:
     """One item of the programme: `kind` is hold (s), crosshead_to (mm), force_to (N) or hold_force_until (s).
 
     `rate` is the signed crosshead rate in mm/s (zero for the holds).
@@ -184,12 +184,12 @@ def _force_at(crosshead: Callable[[np.ndarray], np.ndarray], target: np.ndarray,
     return np.asarray(0.5 * (low + high))
 
 
-def programme_of(actions: Sequence[Action]) -> tuple[Step, ...]:
+def programme_of(actions: Sequence[Action]) -> tuple[CrossheadStep, ...]:
     """Steps of a `simulate.programme`."""
-    return tuple(Step(action.kind, getattr(action, action.kind), getattr(action, "rate", 0.0)) for action in actions)
+    return tuple(CrossheadStep(action.kind, getattr(action, action.kind), getattr(action, "rate", 0.0)) for action in actions)
 
 
-def describe_programme(steps: Sequence[Step]) -> tuple[str, ...]:
+def describe_programme(steps: Sequence[CrossheadStep]) -> tuple[str, ...]:
     """The programme in words, one line per step, as in `experiment.yaml`."""
     words = {
         "hold": "crosshead at rest for {0:g} s",
@@ -201,7 +201,7 @@ def describe_programme(steps: Sequence[Step]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class _State:
+class _Standing:
     """Where the programme stands: time s, force N, crosshead mm, largest force so far N."""
 
     time: float = 0.0
@@ -210,7 +210,7 @@ class _State:
     largest: float = 0.0
 
 
-def _advance(state: _State, step: Step, bar: Bar, machine: Machine) -> _State:
+def _advance(state: _Standing, step: CrossheadStep, bar: Bar, machine: Machine) -> _Standing:
     """State at the end of a step; StudyError where the machine or the material cannot do it."""
     if step.kind == "hold":
         return replace(state, time=state.time + step.target)
@@ -250,10 +250,10 @@ def _advance(state: _State, step: Step, bar: Bar, machine: Machine) -> _State:
             f"programme: {step.kind} {step.target:g} is never reached from crosshead {state.crosshead:.3f} mm with a rate of "
             f"{step.rate:g} mm/s; change its sign"
         )
-    return _State(state.time + duration, float(force), position, max(state.largest, float(force)))
+    return _Standing(state.time + duration, float(force), position, max(state.largest, float(force)))
 
 
-def _segment(start: _State, end: _State, time: np.ndarray, bar: Bar, machine: Machine) -> tuple[np.ndarray, np.ndarray]:
+def _segment(start: _Standing, end: _Standing, time: np.ndarray, bar: Bar, machine: Machine) -> tuple[np.ndarray, np.ndarray]:
     """Force N and crosshead mm (n,) at `time` (n,) inside one step."""
     share = (time - start.time) / max(end.time - start.time, 1e-300)
     position = start.crosshead + (end.crosshead - start.crosshead) * share
@@ -262,13 +262,13 @@ def _segment(start: _State, end: _State, time: np.ndarray, bar: Bar, machine: Ma
     return _force_at(lambda f: _crosshead(bar, machine, f, start.largest), position, bar.capacity), position
 
 
-def load_history(steps: Sequence[Step], bar: Bar, machine: Machine, rate: float = 10.0) -> LoadHistory:
+def load_history(steps: Sequence[CrossheadStep], bar: Bar, machine: Machine, rate: float = 10.0) -> LoadHistory:
     """Force history of a crosshead programme.
 
     `rate` in Hz is that of the load cell. The history is isothermal: thermal strains (some um) appear only in the
     crosshead of the finite-element run. StudyError where the programme is empty or cannot be carried out.
     """
-    states = [_State()]
+    states = [_Standing()]
     for step in steps:
         states.append(_advance(states[-1], step, bar, machine))
     end = states[-1].time

@@ -84,7 +84,7 @@ RATES = (1e-4, 1e-3, 1e-2)
 @dataclass(frozen=True)
 class Kind:
     """A kind of test: named programme of its records, range of the largest strain, samples of a record, whether the temperature is
-    measured, how many records, and whether each has a rate of its own."""
+    measured, how many records, whether each has a rate of its own, and by how many kelvin each is above the one before, as declared."""
 
     named: str
     peaks: tuple[float, float]
@@ -92,6 +92,7 @@ class Kind:
     hot: bool = False
     records: int = 1
     of_each_rate: bool = False
+    warmer: float = 0.0
 
 
 ALL_IN_ONE = "all-in-one"
@@ -103,6 +104,7 @@ KINDS: Mapping[str, Kind] = {
     "cycles": Kind("cycles", (0.012, 0.03), 480),
     "three-rates": Kind("monotonic", (0.04, 0.12), 200, records=3, of_each_rate=True),
     "repeats": Kind("monotonic", (0.04, 0.12), 200, records=3),
+    "three-temperatures": Kind("monotonic", (0.04, 0.12), 200, records=3, warmer=60.0),
 }
 Path_ = tuple[str, np.ndarray, np.ndarray, tuple[TestPhase, ...]]
 """Name, time s, strain, and phases of a record."""
@@ -165,12 +167,14 @@ def measured(world: World, planted: Mapping[str, float]) -> CouponData:
     true = {"strain": NOISE["strain"], **{name: world.noise * NOISE[name] for name in ("stress", "theta")}}
     declared = {name: sigma * world.declared.get(name, 1.0) for name, sigma in true.items()}
     tests = []
-    for name, t, strain, phases in paths(world):
+    for number, (name, t, strain, phases) in enumerate(paths(world)):
+        air = AIR + number * KINDS[world.programme].warmer
+        own = parameters.replace(theta_air=air, theta_ref=air, theta_clamp=air)
         index = np.arange((len(t) - 1) * FINER + 1) / FINER
         fine = np.interp(index, np.arange(len(t)), t), np.interp(index, np.arange(len(t)), strain)
-        history = simulate(parameters, Programme.by_strain(*fine, AIR), SETTINGS).every(FINER)
-        bare = CouponTest(name, t, strain, history.stress, None, AIR, AIR, declared, phases)
-        theta = shown(history.theta_sensor, bare, parameters) + true["theta"] * random.normal(size=len(t))
+        history = simulate(own, Programme.by_strain(*fine, air), SETTINGS).every(FINER)
+        bare = CouponTest(name, t, strain, history.stress, None, air, air, declared, phases)
+        theta = shown(history.theta_sensor, bare, own) + true["theta"] * random.normal(size=len(t))
         stress = history.stress + true["stress"] * random.normal(size=len(t))
         tests.append(replace(bare, stress=stress, theta=theta if hot else None))
     return CouponData(tuple(tests), "strain")

@@ -198,7 +198,7 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
     parameters, fit = refit(base, "joint")
-    case = replace(_case(study, data, model, parameters, hot), cheap=True)
+    case = replace(_case(study, data, model, parameters, hot), cheap=True, bounds=study.bounds)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     numerical = 2.0 * (model.residual(parameters) - coupon_model(fine, data, settings, base).residual(parameters))
     found = close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)

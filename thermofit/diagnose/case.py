@@ -18,6 +18,7 @@ from thermofit.experiment.known_motion import Direction, acts_in_heat
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span, span_of
+from thermofit.experiment.trust import Bounds, physical
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
 
@@ -98,6 +99,10 @@ class Case:
     """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
+    held: tuple[str, ...] = ()
+    """Parameters that an earlier stage has told, which are fitted again once nothing but noise is left."""
+    bounds: Bounds = physical
+    """Bounds of every fitted parameter: the study's, or else the physical ones."""
 
     @property
     def rows(self) -> Rows:
@@ -227,11 +232,11 @@ def untold(known: Sequence[Effect], parameters: Parameters, there: FlowCondition
     if narrow:
         names, (cold, hot) = ", ".join(e.name for e in narrow), there.temperatures
         least = min(max(e.span, ONE_TEMPERATURE) for e in narrow)
-        computed = f"; {there.computed:.2g} K of self-heating are computed, not measured, and do not count" if there.computed >= 1.0 else ""
+        only = f"; {there.computed:.2g} K of self-heating are computed, not measured, and do not count" if there.computed >= 1.0 else ""
         said.append(
-            f"not asked for {names}: as measured or declared, the records flow at {cold:.0f} to {hot:.0f} K, {there.span:.2g} K apart at "
-            f"the same plastic strain, expected more than {least:g} K{computed}; hardening would explain the same, a record at another "
-            "temperature would tell"
+            f"not asked for {names}: as measured or declared, the records flow at {cold:.0f} to {hot:.0f} K, {round(there.span, 1):g} K "
+            f"apart at the same plastic strain, expected more than {least:g} K{only}; hardening would explain the same, a record at "
+            "another temperature would tell"
         )
     return tuple(e for e in known if e not in (*steady, *narrow)), tuple(said)
 

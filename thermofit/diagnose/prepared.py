@@ -117,9 +117,11 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
         sharper=_sharper(joint, refit),
         heated=refit.heated,
         correlation_length=joint.correlation_length,
+        held=joint.held,
+        bounds=study.bounds,
     )
     assert joint.numerical is not None
-    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*said, *_unknown_force(study, joint)))
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*said, *joint.remarks, *_unknown_force(study, joint)))
 
 
 def _unknown_force(study: Study, joint: JointProblem) -> tuple[str, ...]:

@@ -59,6 +59,9 @@ class JointProblem:
     """At which rates and temperatures the material flows; None where that varies over the specimen."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
+    held: tuple[str, ...] = ()
+    """Parameters that an earlier stage has told, which stay there as long as the model misses more than noise."""
+    remarks: tuple[str, ...] = ()
 
     @property
     def each(self) -> Mapping[str, StageModel]:

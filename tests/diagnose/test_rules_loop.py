@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import param
 from thermofit.diagnose import loop as module
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import (
@@ -24,7 +24,6 @@ from thermofit.diagnose.loop import (
     candidates,
     close_loop,
     next_round,
-    released,
 )
 from thermofit.diagnose.rejudge import Rejudged
 from thermofit.diagnose.score import Score
@@ -195,22 +194,6 @@ def test_what_the_last_round_accepted_is_not_asked_whether_it_is_still_needed(mo
 
 
 @dataclass(frozen=True)
-class Held:
-    """A case of which only this counts."""
-
-    parameters: Parameters
-    held: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Released:
-    """A trace of which only this counts."""
-
-    case: Held
-    columns: Any
-
-
-@dataclass(frozen=True)
 class Ranked:
     """A ranking of which only the scores count."""
 
@@ -244,7 +227,7 @@ def looped(
         return Rejudged(here, fit, gone, tuple(f"{n} is gone" for n in gone))
 
     here: Any = Shown(
-        case=SimpleNamespace(sharper=None, parameters=None, held=()),
+        case=SimpleNamespace(sharper=None, parameters=None),
         ranking=Ranked((score("e"), score("rival"))),
         unjudged={"lamp": "no run"},
         promising=lambda: (score("rival"),),
@@ -269,25 +252,6 @@ def test_what_is_accepted_is_judged_again_and_what_was_taken_back_is_not_asked_a
     assert found.accepted == () and found.dropped == ("e",) and found.remarks == ("backward", "base")
     assert asked == [("e", "rival"), (("e",), {"E": "at its bound"}), ("rival",)]
     assert looped(monkeypatch, [], trial("e", 0.5), 3).dropped == ()
-
-
-@pytest.mark.parametrize(("left", "held", "freed"), [(1.2, ("E",), True), (1.3, ("E",), False), (1.2, (), False)])
-def test_what_an_earlier_stage_told_is_fitted_again_where_nothing_but_noise_is_left(
-    left: float, held: tuple[str, ...], freed: bool
-) -> None:
-    here = Released(Held(Parameters.of({"E": 2e5, "M_y0": 300.0}, ("M_y0",)), held), SimpleNamespace(residual=np.full(9, left)))
-    means: Any = SimpleNamespace(refit=lambda start, _: (start, "fit"), traced=lambda t, parameters: (t.case.held, parameters.free))
-    found: Any = released(here, "old", means)  # type: ignore[arg-type]
-    assert found == ((((), ("E", "M_y0")), "fit", ()) if freed else (here, "old", ()))
-
-
-def test_a_release_that_fails_is_said() -> None:
-    def failing(start: Any, label: str) -> Any:
-        raise NumericsError("no run")
-
-    here: Any = Released(Held(Parameters.of({"E": 2e5}, ()), ("E",)), SimpleNamespace(residual=np.ones(9)))
-    means: Any = SimpleNamespace(refit=failing)
-    assert released(here, FIT, means)[2] == ("E stays as the elastic range told it: the fit with it free failed (no run)",)
 
 
 def test_what_no_run_of_the_last_round_could_judge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

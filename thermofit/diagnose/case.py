@@ -99,8 +99,6 @@ class Case:
     """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
-    held: tuple[str, ...] = ()
-    """Parameters that an earlier stage has told, which are fitted again once nothing but noise is left."""
     bounds: Bounds = physical
     """Bounds of every fitted parameter: the study's, or else the physical ones."""
 

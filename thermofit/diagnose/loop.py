@@ -20,7 +20,6 @@ from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
-from thermofit.experiment.trust import WHOLE
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -116,8 +115,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         trial, (end, end_fit) = winner
         rounds.append(Round(here, tuple(trials), trial.effects, place_of(end)))
         again = rejudged(end, end_fit, (*accepted, *trial.effects), ends_of_fit(here, fit), Means(refit, numerical, how))
-        here, fit, failed = released(again.here, again.fit, Means(refit, numerical, how))
-        remarks += failed
+        here, fit = again.here, again.fit
         dropped += again.dropped
         remarks += again.remarks
         accepted = [n for n in (*accepted, *trial.effects) if n not in dropped]
@@ -133,19 +131,6 @@ def _without_scores(here: Traced, names: Sequence[str]) -> Traced:
     """A trace that does not ask for effects that were taken back: they would come and go without end."""
     scores = tuple(s for s in here.ranking.scores if s.effect not in names)
     return replace(here, ranking=replace(here.ranking, scores=scores)) if names else here
-
-
-def released(here: Traced, fit: FitResult, means: Means) -> tuple[Traced, FitResult, tuple[str, ...]]:
-    """The state with parameters fitted as well that an earlier stage has told, where nothing but noise is left: all data then know them
-    better. What failed is said."""
-    if not here.case.held or float(np.sqrt(np.mean(here.columns.residual**2))) > WHOLE:
-        return here, fit, ()
-    start = here.case.parameters.with_free((*here.case.held, *here.case.parameters.free))
-    try:
-        parameters, after = means.refit(start, f"with {' '.join(here.case.held)}")
-    except NumericsError as error:
-        return here, fit, (f"{', '.join(here.case.held)} stays as the elastic range told it: the fit with it free failed ({error})",)
-    return means.traced(replace(here, case=replace(here.case, held=())), parameters), after, ()
 
 
 def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:

@@ -18,6 +18,7 @@ from operating_draw import World, worlds
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case, untold
 from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.prepared import within
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
@@ -193,7 +194,12 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     hot = KINDS[world.programme].hot
     study = _study(hot)
     start = study.start_parameters(data)
-    settings = CouponExperiment(study, given=data).widened(start)
+    experiment = CouponExperiment(study, given=data)
+    slopes = [line.slope for test in data.tests if (line := test.line) is not None]
+    if slopes:  # what `identify-elastic` would find
+        start = start.replace(E=float(np.mean(slopes)))
+        study = within(study, start, experiment.told(start))
+    settings = experiment.widened(start)
     base = start.with_free(settings.free)  # type: ignore[arg-type]
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))

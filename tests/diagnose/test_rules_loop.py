@@ -39,8 +39,8 @@ def score(name: str, z: float = 9.0, family: tuple[str, ...] = (), **told: Any) 
     return replace(Score(name, z, 10.0, 0.0, {}, {}, 1.0, 0.0, "", (name, *family)), **told)
 
 
-def trial(name: str, gain: float, refused: str = "", unjudged: bool = False) -> Trial:
-    return Trial(tuple(score(n) for n in name.split()), replace(GOOD, gain=gain), {}, {}, 0.0, refused, unjudged=unjudged)
+def trial(name: str, gain: float, refused: str = "", unjudged: bool = False, adrift: tuple[str, ...] = ()) -> Trial:
+    return Trial(tuple(score(n) for n in name.split()), replace(GOOD, gain=gain), {}, {}, 0.0, refused, unjudged=unjudged, adrift=adrift)
 
 
 def turned(
@@ -56,16 +56,22 @@ def turned(
     near: tuple[str, ...] = (),
     fitted: str = "",
     bounds: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+    adrift: str = "",
 ) -> tuple[list[str], Trial | None]:
     """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart, by two
-    standard errors, `near`: by one; `fitted`: those with one more parameter; `bounds`: what ends at a bound by candidate, "": before."""
+    standard errors, `near`: by one; `fitted`: those with one more parameter; `bounds`: what ends at a bound by candidate, "": before;
+    `adrift`: those with an exponent that no fit has settled."""
 
     def end(name: str) -> Any:
         return SimpleNamespace(name=name, case=SimpleNamespace(parameters=SimpleNamespace(free=("E",) * (1 + (name in fitted)))))
 
     def refitted(here: Any, fit: Any, one: Score, means: Any) -> Any:
         gain = gains[one.effect]
-        return (trial(one.effect, 0.99, "no"), None) if gain is None else (trial(one.effect, gain), (end(one.effect), "fit"))
+        return (
+            (trial(one.effect, 0.99, "no"), None)
+            if gain is None
+            else (trial(one.effect, gain, adrift=("b",) * (one.effect in adrift)), (end(one.effect), "fit"))
+        )
 
     def pairs(*_: Any) -> Any:
         both = trial("p q", 0.0 if pair is None else pair)
@@ -139,6 +145,7 @@ def test_of_refits_within_one_standard_error_one_that_drives_nothing_to_a_bound_
     assert won(monkeypatch, gains, **own, bounds={"a": ("E",)}) == "b" and won(monkeypatch, gains, **own, bounds={"b": ("E",)}) == "a"
     assert won(monkeypatch, gains, **own, bounds={"": ("E",), "a": ("E",)}) == "a"
     assert won(monkeypatch, gains, **own | {"near": ()}, bounds={"b": ("E",)}) == "b", "not at the price of the prediction"
+    assert won(monkeypatch, gains, **own, adrift="a") == "b", "nor one with an exponent adrift"
 
 
 def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:

@@ -285,9 +285,11 @@ def test_an_end_that_does_not_settle_is_not_taken(monkeypatch: pytest.MonkeyPatc
 
 def test_exponents_that_do_not_settle_are_held_where_they_came_to(monkeypatch: pytest.MonkeyPatch) -> None:
     gains = {"held": (0.1, ""), " ".join(BOTH): (0.9, ""), "there": (0.3, "")}
-    said = ended(monkeypatch, gains, {BOTH: False}, settles=True).exponents
-    assert said.startswith("there: held at second_hardening.b = 60, lamp.start = 30, where a fit that does not settle has brought them")
-    assert ended(monkeypatch, gains | {"there": (0.05, "")}, {BOTH: False}, settles=True).exponents.startswith("held: ")
+    found = ended(monkeypatch, gains, {BOTH: False}, settles=True)
+    said = "there: held at second_hardening.b = 60, lamp.start = 30, where a fit that does not settle has brought them"
+    assert found.exponents.startswith(said) and found.adrift == BOTH
+    found = ended(monkeypatch, gains | {"there": (0.05, "")}, {BOTH: False}, settles=True)
+    assert found.exponents.startswith("held: ") and found.adrift == ()
 
 
 def at_scans(

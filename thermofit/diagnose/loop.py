@@ -136,7 +136,8 @@ def _without_scores(here: Traced, names: Sequence[str]) -> Traced:
 def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
     """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect.
 
-    Of coupons, of which all are refitted: of those that predict about as well one that drives nothing to a bound, the simplest of these."""
+    Of coupons, of which all are refitted: of those that predict about as well one of which every parameter is determined, and of these the
+    simplest."""
     trials: list[Trial] = []
     ends: dict[str, Traced] = {}
     passed: list[tuple[Trial, Accepted]] = []
@@ -167,11 +168,15 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
 
 
 def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]], before: Mapping[str, str]) -> tuple[Trial, Accepted]:
-    """Of the refits that the best one does not beat by more than a standard error, the one that drives the fewest parameters to a bound
-    that were not there `before`, of these the one with the fewest fitted ones (the rule of one standard error, Breiman et al. 1984), of
-    these the one with the largest gain."""
+    """Of the refits that the best one does not beat by more than a standard error, the one with the fewest parameters that have no value of
+    their own and were not so `before` (at a bound, or an exponent adrift), of these the one with the fewest fitted ones (the rule of one
+    standard error, Breiman et al. 1984), of these the one with the largest gain."""
     near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], NEAR)]
-    return min(near, key=lambda one: (len(set(ends_of_fit(*one[1])) - set(before)), len(one[1][0].case.parameters.free), -one[0].gain))
+
+    def loose(one: tuple[Trial, Accepted]) -> int:
+        return len(set(ends_of_fit(*one[1])) - set(before)) + len(one[0].adrift)
+
+    return min(near, key=lambda one: (loose(one), len(one[1][0].case.parameters.free), -one[0].gain))
 
 
 def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Trial:

@@ -52,6 +52,8 @@ class Trial:
     readings: str = ""
     unjudged: bool = False
     """True where no run could judge it: the data may hold it or not."""
+    adrift: tuple[str, ...] = ()
+    """Exponents that are held where a fit which does not settle has brought them: the data have moved them, and not determined them."""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -170,19 +172,22 @@ def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, 
         trial, found = judged_trial(here, fit, scores, freed or end, means)
         return replace(trial, exponents=said), found
     held = _held(parameters, scanned) if scanned else ""
+    adrift: tuple[str, ...] = ()
     if freed is not None:
         said, of_freed = f"{held}: freeing them gains nothing on held-out data", said
         if not freed[1].converged:  # what does not settle is not determined, however well it interpolates: it is held where it has come to
             said = f"{held}: with them free the fit does not settle"
             freed, of_freed = _held_there(freed, scanned, label, means.refit)
-    ends = [(end, said)] + ([(freed, of_freed)] if freed is not None else [])
+            adrift = scanned
+    none: tuple[str, ...] = ()
+    ends = [(end, said, none)] + ([(freed, of_freed, adrift)] if freed is not None else [])
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
         parts = groups if len(names) > 1 else [(name,) for name in scanned]
         singly = [(freed_refit(end, part, label, means.refit), part) for part in parts if part]
-        ends += [(one[0], f"{', '.join(part)} {one[1]}") for one, part in singly if one[0] is not None and one[0][1].converged]
-    judged = [(*judged_trial(here, fit, scores, e, means), words) for e, words in ends]
-    trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
-    return replace(trial, exponents=said), found
+        ends += [(one[0], f"{', '.join(part)} {one[1]}", none) for one, part in singly if one[0] is not None and one[0][1].converged]
+    judged = [(*judged_trial(here, fit, scores, e, means), words, loose) for e, words, loose in ends]
+    trial, found, said, loose = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
+    return replace(trial, exponents=said, adrift=loose), found
 
 
 def _held_there(end: End, scanned: Sequence[str], label: str, refit: Refit) -> tuple[End | None, str]:

@@ -19,7 +19,7 @@ from thermofit.experiment.protocol import JointProblem
 from thermofit.fit.result import FitResult
 from thermofit.study.section import MeshSize
 
-STUDY = cast(Any, SimpleNamespace(source=SimpleNamespace(name="study.yaml")))
+STUDY = cast(Any, SimpleNamespace(source=SimpleNamespace(name="study.yaml"), bounds=lambda _: (0.0, 1.0)))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from thermofit.law.page import law_of
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
 SMALL = (2, 4, 2)
 CALCULIX_FACES = ((1, 2, 3, 4), (5, 8, 7, 6), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 8, 4), (4, 8, 5, 1))

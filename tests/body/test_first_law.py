@@ -14,7 +14,7 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import virgin_state
 from thermofit.law.page import internal_energy, law_of
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.point.state import ALPHA, LAMBDA
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
@@ -46,6 +45,7 @@ from thermofit.observe.observation_points import ObservationPoints, observation_
 from thermofit.observe.projection import (
     Patches,
     Projected,
+    face_patches,
     in_line,
     project_displacements,
     project_temperatures,
@@ -63,8 +63,6 @@ from thermofit.study.study import Study
 CALIBRATE = "calibrate-ir"
 _LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
 """Noise of data without noise: sigma must not vanish, because it divides the residual."""
-_SAME_PLACE = 1e-6
-"""mm; nodes that are nearer are one."""
 
 
 @dataclass(frozen=True)
@@ -142,13 +140,6 @@ class Face:
     specimen: Specimen
     points: ObservationPoints
 
-    @property
-    def patches(self) -> Patches:
-        """Patches of the compared points among all nodes of the face."""
-        every = observation_points(self.mesh.nodes, self.mesh.node_sets["face"], np.inf, np.inf).xy
-        away, _ = cKDTree(self.points.xy).query(every)
-        return Patches(self.points.xy, every[away > _SAME_PLACE])
-
     def near_edge(self, xy: np.ndarray, margin: float, shape: str) -> np.ndarray:
         """True (n,) for places (n, 2) mm nearer than `margin` mm to the free edges of the face, or beyond them."""
         inside = edge_distance(self.specimen, xy) if shape in ("dogbone", "bar") else distance_to_edge(face_quads(self.mesh), xy)
@@ -161,14 +152,15 @@ Fields = list[FieldObservation]
 def _projected(study: Study, dic: DicField, record: Record | None, face: Face, summary: dict[str, Any]) -> Fields:
     """Displacements and, where the cameras saw them, temperatures as means over the patches of the nodes; the summary says what of the data
     was used."""
-    noise, patches = _displacement_noise(study, dic, summary), face.patches
+    noise, patches = _displacement_noise(study, dic, summary), face_patches(face.mesh, face.points)
     wanted = study.evaluation.displacement_times
     good = in_line(dic, noise)
     at = project_displacements(dic, patches, good, None if wanted == "stages" else np.asarray(wanted, dtype=float))
     u = _means("u", at, face, noise, "mm")
     scatter = _scatter(u, study.noise.displacement is None, summary)
     fields = [replace(u, sigma=scatter * u.sigma)]
-    summary["displacement"] |= {"nodes": len(patches.xy), **at.counts, **_used(at, "points", fields[0], noise.mean(), scatter)}
+    summary["displacement"] |= {"nodes": len(patches.xy), **at.counts}
+    summary["nodal_values"] = [_used(at, "points", fields[0], scatter * float(noise.mean()))]
     if record is not None:
         fields.append(_projected_temperature(study, record, dic, good, (face, patches), summary))
     return fields
@@ -202,8 +194,8 @@ def _projected_temperature(
         "fixed_pattern_frames": pattern.frames,
         "bad_pixels": pattern.bad,
         **at.counts,
-        **_used(at, "pixels", theta, noise, scatter),
     }
+    summary["nodal_values"].append(_used(at, "pixels", theta, scatter * noise))
     return theta
 
 
@@ -239,11 +231,21 @@ def _scatter(field: FieldObservation, estimated: bool, summary: dict[str, Any]) 
     return ratio
 
 
-def _used(at: Projected, what: str, field: FieldObservation, noise: float, scatter: float) -> dict[str, Any]:
-    """Share of the data used, median standard error of a nodal value, and the one that all data in the window would give."""
-    number, used = at.counts[f"{what}_in_window"], at.counts[f"{what}_used"]
-    best = noise * np.sqrt(at.mask.size / max(number, 1)) * scatter
-    return {"share_used": used / max(number, 1), "standard_error": float(np.nanmedian(field.sigma)), "best_standard_error": float(best)}
+def _used(at: Projected, what: str, field: FieldObservation, noise: float) -> dict[str, Any]:
+    """What is told of a field: share of the data used, median standard error of a nodal value, and the one that all data of its patch would
+    give. `noise` is the standard error of one value."""
+    whole = noise / np.sqrt(np.maximum(at.there, 1.0))
+    return {
+        "field": field.name,
+        "nodes": at.mask.shape[1],
+        "data": what,
+        "used": at.counts[f"{what}_used"],
+        "in_window": at.counts[f"{what}_in_window"],
+        "share_used": at.counts[f"{what}_used"] / max(at.counts[f"{what}_in_window"], 1),
+        "standard_error": float(np.nanmedian(field.sigma)),
+        "best": float(np.median(whole[at.there > 0])) if (at.there > 0).any() else None,
+        "unit": field.unit,
+    }
 
 
 def _three_point(study: Study, dic: DicField, record: Record | None, face: Face, summary: dict[str, Any]) -> Fields:
@@ -461,5 +463,7 @@ def _verdict(summary: dict[str, Any], fields: list[FieldObservation]) -> str:
         parts.append(f"theta at {len(fields[1].time)} times, noise {1e3 * summary['temperature']['noise_K']:.1f} mK")
     force = summary["force"]
     parts.append(f"force smoothed to {force['residual_rms_N']:.2f} N (noise {force['noise_N']:.2f} N)")
-    lost = [f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
+    size = {"mm": (1e3, "um"), "K": (1e3, "mK")}
+    each = [f"{size[f.unit][0] * float(np.nanmedian(f.sigma)):.2f} {size[f.unit][1]}" for f in fields]
+    lost = [f"standard error of a nodal value {', '.join(each)}", f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
     return "; ".join(parts + lost)

@@ -15,11 +15,13 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
+from thermofit.body.mesh.mesh import Mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, InfraredSequence
 from thermofit.observe.fixed_pattern import Rest
 from thermofit.observe.interpolation import PixelMap, TimeWeights, time_weights
 from thermofit.observe.noise import robust_sigma
+from thermofit.observe.observation_points import ObservationPoints, observation_points
 from thermofit.observe.patches import MOMENTS, terms
 from thermofit.observe.triangles import point_spacing
 
@@ -35,6 +37,8 @@ _NEIGHBOURS = 16
 _JUDGED = 0.75
 """Share of its neighbours that must be measured for a point to be judged."""
 _FILLS, _JUDGEMENTS = 4, 5
+_SAME_PLACE = 1e-6
+"""mm; nodes that are nearer are one."""
 _RASTER = 12
 """Raster cells along the shortest distance between two nodes."""
 _LATTICE = 0.5
@@ -47,12 +51,14 @@ _ROUNDS, _CONVERGED = 60, 1e-5
 
 @dataclass(frozen=True)
 class Projected:
-    """`time` s (n_t,), `value` (n_t, m, n_c), `points` (n_t, m) in every mean, `sigma_factor` (n_t, m) of a value over that of one point,
-    `mask` (n_t, m), `moments` (n_t, m, 5) mm, mm^2 of the points about the node (`patches`), `counts` of what was used and left out."""
+    """`time` s (n_t,), `value` (n_t, m, n_c), `points` (n_t, m) in every mean of the `there` (n_t, m) that lie in the patch, `sigma_factor`
+    (n_t, m) of a value over that of one point, `mask` (n_t, m), `moments` (n_t, m, 5) mm, mm^2 of the points about the node (`patches`),
+    `counts` of what was used and left out."""
 
     time: np.ndarray
     value: np.ndarray
     points: np.ndarray
+    there: np.ndarray
     sigma_factor: np.ndarray
     mask: np.ndarray
     moments: np.ndarray
@@ -121,6 +127,13 @@ class Raster:
         return out
 
 
+def face_patches(mesh: Mesh, points: ObservationPoints) -> Patches:
+    """Patches of the compared points among all nodes of the face of their mesh, on both sides of its symmetry plane."""
+    every = observation_points(mesh.nodes, mesh.node_sets["face"], np.inf, np.inf).xy
+    away, _ = cKDTree(points.xy).query(every)
+    return Patches(points.xy, every[away > _SAME_PLACE])
+
+
 def mixed(values: np.ndarray, w: TimeWeights) -> np.ndarray:
     """Values (n_t, ...) at other times, linear between the two neighbours; both must be there, but for one of weight zero."""
     share = w.share.reshape((-1,) + (1,) * (values.ndim - 1))
@@ -168,7 +181,8 @@ def project_displacements(dic: DicField, patches: Patches, good: np.ndarray, tim
         "masked": int((~some).sum()),
     }
     factor = np.where(some, np.hypot(1.0 - w.share, w.share)[:, None] / np.sqrt(np.maximum(number, 1.0)), np.nan)
-    return Projected(np.asarray(dic.time if times is None else times, dtype=float), value, number, factor, some, moments, counts)
+    whole = np.broadcast_to(np.bincount(label[own], minlength=m), number.shape)
+    return Projected(np.asarray(dic.time if times is None else times, dtype=float), value, number, whole, factor, some, moments, counts)
 
 
 def in_line(dic: DicField, sigma: np.ndarray) -> np.ndarray:
@@ -302,12 +316,13 @@ _AT_EDGE, _NO_MOTION = -2, -3
 
 @dataclass(frozen=True)
 class Sight:
-    """What an infrared camera sees of the patches: its `place`, the `motion` of the specimen at `times` s, the `raster` of the patches with
-    what is not used of them marked, and whether the motion is measured at a time (n_t,)."""
+    """What an infrared camera sees of the patches: its `place`, the `motion` of the specimen at `times` s, the `whole` patches and the
+    `raster` of them with what is not used marked, and whether the motion is measured at a time, `known` (n_t,)."""
 
     place: PixelMap
     motion: Motion
     times: np.ndarray
+    whole: Raster
     raster: Raster
     known: np.ndarray
 
@@ -321,16 +336,16 @@ class Sight:
 def sight_of(place: PixelMap, dic: DicField, patches: Patches, good: np.ndarray, at_edge: np.ndarray, times: np.ndarray) -> Sight:
     """Sight of a camera at `times` s. `good` (n_t, n_s) as from `in_line`; `at_edge` (n,) is True for the places of the raster of
     `patches` that are too near to the edge of the specimen."""
-    raster = patches.raster()
-    label = raster.label.ravel().copy()
+    whole = patches.raster()
+    label = whole.label.ravel().copy()
     inside = label >= 0
     measured = dic.reference[good.any(axis=0), :2]
-    distance, _ = cKDTree(measured).query(raster.places)
+    distance, _ = cKDTree(measured).query(whole.places)
     label[inside & (distance > GAP * point_spacing(measured))] = _NO_MOTION
     label[inside & at_edge] = _AT_EDGE
-    raster = replace(raster, label=label.reshape(raster.label.shape))
+    raster = replace(whole, label=label.reshape(whole.label.shape))
     known = time_weights(dic.time, times).inside
-    return Sight(place, motion_of(dic, patches, good, times), np.asarray(times, dtype=float), raster, known)
+    return Sight(place, motion_of(dic, patches, good, times), np.asarray(times, dtype=float), whole, raster, known)
 
 
 def rests(infrared: InfraredSequence, sight: Sight) -> list[Rest]:
@@ -360,7 +375,8 @@ def project_temperatures(infrared: InfraredSequence, sight: Sight, patches: Patc
     times = sight.times
     w = time_weights(infrared.time, times)
     m, image = len(patches.xy), (infrared.frames.shape[1], infrared.frames.shape[2])
-    value, number, moments = np.full((len(times), m, 1), np.nan), np.zeros((len(times), m)), np.zeros((len(times), m, MOMENTS))
+    value, moments = np.full((len(times), m, 1), np.nan), np.zeros((len(times), m, MOMENTS))
+    number, there = np.zeros((len(times), m)), np.zeros((len(times), m))
     left_out = dict.fromkeys(("pixels_in_window", "pixels_used", "pixels_at_edge", "pixels_without_motion", "pixels_dead"), 0)
     outside = ~(w.inside & sight.known)
     for k in np.flatnonzero(~outside).tolist():
@@ -387,6 +403,8 @@ def project_temperatures(infrared: InfraredSequence, sight: Sight, patches: Patc
         left_out["pixels_at_edge"] += int((here == _AT_EDGE).sum())
         left_out["pixels_without_motion"] += int((here == _NO_MOTION).sum())
         left_out["pixels_in_window"] += int((here != -1).sum())
+        whole = sight.whole.at(where)
+        there[k] = np.bincount(whole[whole >= 0], minlength=m)
     mask = np.isfinite(value[:, :, 0])
     counts = {**left_out, "times_outside": int(outside.sum()), "masked": int((~mask).sum())}
     if not mask.any():
@@ -396,7 +414,7 @@ def project_temperatures(infrared: InfraredSequence, sight: Sight, patches: Patc
             f"measured motion, {counts['pixels_dead']} dead); check the landmarks, the evaluation window and the times"
         )
     factor = np.where(mask, np.hypot(1.0 - w.share, w.share)[:, None] / np.sqrt(np.maximum(number, 1.0)), np.nan)
-    return Projected(np.asarray(times, dtype=float), value, number, factor, mask, moments, counts)
+    return Projected(times, value, number, there, factor, mask, moments, counts)
 
 
 def _view(place: PixelMap, motion: Motion, n: int, raster: Raster, image: tuple[int, int]) -> tuple[slice, slice, np.ndarray] | None:

@@ -75,6 +75,9 @@ class Evaluation(Section):
     window: EvaluationWindow = EvaluationWindow()
     nodes: Mesh = "full"
     """Mesh whose face nodes are compared; predictions on another mesh are interpolated to them by its shape functions."""
+    interpolation: Literal["projection", "three-point"] = "projection"
+    """From points and pixels to nodes: `projection`, the mean of all in the patch of a node, the prediction averaged over the same; or
+    `three-point`, linear between the three next ones (algorithms 2 and 3 of the thesis)."""
     displacement_times: Annotated[Annotated[Literal["stages"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = (
         "stages"
     )

@@ -49,6 +49,7 @@ parameters:
 
 # evaluation:
 #   window: {abs_x_max: 11.0, abs_y_max: 20.0} # mm, nodes that are compared
+#   interpolation: projection                  # or three-point (algorithms 2 and 3 of the thesis)
 #   displacement_times: stages                 # or a list of times in s
 #   temperature_times: frames                  # or a list of times in s
 #   reference_time: null                       # s; null: first observation before loading

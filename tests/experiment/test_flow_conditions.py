@@ -224,6 +224,29 @@ def test_temperatures_are_compared_at_the_same_strain_from_the_knee_on() -> None
     assert warmer_at_strain([np.full(60, 0.011)], [few]) == 0.0 and warmer_at_strain([], []) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("legs", "unloads"),
+    [
+        ([(0.05, 1e-3, 300)], False),
+        ([(0.04, 1e-3, 300), (0.0395, 1e-3, 30), (0.05, 1e-3, 60)], False),
+        ([(0.04, 1e-3, 300), (0.0385, 1e-3, 30), (0.05, 1e-3, 60)], True),
+        ([(0.04, 1e-3, 300), (0.0385, 1e-3, 4), (0.05, 1e-3, 10)], False),
+        ([(0.001, 1e-3, 60), (0.0, 1e-3, 60), (0.05, 1e-3, 300)], False),
+        ([(0.02, 1e-3, 200), (-0.02, 1e-3, 400)], True),
+    ],
+    ids=["monotonic", "by a fifth", "unloads", "few rows", "before flow", "reversed"],
+)
+def test_elasticity_after_flow_is_seen_where_a_record_unloads(legs: list[tuple[float, float, int]], unloads: bool) -> None:
+    found = conditions(record(*legs), record((0.05, 1e-3, 300), name="b"))
+    assert found.unloads is unloads
+    known, said = untold(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0))
+    assert ("elastic_degradation" in names(known)) is unloads and len(said) == int(not unloads)
+    assert unloads or said[0].startswith("not asked for elastic_degradation: no record unloads after flow")
+    assert "elastic_degradation" in names(
+        untold(effects_of_point(sensor=False), STEEL.with_free(("elastic_degradation.amount",)), found)[0]
+    )
+
+
 def names(known: tuple[Effect, ...]) -> set[str]:
     return {e.name for e in known}
 

@@ -39,6 +39,9 @@ ONE_TEMPERATURE = 5.0
 """Kelvins within which temperatures are one. A metal loses about a thousandth of its yield stress per kelvin (Johnson and Cook 1983 with
 m = 1 and melting 1000 K above the room), so that they move the stress by half a per cent: no more than rates within `ONE_RATE` do, and what
 any hardening term, or another bar, takes up. A sensor on the surface and the declared temperature of a room or a furnace err by as much."""
+UNLOADED, _ROWS = 0.25, 5
+"""Part of the largest stress so far by which a record unloads without flow, in so many rows at least, for its elasticity after flow to be
+told: over less, or in fewer rows, noise and the rounding of the curve make as much of a slope."""
 _PLACES = 8
 """Strains per factor of `SMOOTH` from which rates are compared."""
 _LEAST = 2
@@ -67,6 +70,8 @@ class FlowConditions:
     apart: float
     span: float
     computed: float
+    unloads: bool = True
+    """Does a record unload after it has flowed: only then its elasticity is seen again."""
 
     @property
     def one_rate(self) -> bool:
@@ -84,9 +89,10 @@ def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], Poi
     Where nothing flows there is one rate, and no span of temperatures.
     """
     rates, strains, temperatures, places = [], [], [], []
-    computed = 0.0
+    computed, unloads = 0.0, False
     for test in tests:
         history = run(test)
+        unloads |= unloads_after_flow(history)
         rate, theta = rates_of_flow(test, history), told_temperature(test)
         used = np.isfinite(rate)
         rates.append(rate[used])
@@ -103,7 +109,14 @@ def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], Poi
     else:
         apart = np.inf if high > 0.0 else 1.0
     span = warmer_at_strain(places, temperatures)
-    return FlowConditions((low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart, span, computed)
+    return FlowConditions((low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart, span, computed, unloads)
+
+
+def unloads_after_flow(history: PointHistory) -> bool:
+    """True where the stress of a record falls by UNLOADED of its largest size so far, after flow and without it, in some rows."""
+    rests = np.append(True, np.diff(history.accumulated) <= 0.0) & (history.accumulated > history.accumulated[0])
+    size = np.abs(history.stress)
+    return int((rests & (size < (1.0 - UNLOADED) * np.maximum.accumulate(size))).sum()) >= _ROWS
 
 
 def told_temperature(test: CouponTest) -> np.ndarray:

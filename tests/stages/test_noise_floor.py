@@ -81,7 +81,7 @@ def test_remarks_of_several_experiments_name_them(study_of: StudyOf, tmp_path: P
 
 def test_noise_that_hangs_together_raises_the_sigma_of_nodal_values(study_of: StudyOf) -> None:
     """Means of points whose noise is the same over millimetres scatter more than those of independent ones: their sigma says so."""
-    study = study_of("evaluation.nodes={n_x: 3, n_y: 16, n_z: 1}")
+    study = study_of("evaluation.nodes={n_x: 4, n_y: 20, n_z: 1}")
     plain = tiny.stage_run("interpolate")(study).record
     assert plain.summary["displacement"]["scatter_over_noise"] < 1.1
     rng = np.random.default_rng(9)

@@ -216,15 +216,15 @@ def _scatter(field: FieldObservation, estimated: bool, summary: dict[str, Any]) 
     The scatter is that of `temporal_noise`, of the values themselves. Where the study declares the noise it is what it says.
     """
     own = np.where(field.mask[:, :, None], field.sigma, np.nan)
-    found = []
+    said, found = summary["displacement" if field.name == "u" else "temperature"], []
+    said["scatter_over_noise"] = None
     for k in range(field.value.shape[2]):
         try:
             seen = temporal_noise(field.time, field.value[:, :, k], field.mask, summary["load_start_s"], field.xy)
-        except DataError:
+        except DataError:  # too few nodes or times to tell
             return 1.0
         found.append(seen.sigma / float(np.sqrt(np.nanmean(own[:, :, k] ** 2))))
-    ratio = float(np.median(found))
-    summary["displacement" if field.name == "u" else "temperature"]["scatter_over_noise"] = ratio
+    ratio = said["scatter_over_noise"] = float(np.median(found))
     if not estimated or ratio <= _EXCESS:
         return 1.0
     summary["remarks"].append(

@@ -150,9 +150,10 @@ def project_displacements(dic: DicField, patches: Patches, good: np.ndarray, tim
     label = patches.of(dic.reference[:, :2])
     own = np.flatnonzero(label >= 0)
     if not len(own) or not np.isfinite(dic.displacement[:, own, :2]).any():
+        low, high = dic.reference[:, :2].min(axis=0), dic.reference[:, :2].max(axis=0)
         raise DataError(
-            f"dic: none of the {len(dic.reference)} points lies near the {len(patches.xy)} nodes; check the origin and axes of the DIC "
-            "export and the evaluation window"
+            f"dic: none of the {len(patches.xy)} nodes lies in the measured field, x {low[0]:g} to {high[0]:g} mm and y {low[1]:g} to "
+            f"{high[1]:g} mm; check the origin and axes of the DIC export and the evaluation window"
         )
     measured = np.isfinite(dic.displacement[:, :, :2]).all(axis=2)
     u = np.where(good[:, :, None], dic.displacement, np.nan)

@@ -8,23 +8,27 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from thermofit.body.mesh.shapes import plate_with_hole_mesh
 from thermofit.core.errors import DataError
-from thermofit.core.experiment import DicField, InfraredSequence
+from thermofit.core.experiment import DicField, InfraredSequence, Specimen
 from thermofit.observe.camera import make_pose
 from thermofit.observe.fixed_pattern import FixedPattern, fixed_pattern
 from thermofit.observe.interpolation import PixelMap, pixel_map
 from thermofit.observe.noise import temperature_noise
 from thermofit.observe.observation import FieldObservation
+from thermofit.observe.observation_points import observation_points
 from thermofit.observe.projection import (
     Patches,
     Projected,
     Sight,
+    face_patches,
     in_line,
     project_displacements,
     project_temperatures,
     rests,
     sight_of,
 )
+from thermofit.study.section import MeshSize
 
 TIMES = np.array([0.0, 2.0, 3.5, 7.0, 8.0])
 SIGMA = np.array([0.002, 0.002])
@@ -106,6 +110,15 @@ def test_quadratic_temperature_in_the_moving_frame(times: np.ndarray) -> None:
     assert np.abs(at.value - shown(at, nodal)).max() < 1e-5, "the place of a pixel is known to 1e-5 mm"
     resting = np.stack([curved(PATCHES.xy, t) for t in times])[:, :, None]
     assert np.abs(at.value - shown(at, resting)).max() > 0.1, "the motion must matter in this test"
+
+
+def test_a_point_spread_is_in_the_prediction() -> None:
+    """Frames blurred by 0.6 mm: a quadratic field is then 0.6^2 / 2 of its curvature more."""
+    still = dataclasses.replace(dic_field(), displacement=np.zeros_like(dic_field().displacement))
+    seen = pixels(TIMES, lambda xy, t: curved(xy, t) - 0.003 * 0.6**2)
+    nodal = np.stack([curved(PATCHES.xy, t) for t in TIMES])[:, :, None]
+    sharp, blurred = (project_temperatures(seen, sight(still, TIMES), PATCHES, blur=blur) for blur in (0.0, 0.6))
+    assert np.abs(blurred.value - shown(blurred, nodal)).max() < 1e-10 < 5e-4 < np.abs(sharp.value - shown(sharp, nodal)).min()
 
 
 def test_a_curved_motion_is_followed() -> None:
@@ -190,7 +203,7 @@ def test_nodes_without_points_are_masked_and_counted() -> None:
     assert at.counts["points_lost"] == lost.sum() and at.counts["masked"] == 1 and at.counts["nodes_outside"] == 0
     assert np.isnan(at.value[2, empty]).all() and np.isnan(at.sigma_factor[2, empty]).all()
     assert (at.moments[2, empty] == 0.0).all(), "the prediction there is the nodal value"
-    with pytest.raises(DataError, match=r"none of the .* points lies near"):
+    with pytest.raises(DataError, match=r"none of the 49 nodes lies in the measured field"):
         project_displacements(dic, Patches(PATCHES.xy + 100.0, PATCHES.others + 100.0), in_line(dic, SIGMA))
 
 
@@ -281,3 +294,30 @@ def test_bad_pixels_go() -> None:
 
 def test_areas_of_patches() -> None:
     np.testing.assert_allclose(PATCHES.areas(), 1.5, rtol=0.1)
+
+
+def beside_a_hole(xy: np.ndarray, strain: float = 1e-3, nu: float = 0.33, radius: float = 4.0) -> np.ndarray:
+    """Displacement (n, 2) of Kirsch's plate with a hole, pulled along y to the strain far away (plane stress)."""
+    r, angle = np.hypot(*xy.T), np.arctan2(-xy[:, 0], xy[:, 1])
+    k, a = (3.0 - nu) / (1.0 + nu), radius / r
+    size = 2.0 * strain * (1.0 + nu) * radius / 8.0
+    along = (k + 1.0) / a * np.cos(angle) + 2.0 * a * ((1.0 + k) * np.cos(angle) + np.cos(3.0 * angle)) - 2.0 * a**3 * np.cos(3.0 * angle)
+    across = (k - 3.0) / a * np.sin(angle) + 2.0 * a * ((1.0 - k) * np.sin(angle) + np.sin(3.0 * angle)) - 2.0 * a**3 * np.sin(3.0 * angle)
+    return size * np.stack([-across, along], axis=1)
+
+
+def test_smoothing_is_no_bias_beside_a_hole() -> None:
+    """At the rim of a hole, where strains are three times those far away, on nodes as far apart as the radius is divided into six."""
+    specimen = Specimen(20.0, 3.0, 80.0, 0.0, 20.0, 80.0, 0.0)
+    mesh = plate_with_hole_mesh(specimen, 4.0, MeshSize(n_x=8, n_y=48, n_z=1))
+    patches = face_patches(mesh, observation_points(mesh.nodes, mesh.node_sets["face"], 9.0, 9.0))
+    points = np.random.default_rng(8).uniform([-9.9, -12.0], [9.9, 12.0], (4000, 2))
+    points = points[np.hypot(*points.T) > 4.0]
+    u = np.column_stack([beside_a_hole(points), np.zeros(len(points))])
+    dic = DicField(np.zeros(1), np.arange(len(points)), np.column_stack([points, np.zeros(len(points))]), u[None])
+    at = project_displacements(dic, patches, np.ones((1, len(points)), dtype=bool))
+    seen = FieldObservation("u", at.time, patches.xy, at.value, at.value, at.mask, "mm", at.moments)
+    nodal = beside_a_hole(patches.xy)[None]
+    rim = at.mask & (np.hypot(*patches.xy.T) < 6.0)[None]
+    bias = [np.sqrt(np.mean((at.value - field)[rim] ** 2)) for field in (nodal, seen.averaged(nodal))]
+    assert bias[0] > 1e-4 and bias[1] < 0.05 * bias[0], bias

@@ -107,10 +107,10 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
     summary: dict[str, Any] = {"load_start_s": load_start, "remarks": []}
     mask = study.evaluation.mask
-    record = None if calibrated is None else read_current(calibrated, CALIBRATE, study.source.name)
+    frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
     tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
     fields = [
-        masked(field, mask, "evaluation.mask") for field in tried(study, experiment.dic, record, Face(mesh, specimen, points), summary)
+        masked(field, mask, "evaluation.mask") for field in tried(study, experiment.dic, frames, Face(mesh, specimen, points), summary)
     ]
     displacement, temperature = fields[0], fields[1] if len(fields) > 1 else None
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
@@ -147,9 +147,11 @@ class Face:
 
 
 Fields = list[FieldObservation]
+Frames = Callable[[], Record]
+"""Reads the artefact of `calibrate-ir`."""
 
 
-def _projected(study: Study, dic: DicField, record: Record | None, face: Face, summary: dict[str, Any]) -> Fields:
+def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, summary: dict[str, Any]) -> Fields:
     """Displacements and, where the cameras saw them, temperatures as means over the patches of the nodes; the summary says what of the data
     was used."""
     noise, patches = _displacement_noise(study, dic, summary), face_patches(face.mesh, face.points)
@@ -161,8 +163,8 @@ def _projected(study: Study, dic: DicField, record: Record | None, face: Face, s
     fields = [replace(u, sigma=scatter * u.sigma)]
     summary["displacement"] |= {"nodes": len(patches.xy), **at.counts}
     summary["nodal_values"] = [_used(at, "points", fields[0], scatter * float(noise.mean()))]
-    if record is not None:
-        fields.append(_projected_temperature(study, record, dic, good, (face, patches), summary))
+    if frames is not None:
+        fields.append(_projected_temperature(study, frames(), dic, good, (face, patches), summary))
     return fields
 
 
@@ -182,7 +184,7 @@ def _projected_temperature(
     noise = _temperature_noise(study, taken, camera, summary)
     if not np.array_equal(times, infrared.time):
         sight = sight_of(pixel_map(camera), dic, patches, good, at_edge, times)
-    at = project_temperatures(infrared, sight, patches, pattern.value)
+    at = project_temperatures(infrared, sight, patches, pattern.value, study.ir.blur * camera.scale)
     theta = _means("theta", at, face, np.array([noise]), "K")
     scatter = _scatter(theta, study.noise.temperature is None, summary)
     theta = replace(theta, sigma=scatter * theta.sigma)
@@ -214,15 +216,15 @@ def _scatter(field: FieldObservation, estimated: bool, summary: dict[str, Any]) 
     The scatter is that of `temporal_noise`, of the values themselves. Where the study declares the noise it is what it says.
     """
     own = np.where(field.mask[:, :, None], field.sigma, np.nan)
-    found = []
+    said, found = summary["displacement" if field.name == "u" else "temperature"], []
+    said["scatter_over_noise"] = None
     for k in range(field.value.shape[2]):
         try:
             seen = temporal_noise(field.time, field.value[:, :, k], field.mask, summary["load_start_s"], field.xy)
-        except DataError:
+        except DataError:  # too few nodes or times to tell
             return 1.0
         found.append(seen.sigma / float(np.sqrt(np.nanmean(own[:, :, k] ** 2))))
-    ratio = float(np.median(found))
-    summary["displacement" if field.name == "u" else "temperature"]["scatter_over_noise"] = ratio
+    ratio = said["scatter_over_noise"] = float(np.median(found))
     if not estimated or ratio <= _EXCESS:
         return 1.0
     summary["remarks"].append(
@@ -248,7 +250,7 @@ def _used(at: Projected, what: str, field: FieldObservation, noise: float) -> di
     }
 
 
-def _three_point(study: Study, dic: DicField, record: Record | None, face: Face, summary: dict[str, Any]) -> Fields:
+def _three_point(study: Study, dic: DicField, frames: Frames | None, face: Face, summary: dict[str, Any]) -> Fields:
     """Displacements and, where the cameras saw them, temperatures linear between the three next points and pixels (algorithms 2 and 3)."""
     nodal, points = interpolate_displacements(dic, face.points.xy), face.points
     wanted = study.evaluation.displacement_times
@@ -264,8 +266,8 @@ def _three_point(study: Study, dic: DicField, record: Record | None, face: Face,
     }
     sigma = at.sigma_factor[:, :, None] * noise
     fields = [FieldObservation("u", at.time, points.xy, at.value[:, :, :2], sigma, at.mask, "mm")]
-    if record is not None:
-        fields.append(_three_pixel(study, record, nodal, face, summary))
+    if frames is not None:
+        fields.append(_three_pixel(study, frames(), nodal, face, summary))
     return fields
 
 

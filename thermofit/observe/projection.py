@@ -87,11 +87,12 @@ class Patches:
 
     @property
     def reach(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner (2,) mm of a box that holds all patches: no place farther from the nodes than one of their distances."""
+        """Lower and upper corner (2,) mm of a box that holds all patches: no place off the face of the model, or farther from the compared
+        nodes than one of their distances."""
         every = np.concatenate([self.xy, self.others])
         low, high = self.xy.min(axis=0), self.xy.max(axis=0)
         gap = np.array([float(np.diff(np.unique(np.round(every[:, k], 6))).max(initial=0.0)) for k in (0, 1)])
-        return low - gap, high + gap
+        return np.maximum(low - gap, every.min(axis=0)), np.minimum(high + gap, every.max(axis=0))
 
     def raster(self) -> Raster:
         """The same as a table, for many places."""
@@ -149,9 +150,10 @@ def project_displacements(dic: DicField, patches: Patches, good: np.ndarray, tim
     label = patches.of(dic.reference[:, :2])
     own = np.flatnonzero(label >= 0)
     if not len(own) or not np.isfinite(dic.displacement[:, own, :2]).any():
+        low, high = dic.reference[:, :2].min(axis=0), dic.reference[:, :2].max(axis=0)
         raise DataError(
-            f"dic: none of the {len(dic.reference)} points lies near the {len(patches.xy)} nodes; check the origin and axes of the DIC "
-            "export and the evaluation window"
+            f"dic: none of the {len(patches.xy)} nodes lies in the measured field, x {low[0]:g} to {high[0]:g} mm and y {low[1]:g} to "
+            f"{high[1]:g} mm; check the origin and axes of the DIC export and the evaluation window"
         )
     measured = np.isfinite(dic.displacement[:, :, :2]).all(axis=2)
     u = np.where(good[:, :, None], dic.displacement, np.nan)
@@ -310,6 +312,8 @@ def motion_of(dic: DicField, patches: Patches, good: np.ndarray, times: np.ndarr
     return Motion(low, spacing, out)
 
 
+_SECOND = np.array([0.0, 0.0, 1.0, 0.0, 1.0])
+"""The moments m_xx and m_yy."""
 _AT_EDGE, _NO_MOTION = -2, -3
 """Labels of places in a patch that are not used: near the edge of the specimen, far from all DIC points."""
 
@@ -366,11 +370,14 @@ def rests(infrared: InfraredSequence, sight: Sight) -> list[Rest]:
     return found
 
 
-def project_temperatures(infrared: InfraredSequence, sight: Sight, patches: Patches, pattern: np.ndarray | None = None) -> Projected:
+def project_temperatures(
+    infrared: InfraredSequence, sight: Sight, patches: Patches, pattern: np.ndarray | None = None, blur: float = 0.0
+) -> Projected:
     """Mean temperatures K of the patches at the times of `sight`, from all pixels that see their material then.
 
     The frames are interpolated in time at fixed pixels, less the fixed `pattern` (n_row, n_col) K, nan for a bad pixel; the material place
-    of a pixel is its place in space moved back by the measured motion. DataError where no node has a temperature.
+    of a pixel is its place in space moved back by the measured motion. A pixel shows the mean over a point spread of standard deviation
+    `blur` mm in space, which adds to the second moments. DataError where no node has a temperature.
     """
     times = sight.times
     w = time_weights(infrared.time, times)
@@ -398,6 +405,7 @@ def project_temperatures(infrared: InfraredSequence, sight: Sight, patches: Patc
         away = terms(where[used] - patches.xy[patch])
         for j in range(MOMENTS):
             moments[k, some, j] = (np.bincount(patch, away[:, j], m) * share)[some]
+        moments[k, some] += terms(np.diag(blur / sight.motion.stretch(k))).sum(axis=0) * _SECOND
         left_out["pixels_used"] += len(used)
         left_out["pixels_dead"] += int(seen.sum()) - len(used)
         left_out["pixels_at_edge"] += int((here == _AT_EDGE).sum())

@@ -117,6 +117,8 @@ class Infrared(Section):
     """Refine centre and roll on the visible edges of the specimen after Algorithm 1, where their contrast suffices."""
     edge_margin: NonNegative = 1.0
     """Pixels nearer than this to the specimen's edge (mm) are blurred and left out."""
+    blur: NonNegative = 0.0
+    """Standard deviation of the camera's point spread in pixels; the prediction is blurred by it (projection only)."""
 
 
 class Noise(Section):

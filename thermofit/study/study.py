@@ -28,7 +28,7 @@ from thermofit.study.series import with_series
 from thermofit.study.stages import COUPON_CHOICES, Stages, StageSettings, coupon_stage
 
 _FIELDS = (
-    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise"),
+    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "ir.blur", "noise"),
     *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
 )
 """Keys by which the data of a full-field test are made ready."""

@@ -54,7 +54,7 @@ parameters:
 #   temperature_times: frames                  # or a list of times in s
 #   reference_time: null                       # s; null: first observation before loading
 # force: {smoothing: phases, noise: null, drives: force}   # phases or none; N, null: estimated; or drives: crosshead, dic
-# ir: {rotation_deg: null, refine: true, edge_margin: 1.0}   # landmarks: as in experiment.yaml, to replace them
+# ir: {rotation_deg: null, refine: true, edge_margin: 1.0, blur: 0.0}   # landmarks: as in experiment.yaml, to replace them
 # noise: {displacement: null, temperature: null}              # sigma in mm and K; null: estimated
 # numerics:
 #   steps_per_interval: 1

@@ -101,6 +101,22 @@ def test_energy_is_balanced_where_the_update_is_changed() -> None:
     assert defects[1] < 0.6 * defects[0] and defects[1] < 2e-3, defects
 
 
+@pytest.mark.parametrize("name", [name for name in AMPLITUDES if name in STRUCTURAL])
+def test_the_influence_at_neutral_itself(name: str) -> None:
+    """Of effects that change the local update, asked for while all are off, through reversed flow: by differences from neutral on one side. The
+    run itself stays what it is without the question."""
+    others = {p: PROBES[p] for p in EFFECT_PARAMS if p not in AMPLITUDES}
+    times, h = np.linspace(0.0, 50.0, 21), 0.02 * PROBES[name]
+    neutral, rates = run((name,), END, times, **others)
+    plain, one, two = (run((), END, times, **others, **{name: x})[0] for x in (0.0, h, 2.0 * h))
+    for field in ("u", "theta", "force"):
+        assert getattr(neutral, field) == pytest.approx(getattr(plain, field), abs=1e-7 * np.abs(getattr(plain, field)).max())
+        slope = (4.0 * getattr(one, field) - 3.0 * getattr(plain, field) - getattr(two, field)) / (2.0 * h)
+        assert np.abs(slope).max() > 0.0
+        noise = 2e-7 * np.abs(getattr(plain, field)).max() / h
+        assert np.abs(rates[field][..., 0] - slope).max() < 3e-3 * np.abs(slope).max() + noise, field
+
+
 @pytest.mark.parametrize("name", AMPLITUDES)
 def test_a_dormant_effect_is_exactly_off_and_its_influence_is_known(name: str) -> None:
     """The influence is asked for at a tiny amplitude: at neutral itself a point that rests on the yield surface during a hold

@@ -157,7 +157,7 @@ class Sources:
         """The points where direction k has gone by s."""
         return [
             PointHistory(
-                *(x + s * y for x, y in zip(e, (r.dilatation[..., k], r.state[:, :, ALPHA, k], r.state[:, :, LAMBDA, k]), strict=True))
+                *(x + s * y for x, y in zip(e[:3], (r.dilatation[..., k], r.state[:, :, ALPHA, k], r.state[:, :, LAMBDA, k]), strict=True))
             )
             for e, r in zip(self.ends, self.rates, strict=True)
         ]

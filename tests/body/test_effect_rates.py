@@ -103,8 +103,8 @@ def test_energy_is_balanced_where_the_update_is_changed() -> None:
 
 @pytest.mark.parametrize("name", [name for name in AMPLITUDES if name in STRUCTURAL])
 def test_the_influence_at_neutral_itself(name: str) -> None:
-    """Of effects that change the local update, asked for while all are off, through reversed flow: by differences from neutral on one side. The
-    run itself stays what it is without the question."""
+    """Of effects that change the local update, asked for while all are off, through reversed flow: by differences from neutral on one
+    side. The run itself stays what it is without the question."""
     others = {p: PROBES[p] for p in EFFECT_PARAMS if p not in AMPLITUDES}
     times, h = np.linspace(0.0, 50.0, 21), 0.02 * PROBES[name]
     neutral, rates = run((name,), END, times, **others)

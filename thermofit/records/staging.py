@@ -10,6 +10,7 @@ from typing import Any
 
 from thermofit.records.artefact import Dataset, ParameterResult, Record, RecordContent, fresh, open_record, write_record
 from thermofit.records.log import END, logged
+from thermofit.study.reading import reading
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,16 @@ def artefact_path(run_dir: Path, stage: str) -> Path:
 
 
 def produce(task: Job, make: Callable[[], Made], *, force: bool = False) -> Outcome:
-    """The record of a job: the one on disk where config, inputs and sources are unchanged, else a new one, with its log beside it."""
+    """The record of a job: the one on disk where config, inputs and sources are unchanged, else a new one, with its log beside it.
+
+    While it is made only those sections of the study can be read that its config holds (`study.reading`).
+    """
     if not force and fresh(task.path, task.stage, task.config, task.inputs):
         return Outcome(open_record(task.path), True)
     begin = time.perf_counter()
     with logged(task.path, task.stage) as log:
-        made = make()
+        with reading(task.config):
+            made = make()
         content = RecordContent(
             stage=task.stage,
             config=task.config,

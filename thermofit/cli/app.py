@@ -22,6 +22,7 @@ from thermofit.cli.catalogue import (
     NECKING_ORDER,
     ON_CHAIN,
     ORDER,
+    REPORT,
     RUN_EXAMPLES,
     RUN_HELP,
     SPREAD,
@@ -31,7 +32,7 @@ from thermofit.cli.catalogue import (
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import StudyError, ThermofitError
 
 if TYPE_CHECKING:
     from thermofit.records.executor import Executor
@@ -123,6 +124,9 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
     from thermofit.cli import printing
     from thermofit.records.result import is_trustworthy, result_of
 
+    if entry.name == REPORT and common.study.is_dir():
+        _report_of_folder(common)
+        return
     study = common.load()
     options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
     _announce(entry.name, study, common.json)
@@ -135,7 +139,35 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
         printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+    if entry.name in ON_CHAIN:
+        _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
+
+
+def _report_of_folder(common: Common) -> None:
+    """The page of a run folder whose study is not named."""
+    from thermofit.cli import printing
+    from thermofit.stages.report import of_folder
+
+    if common.settings or common.run_dir is not None:
+        raise StudyError(
+            f"report {common.study}: --set and --run-dir change a study, and this is a run folder; leave them out, or name a study"
+        )
+    result = of_folder(common.study)
+    if common.json:
+        printing.as_json(result)
+    else:
+        typer.echo(f"verdict   {result['verdict']}")
+    _leave(result["trustworthy"])
+
+
+def _page_so_far(study: Study, as_json: bool, failure: str = "") -> None:
+    """`report.html` of what the run folder holds now, after a stage that is no link of the chain, or after an error."""
+    from thermofit.stages.report import unfinished
+
+    written = unfinished(study, failure)
+    if written is not None and not as_json:
+        typer.echo(f"report    {written.html}", err=bool(failure))
 
 
 def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
@@ -178,7 +210,11 @@ def run(
     where = executor_of(study, jobs, scheduler)
     links = [Link(name, _lazy(name, where)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
     with _quiet(common.json):
-        steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
+        try:
+            steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
+        except ThermofitError as error:
+            _page_so_far(study, common.json, str(error))
+            raise
     summary = summary_of(study, steps)
     if common.json:
         printing.as_json(summary)

@@ -92,7 +92,7 @@ def _fit(records: Records, run: RunFolder) -> Iterator[str]:
         channels = ", ".join(channel_words(c) for c in record.summary.get("channels", {}))
         how = record.summary.get("algorithm") or record.summary.get("method") or "least squares"
         yield (
-            f"`{stage}` fitted {', '.join(free) or 'nothing'} to {channels or 'the data'} by weighted least squares ({how}), "
+            f"{stage} fitted {', '.join(free) or 'nothing'} to {channels or 'the data'} by weighted least squares ({how}), "
             "each datum with its noise."
         )
     if any(stage in records for stage in IDENTIFY):

@@ -279,10 +279,10 @@
         c.strokeStyle = c.fillStyle = colours[layer.kind]; c.lineWidth = layer.kind === "line" ? 1.8 : layer.kind === "mesh" ? 0.6 : 1.6;
         for (const line of layer.lines) {
           if (layer.kind === "line" || layer.kind === "mesh") { c.beginPath(); line.forEach((p, k) => (k ? c.lineTo(...at(p)) : c.moveTo(...at(p)))); c.stroke(); }
-          else for (const p of line) { const [x, y] = at(p); c.beginPath(); if (layer.kind === "dots") c.fillRect(x - 0.8, y - 0.8, 1.6, 1.6); else if (layer.kind === "ring") { c.arc(x, y, 2.4, 0, 7); c.stroke(); } else { c.moveTo(x - 6, y); c.lineTo(x + 6, y); c.moveTo(x, y - 6); c.lineTo(x, y + 6); c.stroke(); } }
+          else for (const p of line) { const [x, y] = at(p); c.beginPath(); if (layer.kind === "dots") c.fillRect(x - 1.2, y - 1.2, 2.4, 2.4); else if (layer.kind === "ring") { c.arc(x, y, 2.4, 0, 7); c.stroke(); } else { c.moveTo(x - 6, y); c.lineTo(x + 6, y); c.moveTo(x, y - 6); c.lineTo(x, y + 6); c.stroke(); } }
         }
       }
-      $("camera-title").textContent = `${fmt(cam.range_K[0] - 273.15)} to ${fmt(cam.range_K[1] - 273.15)} degC${turn ? ", turned by 90 degrees" : ""}. ${cam.says}`;
+      $("camera-title").textContent = `${fmt(cam.range_K[frame][0] - 273.15)} to ${fmt(cam.range_K[frame][1] - 273.15)} degC${turn ? ", turned by 90 degrees" : ""}. ${cam.says}`;
       $("camera-time").max = cam.frames.length - 1; $("camera-time").value = frame; $("camera-time-text").textContent = `${fmt(cam.time[frame])} s${frame === cam.start && cam.landmarks ? ", landmarks" : ""}`;
     };
     const boxes = () => {

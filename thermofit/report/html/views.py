@@ -266,7 +266,7 @@ def _camera(test: str, records: Records, study: Study | None) -> dict[str, Any] 
     first = int(marks["frame"]) if marks else 0
     most = int(np.clip(_PIXELS // frames[0].size, 1, _FRAMES))
     chosen = np.unique(np.r_[first, np.linspace(0, len(frames) - 1, most).astype(int)])
-    low, high = (float(v) for v in np.nanpercentile(frames[chosen], [1.0, 99.5]))
+    ranges = [tuple(float(v) for v in np.nanpercentile(frames[k], [0.5, 99.5])) for k in chosen]
     layers: list[dict[str, Any]] = []
     if data is not None and (own := data.summary.get("specimen")) is not None:
         specimen = Specimen(**own)
@@ -287,9 +287,9 @@ def _camera(test: str, records: Records, study: Study | None) -> dict[str, Any] 
         "w": int(columns),
         "h": int(rows),
         "time": _rounded(time[chosen]),
-        "range_K": [low, high],
+        "range_K": [[low, high] for low, high in ranges],
         "start": int(np.flatnonzero(chosen == first)[0]),
-        "frames": [levels(frames[k], low, high) for k in chosen],
+        "frames": [levels(frames[k], low, high) for k, (low, high) in zip(chosen, ranges, strict=True)],
         "layers": layers,
         "landmarks": marks is not None,
     }

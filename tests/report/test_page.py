@@ -6,6 +6,7 @@ import base64
 import json
 import re
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -165,6 +166,30 @@ def test_ladder_says_why(run: Path) -> None:
 )
 def test_other_answers(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
     assert words in report_of(read_run(made.whole_run(tmp_path, **changes))).verdict.sentence
+
+
+def test_a_diagnosis_points_but_adds_nothing(tmp_path: Path) -> None:
+    loop = made.looped()
+    keep = ("ranking", "channels", "lack_of_fit", "unfelt", "not_asked", "held_out")
+    summary = {key: loop.summary[key] for key in keep} | {
+        "verdict": "points to lamp",
+        "trustworthy": False,
+        "doubts": ["dtheta"],
+        "remarks": [],
+    }
+    diagnosis = replace(loop, stage="diagnose", summary=summary)
+    content = write_report(made.write(tmp_path, made.interpolated(), made.verified(), diagnosis)).content
+    assert content.verdict.sentence == (
+        "The residual points to lamp, which would lower the error on unseen data by 25 %; nothing has been added yet."
+    )
+    assert content.verdict.next_step == "thermofit close-loop STUDY.yaml" and content.bars[0].floor == pytest.approx(0.1)
+    assert all(pair.after is None for pair in pairs(read_run(tmp_path)))
+
+
+def test_phases_of_both_models_stand_side_by_side(run: Path) -> None:
+    rows = report_of(read_run(run)).phases
+    assert len(rows) == 2 * len(made.PHASES)
+    assert all((r.verified, r.last, r.floor) == (2.0, 1.0, pytest.approx(0.1)) for r in rows)
 
 
 def test_nothing_of_the_data_is_markup(tmp_path: Path) -> None:

@@ -37,6 +37,8 @@ _NORMAL = 1.96
 """Half width of a 95 % interval in standard errors."""
 _QUIET = 1.25
 """Times the noise up to which a channel counts as explained (docs/diagnosis.md, "When an answer is trusted")."""
+PROMISING = "promising, not refused"
+"""Of an effect that nothing speaks against, and that was not tried."""
 _WORDS = {
     "u": "displacement",
     "du": "displacement",
@@ -106,7 +108,7 @@ def _verdict(
         asked, text, step = "loop", _loop_sentence(bars, added, trusted), ""
     elif last == DIAGNOSE:
         asked, step = "diagnosis", f"thermofit close-loop {file}"
-        first = next((rung for rung in ladder if rung.gain is not None and rung.gain > 0.0 and not rung.why), None)
+        first = next((rung for rung in ladder if rung.gain is not None and rung.gain > 0.0 and rung.why == PROMISING), None)
         text = "The residual points to no listed effect"
         if first is not None:
             like = _like([name for name in first.family if name not in first.effects])
@@ -285,9 +287,11 @@ def _ladder(summary: Mapping[str, Any]) -> list[Rung]:
     for row in summary.get("ranking", ()):
         why, later = str(row["remark"]), latest.get(row["effect"])
         if later is not None and not row.get("accepted"):
-            why = f"beside what was added: {later['remark'] or 'less than others'}"
+            why = f"beside what was added: {later['remark'] or PROMISING}"
         outside = ", outside " in str(row["remark"])
-        rungs[row["effect"]] = _rung(row, "beyond its bounds" if outside else "not tried", str(row["remark"]) if outside else why)
+        rungs[row["effect"]] = _rung(
+            row, "beyond its bounds" if outside else "not tried", str(row["remark"]) if outside else why or PROMISING
+        )
     for number, turn in enumerate(rounds, 1):
         for trial in turn["tried"]:
             added = bool(trial["accepted"])
@@ -424,18 +428,21 @@ def _value(name: str, p: ParameterResult, stage: str, beside: tuple[float | None
 
 def _phases(run: RunFolder, judged: Record | None) -> list[PhaseRow]:
     """Residual by channel and phase, of the verified model and of the last one."""
-    rows: dict[tuple[str, str, float], dict[str, Any]] = {}
+    rows: dict[tuple[str, str, int], dict[str, Any]] = {}
+    count: dict[tuple[str, str, str], int] = {}
 
-    def row(r: Mapping[str, Any]) -> dict[str, Any]:
-        key = (str(r["channel"]), str(r["phase"]), round(float(r["t0_s"]), 2))
-        new = {"channel": key[0], "phase": key[1], "t0_s": float(r["t0_s"]), "t1_s": float(r["t1_s"]), "n": int(r["n"])}
-        return rows.setdefault(key, {**new, "verified": None, "last": None, "floor": None})
+    def row(r: Mapping[str, Any], side: str) -> dict[str, Any]:
+        # The same phase of both models: a record's time may start elsewhere, and phases of one name follow one another.
+        channel, phase = str(r["channel"]), str(r["phase"]).replace(": ", " ")
+        number = count[side, channel, phase] = count.get((side, channel, phase), 0) + 1
+        new = {"channel": channel, "phase": phase, "t0_s": float(r["t0_s"]), "t1_s": float(r["t1_s"]), "n": int(r["n"])}
+        return rows.setdefault((channel, phase, number), {**new, "verified": None, "last": None, "floor": None})
 
     for r in run.records[VERIFY].summary.get("phases", ()) if run.has(VERIFY) else ():
         if r["channel"] not in ("du_x", "du_y") and r.get("chi2_reduced") is not None:
-            row(r)["verified"] = float(r["chi2_reduced"]) ** 0.5
+            row(r, "verified")["verified"] = float(r["chi2_reduced"]) ** 0.5
     for r in () if judged is None else judged.summary.get("lack_of_fit", ()):
-        row(r).update(last=float(r["chi2_reduced"]) ** 0.5, floor=float(r["numerical"] or 0.0) ** 0.5)
+        row(r, "last").update(last=float(r["chi2_reduced"]) ** 0.5, floor=float(r["numerical"] or 0.0) ** 0.5)
     return [PhaseRow(**r) for r in rows.values()]
 
 

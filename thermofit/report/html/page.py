@@ -18,7 +18,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.jsonable import jsonable
 from thermofit.report.html.captions import CAPTIONS
 from thermofit.report.html.content import Report
-from thermofit.report.html.gather import report_of, unlisted_words
+from thermofit.report.html.gather import channel_words, report_of, unlisted_words
 from thermofit.report.html.methods import methods_text, references
 from thermofit.report.html.run_folder import read_run
 from thermofit.report.html.views import views_of
@@ -79,6 +79,7 @@ def rendered(content: Report, views: dict[str, Any], methods: str) -> str:
         r=content,
         captions=CAPTIONS,
         rows=_ROWS,
+        words=channel_words,
         top=max([1.5, *(1.08 * v for v in bars)]),
         reach=_reach(content),
         views=Markup(_data({**views, "profiles": [p.model_dump() for p in content.profiles], "unlisted": _over_time(content)})),

@@ -200,10 +200,11 @@ def test_nothing_of_the_data_is_markup(tmp_path: Path) -> None:
     made.whole_run(folder, **said)
     phases = [{"label": h, "t0": 0.0, "t1": 90.0}]
     made.write(folder, made.interpolated(verdict=h, phases=phases, repairs=[h], remarks=[h]), made.calibrated(verdict=h))
-    _, page, views = page_of(folder)
+    text, page, views = page_of(folder)
     assert page.wrong == [] and len([tag for tag, _ in page.elements if tag == "script"]) == 2
     assert not [tag for tag, a in page.elements if tag == "img" or any(name.startswith("on") for name in a)]
     assert h in page.texts["li"] and any(h in text for text in page.texts["h1"])
+    assert not set("<>&") & set(re.search(r'id="views">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
     assert views["tests"][0]["phases"][0]["label"] == h and views["cameras"][0]["says"] == h
     _, page, views = page_of(made.records_run(tmp_path / "records", name=h))
     assert views["records"][0]["name"] == h and len([tag for tag, _ in page.elements if tag == "script"]) == 2

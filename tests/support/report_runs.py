@@ -18,7 +18,7 @@ SIGMA = {"u": 2e-3, "theta": 0.02}
 LOST = (5, 7)
 """Time and point at which nothing was measured."""
 PHASES = (("rest", 0.0, 6.0), ("loading", 6.0, 60.0), ("cooling", 60.0, 90.0))
-HOSTILE = '</script><script>window.taken = 1</script><img src=x onerror="window.taken = 1">&amp;\'`{{ 7 * 7 }}'
+HOSTILE = '</script><script>window.taken = 1</script><!-- <script <img src=x onerror="window.taken = 1">&amp;\'`{{ 7 * 7 }}'
 SIZES = {
     **{"gauge_width": 25.0, "thickness": 1.2, "parallel_length": 100.0, "shoulder_radius": 25.0},
     **{"grip_width": 35.0, "total_length": 150.0, "gripped_length": 10.0},

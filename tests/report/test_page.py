@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from thermofit.cli import app
 from thermofit.core.errors import StudyError
+from thermofit.records.artefact import RecordContent
 from thermofit.report.html.captions import CAPTIONS
 from thermofit.report.html.content import Report, report_schema
 from thermofit.report.html.gather import report_of
@@ -226,6 +227,35 @@ def test_several_experiments_are_on_one_page(tmp_path: Path) -> None:
     text, _, views = page_of(tmp_path)
     assert [t["name"] for t in views["tests"]] == [c["name"] for c in views["cameras"]] == ["one", "two"]
     assert "2 experiments were evaluated together: one, two." in text
+
+
+def test_rows_of_several_experiments_get_their_own_times_back(tmp_path: Path) -> None:
+    """In a joint fit the rows of one experiment follow those of the other in time."""
+    loop, parts = made.looped(), []
+    late = float(made.TIME[-1]) + 1.0
+    for number in (0, 1):
+        own = {key.removeprefix("residual/"): d.value for key, d in loop.datasets.items() if key.startswith("residual/")}
+        parts.append({**own, "channel": own["channel"] + 2 * number, "time": own["time"] + late * number, "value": own["value"] + number})
+    data = {f"residual/{key}": replace(loop.datasets[f"residual/{key}"], value=np.concatenate([p[key] for p in parts])) for key in parts[0]}
+    names = np.array([f"{c}@{test}" for test in ("one", "two") for c in ("du", "dtheta")])
+    data["rms/channel"] = replace(loop.datasets["rms/channel"], value=names)
+    for name in ("one", "two"):
+        made.write(tmp_path / name, made.interpolated(), made.verified())
+    made.write(tmp_path, made.verified(), replace(loop, datasets=data))
+    found = {(p.test, p.channel): p for p in pairs(read_run(tmp_path)) if p.component == 0}
+    assert set(found) == {(test, c) for test in ("one", "two") for c in ("du", "dtheta")}
+    for pair in found.values():
+        np.testing.assert_allclose(pair.before.time, made.TIME)
+    first, second = (found[test, "dtheta"].after for test in ("one", "two"))
+    assert first is not None and second is not None
+    assert np.nanmax(np.abs(second.value - first.value - 1.0)) < 1e-12
+
+
+def test_a_necking_test_has_its_own_sentence(tmp_path: Path) -> None:
+    record = RecordContent("necking", {}, {}, {}, made.parameters("n"), {"verdict": "n 0.2 +- 0.01"})
+    content = write_report(made.write(tmp_path, record)).content
+    assert content.verdict.sentence == "Necking test: n 0.2 +- 0.01." and content.verdict.trustworthy
+    assert [p.name for p in content.parameters] == ["n"] and not [s for s in content.stages if s.state == "missing"]
 
 
 def test_a_run_that_stopped_shows_what_there_is(tmp_path: Path) -> None:

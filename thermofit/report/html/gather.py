@@ -118,6 +118,10 @@ def _verdict(
     elif last == VERIFY:
         asked, step = "verification", f"thermofit close-loop {file}"
         text = f"{_fit_sentence(bars)}; whether the model lacks an effect has not been asked."
+    elif run.has("necking"):
+        record = run.records["necking"]
+        asked, step, trusted = "identification", "", is_trustworthy(record)
+        text = f"Necking test: {record.summary.get('verdict', '')}."
     else:
         reached = run.reached()
         asked = "identification" if set(reached) & set(IDENTIFY) else "nothing"

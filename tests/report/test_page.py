@@ -216,6 +216,7 @@ def test_records_have_curves_and_residuals(tmp_path: Path) -> None:
     first, second = views["records"]
     assert (first["name"], second["name"]) == ("pull 1", "pull 2") and not views["tests"] and "maps" not in page.values("id")
     assert first["residuals"][0]["before"][0] == -5.0 and second["residuals"][0]["before"][-1] == 5.0
+    assert first["residuals"][0]["sigma"][0] == 2.0
     assert first["curves"]["measured_stress"][0] == 1.0 and page.wrong == []
     assert "Every record was followed by a material point" in text
 

@@ -236,6 +236,7 @@ def records_run(folder: Path, name: str = "pull 1") -> Path:
     n = 2 * len(time)
     z, clock = np.linspace(-5.0, 5.0, n)[:, None, None], np.r_[time, time + 60.0]
     data |= {"residual/stress": Dataset(z, "1", ("time", "point", "component")), "stress/time": Dataset(clock, "s", ("time",))}
+    data["stress/sigma"] = Dataset(np.full((n, 1, 1), 2.0), "MPa", ("time", "point", "component"))
     data["stress/xy"] = Dataset(np.zeros((1, 2)), "mm", ("point", "axis"))
     channels = {"stress": {"n": n, "rms": 3.0, "unit": "MPa", "floor_rms": 1.0, "judged": True}}
     names = [{"record": name}, {"record": "pull 2"}]

@@ -241,11 +241,14 @@
     let number = 0, time = 0, side = 0;
     views.records.forEach((r, k) => option($("record"), r.name, k));
     const draw = () => {
-      const r = views.records[number], q = r.curves, dot = css("--dot"), model = css("--model"), two = (m, p) => [{ x: m[0], y: m[1], kind: "dots", colour: dot, label: "measured" }, ...(p ? [{ x: p[0], y: p[1], kind: "line", colour: model, label: "model" }] : [])];
+      const r = views.records[number], q = r.curves, dot = css("--dot"), model = css("--model"), late = r.residuals.find((one) => one.channel === "stress" && one.after && one.sigma);
+      const after = late && q.measured_stress && q.measured_stress.map((v, k) => (late.after[k] === null || late.sigma[k] === null ? null : v + late.after[k] * late.sigma[k]));
+      const line = (x, y, label, colour) => ({ x, y, kind: "line", colour, label });
+      const two = (m, p, l) => [{ x: m[0], y: m[1], kind: "dots", colour: dot, label: "measured" }, ...(p ? [line(p[0], p[1], l ? "before" : "model", model)] : []), ...(l ? [line(l[0], l[1], "after", css("--other"))] : [])];
       const t = q.time[time], strain = q.measured_strain || q.strain;
-      plot($("record-a"), strain && q.measured_stress ? two([strain, q.measured_stress], q.stress && [q.strain, q.stress]) : [], { x: "strain", y: "stress in MPa", spot: [strain && strain[time], q.measured_stress && q.measured_stress[time]] });
+      plot($("record-a"), strain && q.measured_stress ? two([strain, q.measured_stress], q.stress && [q.strain, q.stress], after && [strain, after]) : [], { x: "strain", y: "stress in MPa", spot: [strain && strain[time], q.measured_stress && q.measured_stress[time]] });
       if (q.measured_theta) plot($("record-b"), two([q.time, q.measured_theta], q.theta_sensor && [q.time, q.theta_sensor]), { x: "time in s", y: "temperature in K", at: t });
-      else plot($("record-b"), q.measured_stress ? two([q.time, q.measured_stress], q.stress && [q.time, q.stress]) : [], { x: "time in s", y: "stress in MPa", at: t });
+      else plot($("record-b"), q.measured_stress ? two([q.time, q.measured_stress], q.stress && [q.time, q.stress], after && [q.time, after]) : [], { x: "time in s", y: "stress in MPa", at: t });
       const series = [], all = [];
       for (const one of r.residuals) { const pick = side && one.after ? one.after : one.before; all.push(...one.before, ...(one.after || [])); series.push({ x: q.time, y: pick, kind: "line", colour: series.length ? css("--other") : model, label: one.label }); }
       const known = all.filter((v) => v !== null);

@@ -17,7 +17,7 @@ from thermofit.observe.check_picture import specimen_outline
 from thermofit.observe.stencils import planes
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Record
-from thermofit.report.html.gather import VERIFY
+from thermofit.report.html.gather import LOOP, VERIFY
 from thermofit.report.html.maps import Pair, pairs, raster
 from thermofit.report.html.packed import levels, packed
 from thermofit.report.html.run_folder import IDENTIFY, Records, RunFolder
@@ -29,8 +29,8 @@ _FRAMES, _PIXELS = 8, 1_200_000
 """Most frames of a camera in a page, and most pixels of all of them."""
 _RAW = 200_000_000
 """Bytes of displacement files above which the points of the correlation are not read again for the picture."""
-_FEW = 0.05
-"""Share of the values of a frame that must be there for it to count as measured."""
+_SAME = 1e-3
+"""Relative difference up to which two noises are one."""
 
 
 def views_of(run: RunFolder, study: Study | None, budget: int = BUDGET) -> dict[str, Any]:
@@ -56,9 +56,12 @@ def views_of(run: RunFolder, study: Study | None, budget: int = BUDGET) -> dict[
 
 
 def _noises(run: RunFolder, test: str) -> dict[str, float]:
-    """Noise of the channels of one test in their units."""
+    """Noise of the channels of one test in their units, where the loop, if it has run, knows the same one."""
     channels = run.tests[test][VERIFY].summary.get("channels", {}) if VERIFY in run.tests[test] else {}
-    return {str(name): float(c["floor_rms"]) for name, c in channels.items() if c.get("floor_rms")}
+    own = {str(name): float(c["floor_rms"]) for name, c in channels.items() if c.get("floor_rms")}
+    loop = run.records[LOOP].summary.get("channels", {}) if run.has(LOOP) else {}
+    of_loop = {str(name).removesuffix(f"@{test}"): float(c["floor_rms"]) for name, c in loop.items()}
+    return {name: noise for name, noise in own.items() if abs(of_loop.get(name, noise) - noise) <= _SAME * noise}
 
 
 def _grid(xy: np.ndarray, grids: list[np.ndarray]) -> int:
@@ -207,7 +210,7 @@ def _records(run: RunFolder) -> Iterator[dict[str, Any]]:
             own = slice(int(starts[k]), int(starts[k + 1]))
             parts = []
             for r in residuals:
-                both = {side: None if r[side] is None else _numbers(r[side][own][::stride]) for side in ("before", "after")}
+                both = {key: None if r[key] is None else _numbers(r[key][own][::stride]) for key in ("before", "after", "sigma")}
                 parts.append({**r, **both})
             curves = {key: _numbers(v[::stride]) for key, v in curve.items()}
             yield {"name": name, "curves": curves, "residuals": [p for p in parts if any(v is not None for v in p["before"])]}
@@ -246,7 +249,10 @@ def _residuals(run: RunFolder, record: Record, n: int) -> Iterator[dict[str, Any
             return out
 
         before, after = spread(pair.before), None if pair.after is None else spread(pair.after)
-        yield {"label": pair.label, "words": list(pair.words), "before": before, "after": after}
+        # With the noise of every sample the last model is what was measured plus its residual.
+        known = pair.channel in _noises(run, pair.test) and record.has(f"{pair.channel}/sigma")
+        sigma = record[f"{pair.channel}/sigma"].value[:, 0, 0] if known else None
+        yield {"label": pair.label, "channel": pair.channel, "words": list(pair.words), "before": before, "after": after, "sigma": sigma}
 
 
 # The camera.

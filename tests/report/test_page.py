@@ -123,7 +123,7 @@ def test_maps_before_and_after_are_what_the_loop_left(run: Path) -> None:
     for side, amount in (("before", 8.0), ("after", 0.0)):
         seen, true = unpacked(theta[side])[:, order], made.residuals(amount, 1)["dtheta"][:, :, 0]
         np.testing.assert_allclose(seen, true, atol=1e-3)
-    assert theta["words"] == ["without an added effect", "with lamp"]
+    assert theta["words"] == ["without an added effect", "with lamp"] and theta["noise"] == 0.02
     assert {m["label"] for m in test["maps"]} == {
         "temperature rise",
         "displacement across the load (x)",

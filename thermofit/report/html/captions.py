@@ -36,7 +36,7 @@ CAPTIONS: dict[str, Caption] = {
     ),
     "curves": Caption(
         "One point over the test",
-        "Measured values as dots with a band of two standard errors, the model as a line, and the residual of both models below. Stress is "
+        "Measured values as dots with a band of two standard errors, the models as lines, and their residuals below. Stress is "
         "force over initial area; stretch is that of the plane through the neighbouring points.",
         "The line runs inside the band in every phase; the residual jumps about zero.",
         "The line leaves the band in one phase, or lags behind; the residual drifts.",
@@ -45,7 +45,7 @@ CAPTIONS: dict[str, Caption] = {
     ),
     "records": Caption(
         "One record over the test",
-        "Measured values as dots, the verified model as a line, and the residual over the noise of the models before and after.",
+        "Measured values as dots, the models as lines, and their residuals over the noise.",
         "The line runs through the dots; the residual jumps about zero.",
         "The residual bends the same way in every record: the law lacks a term. In one record only: look at that record.",
         "Compare records that differ in rate or temperature; what differs with it names the cause.",

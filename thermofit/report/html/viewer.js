@@ -159,16 +159,16 @@
       const p = at(theta), n = theta.xy.length, rise = (list, zero) => list && list.map((v) => v - zero);
       const seen = rise(column(theta.value, p, 1, 0, n), theta.reference[p] ?? 0), made = theta.predicted && rise(column(theta.predicted, p, 1, 0, n), theta.reference_model[p] ?? 0);
       const series = [{ x: theta.time, low: seen.map((v) => v - 2 * theta.sigma), high: seen.map((v) => v + 2 * theta.sigma), kind: "band", colour: band }, { x: theta.time, y: seen, kind: "dots", colour: dot, label: "measured" }];
+      // Where there are two models, each is what was measured plus its residual; the verified one may be a third.
       const late = layers.find((q) => q.channel === "dtheta" && q.after && q.noise && q.test === layer.test);
-      if (made) series.push({ x: theta.time, y: made, kind: "line", colour: model, label: late ? "before" : "model" });
-      // The last model is what was measured plus its residual.
-      if (late) { const k = at(late); series.push({ x: late.time, y: late.time.map((v, i) => seen[nearest(theta.time, v)] + late.noise * valueOf(late, 1, i, k)), kind: "line", colour: css("--other"), label: "after" }); }
+      if (late) { const k = at(late); for (const side of [0, 1]) series.push({ x: late.time, y: late.time.map((v, i) => seen[nearest(theta.time, v)] + late.noise * valueOf(late, side, i, k)), kind: "line", colour: side ? css("--other") : model, label: side ? "after" : "before" }); }
+      else if (made) series.push({ x: theta.time, y: made, kind: "line", colour: model, label: theta.model });
       plot($("plot-a"), series, { x: "time in s", y: "rise in K", at: t });
     } else plot($("plot-a"), [], { none: "no temperatures were measured" });
     if (u && u.stretch) {
       const p = at(u), n = u.xy.length, seen = column(u.stretch, p, 1, 0, n), made = column(u.stretch_model, p, 1, 0, n), k = nearest(u.time, t);
       const series = [{ x: seen, y: u.stress, kind: "dots", colour: dot, label: "measured" }];
-      if (made) series.push({ x: made, y: u.stress, kind: "line", colour: model, label: "model" });
+      if (made) series.push({ x: made, y: u.stress, kind: "line", colour: model, label: u.model });
       plot($("plot-b"), series, { x: "stretch along the load", y: "stress in MPa", spot: [seen[k], u.stress[k]], none: "this point has too few neighbours for a stretch" });
     } else plot($("plot-b"), [], { none: "no stress over stretch: force or displacements are missing" });
     const own = layer.kind === "residual" ? layer : layers.find((q) => q.kind === "residual" && q.test === layer.test);
@@ -242,13 +242,14 @@
     views.records.forEach((r, k) => option($("record"), r.name, k));
     const draw = () => {
       const r = views.records[number], q = r.curves, dot = css("--dot"), model = css("--model"), late = r.residuals.find((one) => one.channel === "stress" && one.after && one.sigma);
-      const after = late && q.measured_stress && q.measured_stress.map((v, k) => (late.after[k] === null || late.sigma[k] === null ? null : v + late.after[k] * late.sigma[k]));
+      const model_of = (z) => late && q.measured_stress && q.measured_stress.map((v, k) => (v === null || z[k] === null || late.sigma[k] === null ? null : v + z[k] * late.sigma[k]));
+      const after = late && model_of(late.after), before = late ? model_of(late.before) : q.stress;
       const line = (x, y, label, colour) => ({ x, y, kind: "line", colour, label });
-      const two = (m, p, l) => [{ x: m[0], y: m[1], kind: "dots", colour: dot, label: "measured" }, ...(p ? [line(p[0], p[1], l ? "before" : "model", model)] : []), ...(l ? [line(l[0], l[1], "after", css("--other"))] : [])];
+      const two = (m, p, l) => [{ x: m[0], y: m[1], kind: "dots", colour: dot, label: "measured" }, ...(p ? [line(p[0], p[1], l ? "before" : "verified", model)] : []), ...(l ? [line(l[0], l[1], "after", css("--other"))] : [])];
       const t = q.time[time], strain = q.measured_strain || q.strain;
-      plot($("record-a"), strain && q.measured_stress ? two([strain, q.measured_stress], q.stress && [q.strain, q.stress], after && [strain, after]) : [], { x: "strain", y: "stress in MPa", spot: [strain && strain[time], q.measured_stress && q.measured_stress[time]] });
+      plot($("record-a"), strain && q.measured_stress ? two([strain, q.measured_stress], before && [late ? strain : q.strain, before], after && [strain, after]) : [], { x: "strain", y: "stress in MPa", spot: [strain && strain[time], q.measured_stress && q.measured_stress[time]] });
       if (q.measured_theta) plot($("record-b"), two([q.time, q.measured_theta], q.theta_sensor && [q.time, q.theta_sensor]), { x: "time in s", y: "temperature in K", at: t });
-      else plot($("record-b"), q.measured_stress ? two([q.time, q.measured_stress], q.stress && [q.time, q.stress], after && [q.time, after]) : [], { x: "time in s", y: "stress in MPa", at: t });
+      else plot($("record-b"), q.measured_stress ? two([q.time, q.measured_stress], before && [q.time, before], after && [q.time, after]) : [], { x: "time in s", y: "stress in MPa", at: t });
       const series = [], all = [];
       for (const one of r.residuals) { const pick = side && one.after ? one.after : one.before; all.push(...one.before, ...(one.after || [])); series.push({ x: q.time, y: pick, kind: "line", colour: series.length ? css("--other") : model, label: one.label }); }
       const known = all.filter((v) => v !== null);

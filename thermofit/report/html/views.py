@@ -60,8 +60,9 @@ def _noises(run: RunFolder, test: str) -> dict[str, float]:
     channels = run.tests[test][VERIFY].summary.get("channels", {}) if VERIFY in run.tests[test] else {}
     own = {str(name): float(c["floor_rms"]) for name, c in channels.items() if c.get("floor_rms")}
     loop = run.records[LOOP].summary.get("channels", {}) if run.has(LOOP) else {}
-    of_loop = {str(name).removesuffix(f"@{test}"): float(c["floor_rms"]) for name, c in loop.items()}
-    return {name: noise for name, noise in own.items() if abs(of_loop.get(name, noise) - noise) <= _SAME * noise}
+    end = f"@{test}" if test else ""
+    of_loop = {str(name).removesuffix(end): float(c["floor_rms"]) for name, c in loop.items() if str(name).endswith(end)}
+    return {name: noise for name, noise in {**of_loop, **own}.items() if abs(of_loop.get(name, noise) - noise) <= _SAME * noise}
 
 
 def _grid(xy: np.ndarray, grids: list[np.ndarray]) -> int:
@@ -129,6 +130,7 @@ def _field(field: Mapping[str, np.ndarray], records: Records, stride: int, grids
         "time": _rounded(time[::stride]),
         "grid": _grid(field["xy"], grids),
         "sigma": sigma,
+        "model": "verified" if VERIFY in records else "fitted",
         "value": packed(value[::stride]),
         "predicted": None if predicted is None else packed(predicted[::stride]),
     }

@@ -79,11 +79,12 @@ def _whole(study: Study, *, force: bool) -> Outcome:
         pages.append((test.study, {**records, **own}))
         if not alone:
             doubts += [f"{test.name}: {text}" for text in _doubts(test.study, {INTERPOLATE: own[INTERPOLATE]})]
-    config = study.config_of("name", "stages", "simulate", "coupon", "experiments")
+    config = study.config_of("name", "model", "hardening", "stages", "simulate", "coupon", "experiments")
     shown = {stage: path for stage in _SHOWN if (path := artefact_path(study.run_dir, stage)).exists()}
     task = job(study.run_dir, NAME, {**config, "stale": doubts}, {**paths, **shown})
 
     def make() -> Made:
+        """The pages of all tests and the paths of what they show."""
         made = [_page(one, of, doubts) for one, of in pages]
         figures, texts = [path for paths, _ in made for path in paths], [text for _, text in made]
         what = f"{TEXT} and {HTML} written to"

@@ -23,6 +23,7 @@ from thermofit.cli.catalogue import (
     IDENTIFIABILITY_HELP,
     MANUAL,
     ON_CHAIN,
+    REPORT,
     RUN_EXAMPLES,
     RUN_HELP,
     SPREAD,
@@ -34,7 +35,7 @@ from thermofit.cli.catalogue import (
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
 from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study, quiet
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
 if TYPE_CHECKING:
@@ -113,6 +114,9 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
 
 def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
     """Run a stage, behind what it rests on, and print its result."""
+    if entry.name == REPORT and common.study.is_dir():
+        _report_of_folder(common)
+        return
     study = common.load()
     options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
 
@@ -139,7 +143,35 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
         printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
+    if name in ON_CHAIN:
+        _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
+
+
+def _report_of_folder(common: Common) -> None:
+    """The page of a run folder whose study is not named."""
+    from thermofit.cli import printing
+    from thermofit.stages.report import of_folder
+
+    if common.settings or common.run_dir is not None:
+        raise StudyError(
+            f"report {common.study}: --set and --run-dir change a study, and this is a run folder; leave them out, or name a study"
+        )
+    result = of_folder(common.study)
+    if common.json:
+        printing.as_json(result)
+    else:
+        typer.echo(f"verdict   {result['verdict']}")
+    _leave(result["trustworthy"])
+
+
+def _page_so_far(study: Study, as_json: bool, failure: str = "") -> None:
+    """`report.html` of what the run folder holds now, after a stage that is no link of the chain, or after an error."""
+    from thermofit.stages.report import unfinished
+
+    written = unfinished(study, failure)
+    if written is not None and not as_json:
+        typer.echo(f"report    {written.html}", err=bool(failure))
 
 
 def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
@@ -208,7 +240,11 @@ def _run_chain(
     where = executor_of(study, jobs, scheduler)
     links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
     with quiet(common.json):
-        steps = chain(study, links, Selection(first, last, everything), common.force, None if silent else printing.step)
+        try:
+            steps = chain(study, links, Selection(first, last, everything), common.force, None if silent else printing.step)
+        except ThermofitError as error:
+            _page_so_far(study, common.json, str(error))
+            raise
     summary = summary_of(study, steps)
     if common.json:
         printing.as_json(summary)

@@ -111,8 +111,10 @@ STAGES: tuple[Entry, ...] = (
     Entry(
         "report",
         LOOK,
-        "Figures (PNG) and tables of a finished run.",
-        "Writes RUN_DIR/figures and RUN_DIR/report.md.",
+        "A page to look at, figures and tables of a run.",
+        "Writes RUN_DIR/report.html, one file that opens without a network, its JSON twin, the text of methods with references, "
+        "RUN_DIR/figures and RUN_DIR/report.md. In place of a study it takes a run folder, also of a run that stopped half way: then it "
+        "writes the page of what is there.",
         "report study.yaml",
     ),
 )
@@ -178,6 +180,8 @@ COMPARE = Entry(
     "compare study.yaml --set 'compare={model-1: {model: 1}}'",
 )
 
+REPORT = "report"
+"""The one command that also takes a run folder."""
 ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")
 """Commands that first run the chain up to the last identification, as far as that is not done."""
 
@@ -202,7 +206,7 @@ MANUAL = "\n".join(
         "",
         "[bold]Where results go[/]",
         "  RUN_DIR/<stage>.h5     one self-describing HDF5 file per stage",
-        "  RUN_DIR/figures/       pictures, and RUN_DIR/report.md with the tables",
+        "  RUN_DIR/report.html    the report to look at; report.md and figures/ to copy from",
         "RUN_DIR is the key run_dir of the study (absent: runs/NAME) or --run-dir. A stage whose study, inputs and program are unchanged "
         "says 'fresh' and does nothing. A killed stage leaves its old result intact, and an identification resumes with the same command.",
         "",

@@ -98,6 +98,8 @@ def chain_result(result: Result, *, quiet: bool = False) -> None:
     _channels(console, result["channels"])
     for figure in result["figures"]:
         console.print(f"figure    {figure}", soft_wrap=True)
+    if (page := result.get("page")) is not None:
+        console.print(f"report    {page}", soft_wrap=True)
     console.print(f"results   {result['run_dir']}", soft_wrap=True)
     print_verdict(console, result)
 

@@ -292,5 +292,9 @@ def diagnosis_datasets(here: Traced) -> dict[str, Dataset]:
 
 
 def loop_datasets(closed: Closed) -> dict[str, Dataset]:
-    """What the last model leaves, and the error before and after."""
-    return {**diagnosis_datasets(closed.last), **error_datasets(before_after(closed.first, closed.last))}
+    """What the last model leaves, what the first one left in the same rows, and the error before and after."""
+    first, last = closed.first, closed.last
+    out = {**diagnosis_datasets(last), **error_datasets(before_after(first, last))}
+    if np.array_equal(first.rows.channel, last.rows.channel) and np.array_equal(first.rows.time, last.rows.time):
+        out["residual/before"] = Dataset(first.columns.residual, "1", ("row",))
+    return out

@@ -69,6 +69,12 @@ def _make(study: Study) -> Made:
         "checks": {"width_mm": checks.width_mm, "width_error": checks.width_error, "centre_offset_mm": checks.centre_offset_mm},
         "refinement": None if refined is None else _refinement_dict(refined),
         "netd_K": pixel_noise(np.asarray(frame, dtype=float)),
+        "landmarks": {
+            "frame": landmarks.frame,
+            "length": landmarks.length.tolist(),
+            "edges": np.vstack([landmarks.edge_left, landmarks.edge_right[None]]).tolist(),
+            "circle": landmarks.circle.tolist(),
+        },
         "picture": str(picture),
         "repairs": list(experiment.repairs),
         "range_degC": [float(ir.frames.min()) - CELSIUS, float(ir.frames.max()) - CELSIUS],

@@ -185,6 +185,7 @@ def summary_of(study: Study, steps: Sequence[ChainStep]) -> dict[str, Any]:
         "table": [asdict(row) for row in table(study, records)],
         "steps": [step_result(step) for step in steps],
         "figures": _figures(done),
+        "page": done["report"].summary.get("pages", {}).get("html") if "report" in done else None,
         "run_dir": str(study.run_dir),
         "wall_s": sum(step.seconds for step in steps),
     }

@@ -35,7 +35,6 @@ from thermofit.study.section import (
     Whole,
     check_law,
     hardening_error,
-    law_named,
     no_repeats,
     physical_error,
     word_or,
@@ -192,7 +191,7 @@ class Sections(Section):
     @property
     def hardening_law(self) -> str:
         """Name of the hardening law, by `hardening` or `model`."""
-        return law_named(self.model, self.hardening) or ""
+        return hardening(self.model).name if self.hardening is None else self.hardening
 
     @model_validator(mode="after")
     def _physics(self) -> Sections:

@@ -165,10 +165,11 @@ def test_heat_of_an_increment_is_the_law_times_the_volume() -> None:
     assert elastic == pytest.approx(expected, rel=1e-12)
     assert out.sum() == pytest.approx(dissipated + elastic, rel=1e-12)
     assert heat_of_increment(body.data, start, start, theta, law, np.zeros_like(out)) == (0.0, 0.0)
-    assert smallest_dissipation(start, end, 300.0, law) == 0.0
+    none = np.zeros((n, 8))
+    assert smallest_dissipation(start, end, 300.0, law, none) == 0.0
     broken = end._replace(accumulated=end.accumulated.copy(), alpha=end.alpha.copy())
     broken.accumulated[1, 2] = 0.010
-    assert smallest_dissipation(start, broken, 300.0, law) < 0.0
+    assert smallest_dissipation(start, broken, 300.0, law, none) < 0.0
 
 
 def adiabatic_run(stresses: list[float], parameters: Parameters = ADIABATIC, **settings: Any) -> tuple[Body, History]:

@@ -74,7 +74,7 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
         record = open_record(artefact_path(study.run_dir, stage))
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
-    sections = (*SECTIONS, *(("experiments", "shared") if study.experiments else ()))
+    sections = (*SECTIONS, *(("experiments", "shared") if study.fitted or study.held_out else ()))
     config = read_of(study, *sections)
     if name == DIAGNOSE:  # which adds no effect
         config["diagnosis"] = {key: value for key, value in config["diagnosis"].items() if key != "max_effects"}

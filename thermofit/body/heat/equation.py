@@ -121,12 +121,22 @@ def film_matrices(data: FacetData, x: np.ndarray, out: np.ndarray) -> None:
                     out[n, a, b] += area * data.shape[q, a] * data.shape[q, b]
 
 
+_NONE = np.empty((0, 0, 0))
+
+
 class PointHistory(NamedTuple):
-    """State of all points at one time as the heat sources need it, each (n_el, 8): J, alpha, Lambda."""
+    """State of all points at one time as the heat sources need it, each (n_el, 8): J, alpha, Lambda; `structure` (n_el, 8, n) is what the
+    state of a point holds beyond its first eleven numbers (point.state), empty where that is nothing."""
 
     dilatation: np.ndarray
     alpha: np.ndarray
     accumulated: np.ndarray
+    structure: np.ndarray = _NONE
+
+
+def at_points(data: ElementData, nodal: np.ndarray) -> np.ndarray:
+    """A nodal field (n_np,) at the Gauss points (n_el, 8)."""
+    return np.ascontiguousarray(nodal[data.hexes] @ data.shape.T)
 
 
 @kernel
@@ -202,13 +212,14 @@ def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray
 
 
 @kernel
-def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, law: Law) -> float:
-    """Smallest dissipation of one increment over all points at about theta K, mJ/mm^3; negative violates the second law."""
+def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, law: Law, added: np.ndarray) -> float:
+    """Smallest dissipation of one increment over all points at about theta K, mJ/mm^3; negative violates the second law. `added` (n_el, 8)
+    is that of effects which change the local update itself."""
     smallest = 0.0
     for e in range(start.alpha.shape[0]):
         for q in range(8):
             d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
             if d_lambda != 0.0:
                 released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], theta, law)
-                smallest = min(smallest, released)
+                smallest = min(smallest, released + added[e, q])
     return smallest

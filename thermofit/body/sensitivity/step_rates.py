@@ -12,7 +12,7 @@ from thermofit.body.heat.conduction import HeatStep
 from thermofit.body.heat.equation import PointHistory
 from thermofit.body.solve.linear import Factor
 from thermofit.core.errors import NumericsError
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ _LEVELS = 60
 @dataclass(frozen=True)
 class ElasticLine:
     """stress = slope (strain - offset) from `begin` (after the toe) to `end` (indices of the first and last samples of the elastic window)
-    at `stress` MPa; slope in MPa, and `error`, its relative standard error from the scatter about the line."""
+    at `stress` MPa; slope in MPa, `error`, its relative standard error from the scatter about the line, and `straight`, the last sample at
+    which the record still looks straight: zeros are told by more samples than the slope."""
 
     slope: float
     offset: float
@@ -40,6 +41,7 @@ class ElasticLine:
     stress: float
     begin: int = 0
     error: float = 0.0
+    straight: int = 0
 
 
 def first_branch(stress: np.ndarray) -> int:
@@ -72,6 +74,7 @@ def elastic_line(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, noise
     part = _part(size, _SHARE * limit)
     if len(part) < _LEAST - 1:
         return None
+    straight = int(part[-1])
     for _ in range(_TURNS):
         below = _part(size, min(_SHARE * limit, _OF_PROOF * proof_stress(strain, stress, *_line(strain[part], stress[part]))))
         if len(below) < _LEAST:
@@ -79,7 +82,8 @@ def elastic_line(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, noise
         part = below
     slope, offset = _line(strain[part], stress[part])
     end = int(part[-1])
-    found = ElasticLine(slope, offset, end, float(stress[end]), int(part[0]), _error(strain[part], stress[part], slope, offset, noise))
+    error = _error(strain[part], stress[part], slope, offset, noise)
+    found = ElasticLine(slope, offset, end, float(stress[end]), int(part[0]), error, straight)
     return found if slope > 0.0 and _from_rest(found, strain, stress, noise) else None
 
 

@@ -279,7 +279,7 @@ def _camera(test: str, records: Records, study: Study | None) -> dict[str, Any] 
     if data is not None and (own := data.summary.get("specimen")) is not None:
         specimen = Specimen(**own)
         layers.append(_layer("outline of the specimen", "line", [_pixels(pose, specimen_outline(specimen))]))
-        if (edges := _mesh_edges(records, study, test, specimen)) is not None:
+        if (edges := _mesh_edges(records, study, specimen)) is not None:
             layers.append(_layer("mesh of the model", "mesh", [_pixels(pose, line) for line in edges]))
     if (points := _dic_points(data)) is not None:
         layers.append(_layer("points of the image correlation", "dots", [_pixels(pose, points)]))
@@ -312,14 +312,14 @@ def _pixels(pose: CameraPose, xy: np.ndarray) -> list[list[float]]:
     return pixels
 
 
-def _mesh_edges(records: Records, study: Study | None, test: str, specimen: Specimen) -> list[np.ndarray] | None:
+def _mesh_edges(records: Records, study: Study | None, specimen: Specimen) -> list[np.ndarray] | None:
     """Edges (2, 2) mm of the elements on the face that the camera sees, with their mirror images; None where the mesh is not known."""
     if "mesh" in records and records["mesh"].has("hexes"):
         nodes, hexes, face = (records["mesh"][n].value for n in ("nodes", "hexes", "node_sets/face"))
     elif study is not None:
         try:
-            one = study.one_of(test) if test else study
-            mesh = specimen_mesh(one.geometry, specimen, one.mesh_size, one.mesh_file)
+            # Several experiments have the geometry of the study, each with the lengths of its own specimen.
+            mesh = specimen_mesh(study.geometry, specimen, study.mesh_size, study.mesh_file)
         except ThermofitError:
             return None
         nodes, hexes, face = mesh.nodes, mesh.hexes, mesh.node_sets["face"]

@@ -128,7 +128,7 @@ def test_residuals_over_time_are_those_of_verify(written: dict[str, Any], study:
 
 
 def test_paraview_library_opens_the_series(written: dict[str, Any]) -> None:
-    pyvista = pytest.importorskip("pyvista")
+    pyvista = pytest.importorskip("pyvista", reason="the optional package pyvista (thermofit[paraview]) is not installed")
     path = next(p for p in written["files"]["fields"] if p.endswith("model.pvd"))
     reader = pyvista.get_reader(path)
     assert reader.time_values == pytest.approx(made.TIME)

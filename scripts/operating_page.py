@@ -153,8 +153,9 @@ for unlisted terms, as `close-loop` does. Every run is a row of [operating_figur
 count again (`scripts/operating_figures.py --write`). Data come from another discretisation than the fit uses.
 
 **What is drawn by the seed of a run** (`scripts/operating_draw.py`). The programme: coupon records are pulled at one rate of three,
-unloaded, unloaded and cooled, cycled, pulled three times at three rates or at one, or moved through everything once, with a temperature or
-without (`KINDS` in `scripts/operating_point.py`); bodies are loaded at three paces (`scripts/operating_body.py`). The level of the noise,
+unloaded, unloaded and cooled, cycled, pulled three times at three rates, at three temperatures or at one, or moved through everything
+once, with a temperature or without (`KINDS` in `scripts/operating_point.py`); bodies are loaded at three paces
+(`scripts/operating_body.py`). The level of the noise,
 between half and twice the usual one; in a third of the runs the declared noise of each quantity is wrong by up to a factor of two.
 **Secondary values of a planted effect** (exponents, times, widths, rates) lie between two values that the loop scans, every gap as likely,
 by logarithms where the order of magnitude is what counts, and never nearer to a scanned value than a tenth of the gap: the loop does not

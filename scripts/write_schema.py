@@ -1,19 +1,23 @@
-"""Write docs/study.schema.json, the JSON schema of the study file for editors."""
+"""Write the JSON schemas of the study file (docs/study.schema.json, for editors) and of report.json (docs/report.schema.json)."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+from thermofit.report.html.content import report_schema
 from thermofit.study.study import json_schema
 
-PATH = Path(__file__).resolve().parent.parent / "docs" / "study.schema.json"
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+PATH = DOCS / "study.schema.json"
+REPORT = DOCS / "report.schema.json"
 
 
 def main() -> None:
-    """Write the schema and say where."""
-    PATH.write_text(json.dumps(json_schema(), indent=2) + "\n", encoding="utf-8")
-    print(PATH)
+    """Write the schemas and say where."""
+    for path, schema in ((PATH, json_schema()), (REPORT, report_schema())):
+        path.write_text(json.dumps(schema, indent=2) + "\n", encoding="utf-8")
+        print(path)
 
 
 if __name__ == "__main__":

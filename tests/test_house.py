@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-ABOVE = ("report", "diagnose", "identify", "stages", "cli")
+ABOVE = ("export", "report", "diagnose", "identify", "stages", "cli")
 """Rooms above `experiment`."""
 MODULES = sorted((ROOT / "thermofit").rglob("*.py"))
 
@@ -66,10 +66,18 @@ def test_import_contract() -> None:
 def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: str) -> None:
     """In a skeleton of the house one wrong import breaks the contract that forbids it."""
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    rooms = "stages report diagnose identify experiment fit virtual read observe body point law records study effects core".split()
+    rooms = "stages export report diagnose identify experiment fit virtual read observe body point law records study effects core".split()
     rooms.append("law/hardening")
     knows_hdf5 = ("records/artefact.py", "records/foreign_hdf5.py")
-    for name in ("cli.py", *knows_hdf5, "stages/one.py", "stages/two.py", "__init__.py", *(f"{room}/__init__.py" for room in rooms)):
+    for name in (
+        "cli.py",
+        "library.py",
+        *knows_hdf5,
+        "stages/one.py",
+        "stages/two.py",
+        "__init__.py",
+        *(f"{room}/__init__.py" for room in rooms),
+    ):
         path = tmp_path / "thermofit" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("import h5py\n" if name in knows_hdf5 else "", encoding="utf-8")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from necked_bar import AREA, bar, necked
 from scalar_update import local_update, piola_stress, point_work
 from scipy.spatial.transform import Rotation
 from small_bodies import ADIABATIC, bar_mesh
-from test_newton import AREA, bar, necked
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.solve.march import History, Loading, MarchSettings, march

@@ -15,14 +15,15 @@ from typer.testing import CliRunner
 
 import thermofit
 from thermofit.cli import app
-from thermofit.cli.catalogue import ORDER
+from thermofit.cli.catalogue import STAGES
 from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
 from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
 from thermofit.records.executor import Executor
 from thermofit.records.staging import Outcome, artefact_path
+from thermofit.stages import CHAIN
 from thermofit.study.study import Study
 
-COMMANDS = ("new", "run", "inspect", *ORDER, "show")
+COMMANDS = ("demo", "new", "run", "inspect", *CHAIN, "show", "diff", "export")
 STUDY = """
 name: tiny
 mesh: coarse
@@ -109,8 +110,9 @@ def test_overview_reads_like_a_manual() -> None:
     assert result.exit_code == 0
     text = result.output
     assert all(name in text for name in (*COMMANDS, "data"))
-    positions = [text.index(f" {name} ") for name in ORDER]
+    positions = [text.index(f" {name} ") for name in CHAIN]
     assert positions == sorted(positions), "the chain is listed in its order"
+    assert tuple(entry.name for entry in STAGES) == CHAIN
     for part in ("An example session", "Where results go", "Exit codes", "not to be trusted"):
         assert part in text
 
@@ -121,7 +123,7 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     assert result.exit_code == 0
     assert "Example" in result.output and f"thermofit {command} " in result.output
     assert "--json" in result.output
-    if command not in ("new", "show", "inspect"):
+    if command not in ("demo", "new", "show", "inspect", "diff", "export"):
         assert all(option in result.output for option in ("--set", "--run-dir", "--force"))
 
 
@@ -286,7 +288,7 @@ def test_run_goes_through_the_chain_and_ends_with_the_table(study: Path, monkeyp
     replace_stages(monkeypatch, working({"report": {"figures": ["figures/one.png"]}}, calls))
     result = call("run", study)
     assert result.exit_code == 0, result.stderr
-    assert [name for name, _ in calls] == [name for name in ORDER if name not in ("gridsearch", "sensitivity")]
+    assert [name for name, _ in calls] == [name for name in CHAIN if name not in ("gridsearch", "sensitivity")]
     assert not any(force for _, force in calls)
     row = next(line for line in result.stdout.splitlines() if line.split()[:1] == ["E"])
     assert row.split() == ["E", "MPa", "70000", "60000", "69111", "404", "-1.27", "%"]
@@ -363,10 +365,9 @@ def test_show_describes_an_artefact(tmp_path: Path) -> None:
     outcome(path, "verify", {"phases": phases, "energy": {"work": 12.5}})
     human = call("show", path).stdout
     for part in (
-        "u/value",
+        "u/",
         "mm",
-        "time, point, component",
-        "4 x 7 x 2",
+        "value  [mm]  time 4 x point 7 x component 2  float64",
         "energy.work",
         "12.5",
         "elastic",
@@ -388,6 +389,40 @@ def test_show_of_doubtful_result_is_no_failure(tmp_path: Path) -> None:
     assert call("show", path).exit_code == 0
 
 
+def test_show_of_a_folder_lists_its_artefacts(tmp_path: Path) -> None:
+    for stage in ("identify-elastic", "verify"):
+        outcome(tmp_path / f"{stage}.h5", stage, {})
+    listed = json.loads(call("show", tmp_path, "--json").stdout)
+    assert [row["verdict"] for row in listed["artefacts"]] == ["identify-elastic is done", "verify is done"]
+    assert "verify is done" in call("show", tmp_path).stdout
+    assert call("show", tmp_path, "--plot").exit_code == 2
+
+
+def test_show_of_a_dataset_gives_its_values(tmp_path: Path) -> None:
+    path = tmp_path / "verify.h5"
+    outcome(path, "verify", {})
+    told = json.loads(call("show", path, "--dataset", "u/value", "--json").stdout)
+    assert np.array(told["values"]).shape == (4, 7, 2) and told["unit"] == "mm"
+    assert "0 to 0, mean 0" in call("show", path, "--dataset", "u/value").stdout
+    wrong = call("show", path, "--dataset", "v/value")
+    assert wrong.exit_code == 3 and "it holds u/value" in wrong.stderr
+
+
+@pytest.mark.parametrize("name", ["u/value", None])
+def test_show_draws(tmp_path: Path, name: str | None) -> None:
+    path = tmp_path / "verify.h5"
+    over_time = {
+        "u/value": Dataset(np.random.default_rng(0).normal(size=(4, 7, 2)), "mm", ("time", "point", "component")),
+        "over_time/du": Dataset(np.arange(4.0), "1", ("time",)),
+        "over_time/time": Dataset(np.arange(4.0), "s", ("time",)),
+    }
+    write_record(path, RecordContent("verify", {}, {}, over_time, {}, {"verdict": "done"}))
+    done = call("show", path, "--plot", *(("--dataset", name) if name else ()))
+    assert done.exit_code == 0, done.output
+    pictures = list((tmp_path / "figures").glob("*.png"))
+    assert len(pictures) == 1 and pictures[0].name in done.stdout.replace("\n", "") and pictures[0].stat().st_size > 5000
+
+
 def test_show_refuses_what_is_no_artefact(tmp_path: Path) -> None:
     path = tmp_path / "verify.h5"
     outcome(path, "verify", {})
@@ -395,7 +430,8 @@ def test_show_refuses_what_is_no_artefact(tmp_path: Path) -> None:
     result = call("show", path)
     assert result.exit_code == 3 and "verify.h5" in result.stderr and result.stderr.count("\n") == 1
     assert call("show", tmp_path / "missing.h5").exit_code == 2
-    folder = call("show", tmp_path)
+    (tmp_path / "empty").mkdir()
+    folder = call("show", tmp_path / "empty")
     assert folder.exit_code == 2 and "is a folder" in folder.stderr
 
 
@@ -425,6 +461,16 @@ def test_new_writes_a_study_that_loads(tmp_path: Path, monkeypatch: pytest.Monke
     assert load_study("studies/07.yaml").experiment.resolve() == raw, "nothing was overwritten"
     answer = json.loads(call("new", "studies/07.yaml", "--force", "--json").stdout)
     assert answer["stage"] == "new" and load_study("studies/07.yaml").experiment.name == "my-experiment"
+
+
+def test_new_with_a_hardening_law(tmp_path: Path) -> None:
+    from thermofit.study.study import load_study
+
+    path = tmp_path / "study.yaml"
+    unknown = call("new", path, "--hardening", "swfit")
+    assert unknown.exit_code == 2 and "'swfit' is not known; known are voce, model2" in unknown.stderr and not path.exists()
+    assert call("new", path, "--hardening", "swift").exit_code == 0
+    assert load_study(path).stage("plastic").free == ("M_y0", "swift.e0", "swift.n", "F")
 
 
 def test_new_refuses_a_folder_without_experiment(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import ForceRecord
-from thermofit.observe.force import SmoothForce, find_phases, force_noise, programme_times, smooth_force, step_times
-from thermofit.observe.splines import Curve, adaptive_fit, fit_curve, monotone
+from thermofit.observe.force import Curve, SmoothForce, adaptive_fit, fit_curve, monotone, programme_times, smooth_force, step_times
+from thermofit.observe.phases import find_phases, force_noise
 
 STIFFNESS = 950.0 / 0.14  # N/mm of specimen and machine in series
 SIGMA_F, SIGMA_X = 4.0, 5e-4  # N, mm

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, laws, random_gradient, reference_table, uniaxial, update
+from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, laws, random_gradient, uniaxial, update
+from reference import reference_table
 from scipy.linalg import logm, sqrtm
 from scipy.spatial.transform import Rotation
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import verify_fixtures as made
 from matplotlib.image import imread
 
 from thermofit.core.errors import StudyError
-from thermofit.records.artefact import Record, open_record
+from thermofit.records.artefact import Record, RecordContent, open_record
 from thermofit.records.staging import artefact_path
 from thermofit.report.tables import report_text
 from thermofit.stages import report, verify
@@ -96,11 +97,31 @@ def test_measured_experiment_has_no_truth(study: Study, tmp_path: Path) -> None:
     assert "in standard errors" not in unknown and "virtual" not in unknown
 
 
-def test_missing_verify_names_its_command(tmp_path: Path) -> None:
+def test_missing_verify_names_its_command_and_leaves_a_page(tmp_path: Path) -> None:
     study = made.study_in(tmp_path)
     made.write_all(study, made.interpolated(made.coupled_run()), made.identified("identify-elastic", made.TRUTH))
-    with pytest.raises(StudyError, match=r"`thermofit verify study\.yaml`"):
+    with pytest.raises(StudyError, match=r"`thermofit verify study\.yaml`.*report\.html shows what there is"):
         report.run(study)
+    found = json.loads((study.run_dir / "report.json").read_text(encoding="utf-8"))
+    assert found["verdict"]["open"][0].startswith("the last command ended with an error: artefact")
+    assert "verify" in [s["stage"] for s in found["stages"] if s["state"] == "missing"]
+
+
+def test_page_has_truth_and_mesh_of_the_study(record: Record, study: Study) -> None:
+    pages = record.summary["pages"]
+    assert {Path(p).name for p in pages.values()} == {"report.html", "report.json", "methods.md", "methods.bib"}
+    found = json.loads(Path(pages["json"]).read_text(encoding="utf-8"))
+    kappa = next(p for p in found["parameters"] if p["name"] == "kappa")
+    assert (kappa["true"], kappa["value"], kappa["start"]) == (140.0, 133.0, pytest.approx(146.3))
+    assert found["verdict"]["sentence"] == record.summary["sentence"]
+    assert found["verdict"]["next_step"] == "thermofit close-loop study.yaml"
+
+
+def test_what_has_run_beside_the_chain_makes_the_page_anew(study: Study) -> None:
+    report.run(study)
+    made.write_all(study, RecordContent("identifiability", {}, {}, {}, {}, {"verdict": "unique"}))
+    assert not report.run(study).fresh and report.run(study).fresh
+    artefact_path(study.run_dir, "identifiability").unlink()
 
 
 def test_a_file_in_the_way_is_one_sentence(study: Study) -> None:

@@ -137,7 +137,7 @@ def test_fresh_until_the_stage_is_identified_anew(study_of: StudyOf) -> None:
         ("theta_clamp", [296.68, 296.78], {"dtheta": {}}),
         ("E", [67.0e3, 68.5e3], {"dtheta": {}}),
         ("thickness", [1.1988, 1.2012], {"dtheta": {}}),
-        ("clock", [-0.1, 0.1], {"dtheta": {}}),
+        ("clock", [-0.05, 0.05], {"dtheta": {}}),
         ("weight.theta", [0.98, 1.02], {"theta": {}, "dtheta": {}}),
     ],
 )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -139,15 +137,3 @@ def uniaxial(stretch: float, law: Law, state: np.ndarray, theta: float, lateral:
             return answer, f
         x = x - np.linalg.solve(answer.tangent[np.ix_([0, 8], [0, 8])], residual)
     raise AssertionError("no lateral equilibrium")
-
-
-def reference_table(name: str) -> dict[str, np.ndarray]:
-    """Columns of a table of the reference solution, which lies beside the data folder."""
-    data = os.environ.get("THERMOFIT_DATA")
-    if not data:
-        pytest.skip("THERMOFIT_DATA is not set: the reference numbers of the kernel lie beside that folder")
-    path = Path(data).resolve().parent / "reference" / "kernel" / name
-    if not path.is_file():
-        pytest.skip(f"no reference numbers at {path}")
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    return {column: table[column] for column in table.dtype.names}

@@ -1,37 +1,42 @@
-"""The typer application: one command per stage, and run, show, new."""
+"""The typer application: one command per stage, those with options of their own, and run, show, new."""
 
 from __future__ import annotations
 
-import contextlib
-import importlib
+import inspect
 import json as json_format
-import sys
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from thermofit import __version__
-from thermofit.cli import identifiability, judging, measured
+from thermofit.cli import exporting, looking, measured, watching
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
-    LOOK,
+    COMPARE,
+    DEMO_HELP,
+    IDENTIFIABILITY_EXAMPLES,
+    IDENTIFIABILITY_HELP,
     MANUAL,
-    NECKING_ORDER,
     ON_CHAIN,
-    ORDER,
+    REPORT,
     RUN_EXAMPLES,
     RUN_HELP,
     SPREAD,
     STAGES,
     START,
+    TRUST,
+    VALIDATE,
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study
-from thermofit.core.errors import StudyError
+from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study, quiet
+from thermofit.core.errors import StudyError, ThermofitError
+from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
 if TYPE_CHECKING:
     from thermofit.records.executor import Executor
@@ -43,7 +48,7 @@ app = typer.Typer(
     help=ABOUT,
     epilog=MANUAL,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
@@ -68,6 +73,9 @@ def new(
     experiment: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Raw folder of the experiment, with experiment.yaml.", show_default=False)
     ] = None,
+    law: Annotated[
+        str | None, typer.Option("--hardening", metavar="NAME", help="Hardening law, such as swift; else model2.", show_default=False)
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -75,7 +83,7 @@ def new(
     with reporting(json):
         from thermofit.study.template import write_template
 
-        said = write_template(file, experiment, overwrite=force, look=_looked)
+        said = write_template(file, experiment, overwrite=force, look=_looked, law=law)
         line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
         typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
 
@@ -89,18 +97,6 @@ def _looked(folder: Path) -> tuple[float, float, float] | str:
 
 
 measured.register(app)
-
-
-def stage_function(name: str) -> Callable[..., Outcome]:
-    """`run` of a stage module, imported when it is needed: numba and scipy cost seconds that help and show must not pay."""
-    module = importlib.import_module(f"thermofit.stages.{name.replace('-', '_')}")
-    run: Callable[..., Outcome] = module.run
-    return run
-
-
-def _quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
-    """With --json nothing but the result reaches stdout, whatever a library prints."""
-    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
 
 
 def _stage_command(entry: Entry) -> Callable[..., None]:
@@ -117,25 +113,65 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
 
 
 def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
-    """Run a stage and print its result."""
-    import time
+    """Run a stage, behind what it rests on, and print its result."""
+    if entry.name == REPORT and common.study.is_dir():
+        _report_of_folder(common)
+        return
+    study = common.load()
+    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
 
+    def call() -> Outcome:
+        from thermofit.cli import printing
+
+        _chain_before(entry.name, study, None if common.json or common.quiet else printing.step)
+        return stage_function(entry.name)(study, force=common.force, **options)
+
+    _show(entry.name, common, study, call)
+
+
+def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) -> None:
+    """Say what begins, run it, print its result; exit code 5 where that is not to be trusted."""
     from thermofit.cli import printing
     from thermofit.records.result import is_trustworthy, result_of
 
-    study = common.load()
-    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
-    _announce(entry.name, study, common.json)
+    _announce(name, study, common.json or common.quiet)
     begin = time.perf_counter()
-    with _quiet(common.json):
-        _chain_before(entry.name, study, None if common.json else printing.step)
-        outcome = stage_function(entry.name)(study, force=common.force, **options)
+    with quiet(common.json):
+        outcome = call()
     result = result_of(outcome.record)
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin)
+        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
+    if name in ON_CHAIN:
+        _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
+
+
+def _report_of_folder(common: Common) -> None:
+    """The page of a run folder whose study is not named."""
+    from thermofit.cli import printing
+    from thermofit.stages.report import of_folder
+
+    if common.settings or common.run_dir is not None:
+        raise StudyError(
+            f"report {common.study}: --set and --run-dir change a study, and this is a run folder; leave them out, or name a study"
+        )
+    result = of_folder(common.study)
+    if common.json:
+        printing.as_json(result)
+    else:
+        typer.echo(f"verdict   {result['verdict']}")
+    _leave(result["trustworthy"])
+
+
+def _page_so_far(study: Study, as_json: bool, failure: str = "") -> None:
+    """`report.html` of what the run folder holds now, after a stage that is no link of the chain, or after an error."""
+    from thermofit.stages.report import unfinished
+
+    written = unfinished(study, failure)
+    if written is not None and not as_json:
+        typer.echo(f"report    {written.html}", err=bool(failure))
 
 
 def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
@@ -144,12 +180,12 @@ def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], No
         from thermofit.records.executor import SERIAL
         from thermofit.stages.run import Link, Selection, chain
 
-        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in ORDER], Selection(last="identify-thermal"), report=report)
+        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in CHAIN], Selection(last="identify-thermal"), report=report)
 
 
-def _announce(command: str, study: Study, as_json: bool) -> None:
+def _announce(command: str, study: Study, silent: bool) -> None:
     """What begins, before numba is imported: the first result may be minutes away."""
-    if not as_json:
+    if not silent:
         typer.echo(f"{command}  study {study.source.name}, results in {study.run_dir}")
 
 
@@ -170,20 +206,50 @@ def run(
     scheduler: Scheduler = None,
 ) -> None:
     """All stages: raw files in, parameters and figures out."""
+    _run_chain(common, first, last, everything, jobs, scheduler)
+
+
+@app.command("demo", help=DEMO_HELP, rich_help_panel=START, epilog="[bold]Example:[/] thermofit demo --until calibrate-ir")
+def demo(
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="Folder for the study and its results.")] = Path("thermofit-demo"),
+    last: Annotated[str | None, typer.Option("--until", metavar="STAGE", help="Last stage to run.", show_default=False)] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the study.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
+    json: AsJson = False,
+) -> None:
+    """The quickstart study, from a folder of its own."""
+    with reporting(json):
+        from thermofit.study.demo import demo_study
+
+        study = demo_study(to)
+        _run_chain(Common(study, tuple(settings or ()), to / "run", force, json), None, last)
+
+
+def _run_chain(
+    common: Common, first: str | None, last: str | None, everything: bool = False, jobs: int = 1, scheduler: str | None = None
+) -> None:
+    """Run the chain and print every stage as it is done."""
     from thermofit.cli import printing
     from thermofit.stages.run import Link, Selection, chain, summary_of
 
     study = common.load()
-    _announce("run", study, common.json)
+    silent = common.json or common.quiet
+    _announce("run", study, silent)
     where = executor_of(study, jobs, scheduler)
-    links = [Link(name, _lazy(name, where)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
-    with _quiet(common.json):
-        steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
+    links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
+    with quiet(common.json):
+        try:
+            steps = chain(study, links, Selection(first, last, everything), common.force, None if silent else printing.step)
+        except ThermofitError as error:
+            _page_so_far(study, common.json, str(error))
+            raise
     summary = summary_of(study, steps)
     if common.json:
         printing.as_json(summary)
     else:
-        printing.chain_result(summary)
+        printing.chain_result(summary, quiet=common.quiet)
     _leave(summary["trustworthy"])
 
 
@@ -198,26 +264,118 @@ def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
 
 for _entry in (*STAGES, *ASIDE):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
-identifiability.register(app)
 
 
-judging.register(app, stage_function, _announce)
+_STAGE_HELP = "elastic, plastic or thermal; absent: thermal, of coupons plastic."
 
 
-@app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")
-def show(
-    artefact: Annotated[Path, typer.Argument(metavar="ARTEFACT", help="RUN_DIR/<stage>.h5", show_default=False)], json: AsJson = False
+def _subject(
+    programmes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[PROGRAMME]...", help="With --compare: which; all where none is named.", show_default=False),
+    ] = None,
+    stage: Annotated[str | None, typer.Option("--stage", metavar="STAGE", help=_STAGE_HELP, show_default=False)] = None,
+    before: Annotated[bool, typer.Option("--a-priori", help="Before any data: the planned test of section simulate.")] = False,
+    programme: Annotated[
+        str, typer.Option("--programme", metavar="NAME", help="With --a-priori: another programme than the study's.")
+    ] = "own",
+    compare: Annotated[bool, typer.Option("--compare", help="Rank test programmes by the intervals that they would give.")] = False,
 ) -> None:
-    """What is in a result: verdict, parameters, datasets."""
-    with reporting(json):
-        from thermofit.cli import printing
-        from thermofit.records.artefact import open_record
-        from thermofit.records.result import description_of
+    """Options of `identifiability` that say what is looked at."""
 
-        if artefact.is_dir():
-            raise StudyError(f"'{artefact}' is a folder: expected one artefact in it, such as {artefact / 'identify-elastic.h5'}")
-        record = open_record(artefact)
-        if json:
-            printing.as_json(description_of(record))
-        else:
-            printing.artefact(description_of(record))
+
+def _ways(
+    repeats: Annotated[int, typer.Option("--bootstrap", metavar="N", min=0, help="Block bootstrap with N repeats.")] = 0,
+    refit: Annotated[bool, typer.Option("--refit", help="Fit every repeat of the bootstrap anew instead of by the Jacobian.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Profile likelihood of every parameter.")] = False,
+    mcmc: Annotated[bool, typer.Option("--mcmc", help="Markov chain on the linearised model (needs emcee).")] = False,
+    full_model: Annotated[bool, typer.Option("--full-model", help="With --mcmc: a chain of forward runs, for small problems.")] = False,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of bootstrap and chain.")] = 1,
+) -> None:
+    """Those that say how intervals are found."""
+
+
+def _where(jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
+    """Those that say where it runs."""
+
+
+def identifiability(common: Common, **asked: Any) -> None:
+    """Do the data determine the parameters? `asked`: the options of `_subject`, `_ways` and `_where`."""
+    programmes, compare = asked.pop("programmes") or (), asked.pop("compare")
+    jobs, scheduler = asked.pop("jobs"), asked.pop("scheduler")
+    if programmes and not compare:
+        raise StudyError(
+            f"'{programmes[0]}' is given without --compare: programmes by name are compared, or one is taken by --programme NAME"
+        )
+    study = common.load()
+
+    def call() -> Outcome:
+        from thermofit.stages.identifiability import Options, run
+
+        chosen = Options(compare=tuple(programmes) if compare else None, **asked)
+        return run(study, chosen, force=common.force, where=executor_of(study, jobs, scheduler))
+
+    _show("identifiability", common, study, call)
+
+
+def _signature() -> inspect.Signature:
+    """`common`, then the options of all groups."""
+    first = next(iter(inspect.signature(identifiability, eval_str=True).parameters.values()))
+    groups = (_subject, _ways, _where)
+    options = [p for group in groups for p in inspect.signature(group, eval_str=True).parameters.values()]
+    return inspect.Signature([first, *options])
+
+
+identifiability.__signature__ = _signature()  # type: ignore[attr-defined]
+app.command("identifiability", help=IDENTIFIABILITY_HELP, rich_help_panel=TRUST, epilog=IDENTIFIABILITY_EXAMPLES)(on_study(identifiability))
+
+
+RAW = ("simulate", "calibrate-ir", "interpolate")
+"""Stages that make the record of a held-out experiment, in their order."""
+
+
+def _held_out(folders: list[Path]) -> tuple[str, ...]:
+    """Settings of the study that declare raw folders as held-out experiments."""
+    entry = {"held_out": True}
+    return tuple(f"experiments.{folder.name}={json_format.dumps({**entry, 'experiment': str(folder.absolute())})}" for folder in folders)
+
+
+def validate(
+    common: Common,
+    experiment: Annotated[
+        list[Path] | None,
+        typer.Option("--experiment", metavar="FOLDER", help="Raw folder to predict; may be repeated.", show_default=False),
+    ] = None,
+) -> None:
+    """Predict experiments that no fit has seen: those held out in the study, and the raw folders given by options."""
+    study = replace(common, settings=(*common.settings, *_held_out(experiment or []))).load()
+
+    def prepare(one: Study) -> None:
+        """The record of a held-out experiment: simulated where it is virtual, its camera calibrated where it has frames."""
+        needed = {"simulate": one.virtual, "calibrate-ir": (one.experiment / "ir").is_dir()}
+        for name in RAW:
+            if needed.get(name, True):
+                stage_function(name)(one)
+
+    _show("validate", common, study, lambda: stage_function("validate")(study, force=common.force, prepare=prepare))
+
+
+def compare(
+    common: Common,
+    others: Annotated[
+        list[Path] | None, typer.Argument(metavar="[OTHER.yaml]...", help="Further studies of the same data.", show_default=False)
+    ] = None,
+) -> None:
+    """Models side by side on the same data: the candidates of the study, and further studies."""
+    study = common.load()
+    further = [replace(common, study=path, run_dir=None).load() for path in others or ()]
+    _show("compare", common, study, lambda: stage_function("compare")(study, force=common.force, others=further))
+
+
+for _entry, _command in ((VALIDATE, validate), (COMPARE, compare)):
+    app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_command))
+
+
+exporting.register(app)
+looking.register(app)
+watching.register(app)

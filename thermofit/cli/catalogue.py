@@ -111,8 +111,10 @@ STAGES: tuple[Entry, ...] = (
     Entry(
         "report",
         LOOK,
-        "Figures (PNG) and tables of a finished run.",
-        "Writes RUN_DIR/figures and RUN_DIR/report.md.",
+        "A page to look at, figures and tables of a run.",
+        "Writes RUN_DIR/report.html, one file that opens without a network, its JSON twin, the text of methods with references, "
+        "RUN_DIR/figures and RUN_DIR/report.md. In place of a study it takes a run folder, also of a run that stopped half way: then it "
+        "writes the page of what is there.",
         "report study.yaml",
     ),
 )
@@ -178,12 +180,10 @@ COMPARE = Entry(
     "compare study.yaml --set 'compare={model-1: {model: 1}}'",
 )
 
-ORDER: tuple[str, ...] = tuple(entry.name for entry in STAGES)
-"""Order of the chain."""
+REPORT = "report"
+"""The one command that also takes a run folder."""
 ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")
 """Commands that first run the chain up to the last identification, as far as that is not done."""
-NECKING_ORDER: tuple[str, ...] = ("necking",)
-"""The chain of a necking test."""
 
 ABOUT = (
     "Identify the parameters of thermo-mechanically coupled plasticity from a tension test with full-field measurements.\n\n"
@@ -196,16 +196,17 @@ ABOUT = (
 MANUAL = "\n".join(
     (
         "[bold]An example session[/]",
+        "  thermofit demo",
         "  thermofit new study.yaml --experiment lab/test-07",
         "  thermofit run study.yaml --set mesh=coarse",
         "  thermofit run study.yaml",
         "  thermofit show runs/study/identify-plastic.h5",
-        "Write a commented study file and set its starts and bounds; run the chain on a coarse mesh, then on the fine one; look into a "
-        "result.",
+        "Try it on a small virtual test; write a commented study file and set its starts and bounds; run the chain on a coarse mesh, then "
+        "on the fine one; look into a result.",
         "",
         "[bold]Where results go[/]",
         "  RUN_DIR/<stage>.h5     one self-describing HDF5 file per stage",
-        "  RUN_DIR/figures/       pictures, and RUN_DIR/report.md with the tables",
+        "  RUN_DIR/report.html    the report to look at; report.md and figures/ to copy from",
         "RUN_DIR is the key run_dir of the study (absent: runs/NAME) or --run-dir. A stage whose study, inputs and program are unchanged "
         "says 'fresh' and does nothing. A killed stage leaves its old result intact, and an identification resumes with the same command.",
         "",
@@ -242,6 +243,12 @@ RUN_HELP = (
 RUN_EXAMPLES = """[bold]Examples:[/]
 thermofit run study.yaml
 thermofit run study.yaml --from identify-plastic --until verify"""
+
+DEMO_HELP = (
+    "A small virtual test, identified from its raw files.\n\n"
+    "Puts the study quickstart.yaml into a folder and runs it as `thermofit run` does: a minute, the kernels are compiled the first time. "
+    "Read the study and change it: `thermofit run thermofit-demo/quickstart.yaml --set mesh=coarse`."
+)
 
 IDENTIFIABILITY_HELP = (
     "Do the data determine the parameters, and to what?\n\n"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json as json_format
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from thermofit.cli.failure import reporting
+from thermofit.core.errors import StudyError
+from thermofit.records.progress import set_verbosity
 
 if TYPE_CHECKING:
     from thermofit.records.executor import Executor
@@ -38,6 +42,8 @@ class Common:
     run_dir: Path | None
     force: bool
     json: bool
+    verbose: bool = False
+    quiet: bool = False
 
     def load(self) -> Study:
         """The study file with the settings of the command line."""
@@ -45,14 +51,14 @@ class Common:
 
         # A path is text whatever it looks like, and JSON's quotes are YAML's.
         folder = () if self.run_dir is None else (f"run_dir={json_format.dumps(str(self.run_dir))}",)
-        return load_study(self.study, (*self.settings, *folder), _check_effects)
+        return load_study(self.study, (*self.settings, *folder), check_effects)
 
     def setting(self, key: str, value: object) -> Common:
         """The same with a key of the study set by an option of its own, which counts more than --set; None: it is not given."""
         return self if value is None else replace(self, settings=(*self.settings, f"{key}={value}"))
 
 
-def _check_effects(files: Sequence[Path]) -> None:
+def check_effects(files: Sequence[Path]) -> None:
     """Try the user's effects; imported only then, because kernels come with it."""
     from thermofit.identify.user_effects import check_effects
 
@@ -64,6 +70,11 @@ def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:
     from thermofit.records.executor import Executor
 
     return Executor(jobs, scheduler, 1 if scheduler is not None else max(1, study.numerics.threads // max(1, jobs)))
+
+
+def quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
+    """With --json nothing but the result reaches stdout, whatever a library prints."""
+    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
 
 
 def _shared(
@@ -84,6 +95,8 @@ def _shared(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
     json: AsJson = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="One plain line per iteration on stderr.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the verdict alone, and no progress.")] = False,
 ) -> None:
     """Signature of the shared options."""
 
@@ -100,6 +113,9 @@ def on_study(command: Callable[..., None]) -> Callable[..., None]:
         given = {parameter.name: values.pop(parameter.name) for parameter in shared}
         common = Common(**{**given, "settings": tuple(given["settings"] or ())})
         with reporting(common.json):
+            if common.verbose and common.quiet:
+                raise StudyError("--verbose and --quiet are both given; expected one of them")
+            set_verbosity(1 if common.verbose else -1 if common.quiet else 0)
             command(common, **values)
 
     places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (shared[0], *own, *shared[1:])]

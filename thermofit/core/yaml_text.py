@@ -18,6 +18,7 @@ class _Loader(yaml.SafeLoader):
     text_keys = True
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """The keys and values of a mapping. MarkedYAMLError with its line for a key that is no text, or is given twice."""
         seen: set[str] = set()
         for key_node, _ in node.value:
             if key_node.tag == "tag:yaml.org,2002:merge":

@@ -20,6 +20,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
+from thermofit.identify.iteration import Follower
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, method_of, remembering, stage_problem
 from thermofit.law.composition import FACTORS, SUMS
 from thermofit.law.page import law_of
@@ -271,11 +272,9 @@ class JointFit:
         least = SETTLED if negligible is None else max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
         with progress(f"{self.job.stage} {label}", None) as advance:
-
-            def follow(evaluation: object, residual: object) -> None:
-                advance(1, "failed" if residual is None else f"f {getattr(evaluation, 'f', float('nan')):.6g}")
-
             # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
             method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(model, settings)
-            fit = change.converted(minimise(problem, method, options, Hooks(store=store, on_evaluation=follow)))
+            fit = change.converted(
+                minimise(problem, method, options, Hooks(store=store, on_evaluation=Follower(advance, settings.free, change)))
+            )
         return start.with_vector(fit.x), fit

@@ -121,7 +121,7 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
     if lateral is not None:
         noise["lateral"] = _lateral_noise(record)
     if line is not None and lateral is not None:
-        known = np.flatnonzero(np.isfinite(lateral[: line.end + 1]))
+        known = np.flatnonzero(np.isfinite(lateral[: line.straight + 1]))
         if known.size > 2 and np.ptp(record.stress[known]) > 0.0:
             slope, zero = np.polyfit(record.stress[known], lateral[known], 1)
             if slope * line.slope > 0.0:

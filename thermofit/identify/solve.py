@@ -23,6 +23,7 @@ from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
+from thermofit.identify.iteration import Follower
 from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.records.progress import progress
@@ -166,12 +167,8 @@ def _minimise(
         x_tolerance=settings.tolerance, f_tolerance=f_tolerance, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
     )
     with progress(f"{job.stage} {label}", None) as advance:
-
-        def follow(evaluation: object, residual: np.ndarray | None) -> None:
-            f = getattr(evaluation, "f", float("nan"))
-            advance(1, "failed" if residual is None else f"chi2/n {f / max(len(residual), 1):.4g}")
-
-        fit = minimise(problem, method_of(model, settings), options, Hooks(store=store, on_evaluation=follow))
+        hooks = Hooks(store=store, on_evaluation=Follower(advance, settings.free, change))
+        fit = minimise(problem, method_of(model, settings), options, hooks)
     return model, change.converted(fit)
 
 

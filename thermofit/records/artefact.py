@@ -66,7 +66,7 @@ class Dataset:
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """What a dataset is without its values: unit, names of the axes, shape, type, and units along the axes called `parameter`."""
 
     unit: str
@@ -189,11 +189,14 @@ def _is_hdf5(path: Path) -> bool:
         return stream.read(len(_HDF5)) == _HDF5
 
 
-def layout(record: Record) -> dict[str, Layout]:
+def layout(record: Record) -> dict[str, DatasetLayout]:
     """Unit, dims, shape and type of every dataset, without reading the values (fields may be large)."""
     with _reading(record.path) as file:
         stored = ((name, file[name]) for name in record.names)
-        return {name: Layout(*_labels(data, record.path), data.shape, _type_name(data), _units(data, record.path)) for name, data in stored}
+        return {
+            name: DatasetLayout(*_labels(data, record.path), data.shape, _type_name(data), _units(data, record.path))
+            for name, data in stored
+        }
 
 
 def _type_name(stored: h5py.Dataset) -> str:

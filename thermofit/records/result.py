@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+from thermofit.core.errors import StudyError
 from thermofit.core.jsonable import jsonable
-from thermofit.records.artefact import Record, layout
+from thermofit.records.artefact import Record, layout, open_record
 from thermofit.records.stale import other_sources, stale
 
 
@@ -43,3 +45,30 @@ def description_of(record: Record) -> dict[str, Any]:
 def is_trustworthy(record: Record) -> bool:
     """False where the stage itself says that its answer is not to be trusted (exit code 5)."""
     return record.summary.get("trustworthy") is not False
+
+
+def dataset_of(record: Record, name: str) -> dict[str, Any]:
+    """One dataset with its values. DataError where there is none of that name."""
+    data = record[name]
+    values = {"dataset": name, "unit": data.unit, "units": data.units, "dims": data.dims, "values": data.value}
+    found: dict[str, Any] = jsonable({"stage": record.stage, **values})
+    return found
+
+
+def listing_of(folder: Path) -> dict[str, Any]:
+    """The artefacts of a run folder, each with its verdict, in the order in which they were made. StudyError where there is none."""
+    records = [open_record(path) for path in folder.glob("*.h5")]
+    if not records:
+        raise StudyError(f"'{folder}' is a folder without artefacts: expected RUN_DIR/<stage>.h5, or a run folder that holds some")
+    told = [(r.attributes["created"], str(r.path), r) for r in records]
+    rows = [
+        {
+            "stage": r.stage,
+            "created": made,
+            "verdict": str(r.summary.get("verdict", "")),
+            "trustworthy": is_trustworthy(r),
+            "artefact": path,
+        }
+        for made, path, r in sorted(told, key=lambda row: row[:2])
+    ]
+    return {"stage": "show", "folder": str(folder), "artefacts": rows}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from thermofit.records.artefact import Dataset, ParameterResult, Record, RecordContent, fresh, open_record, write_record
+from thermofit.records.log import END, logged
+from thermofit.study.reading import reading
 
 
 @dataclass(frozen=True)
@@ -49,18 +52,28 @@ def artefact_path(run_dir: Path, stage: str) -> Path:
 
 
 def produce(task: Job, make: Callable[[], Made], *, force: bool = False) -> Outcome:
-    """The record of a job: the one on disk where config, inputs and sources are unchanged, else a new one."""
+    """The record of a job: the one on disk where config, inputs and sources are unchanged, else a new one, with its log beside it.
+
+    While it is made only those sections of the study can be read that its config holds (`study.reading`).
+    """
     if not force and fresh(task.path, task.stage, task.config, task.inputs):
         return Outcome(open_record(task.path), True)
-    made = make()
-    content = RecordContent(
-        stage=task.stage,
-        config=task.config,
-        inputs=task.inputs,
-        datasets=made.datasets,
-        parameters=made.parameters,
-        summary={"stage": task.stage, **made.summary},
-        seed=made.seed,
-    )
-    task.path.parent.mkdir(parents=True, exist_ok=True)
-    return Outcome(write_record(task.path, content), False)
+    begin = time.perf_counter()
+    with logged(task.path, task.stage) as log:
+        with reading(task.config):
+            made = make()
+        content = RecordContent(
+            stage=task.stage,
+            config=task.config,
+            inputs=task.inputs,
+            datasets=made.datasets,
+            parameters=made.parameters,
+            summary={"stage": task.stage, **made.summary},
+            seed=made.seed,
+        )
+        task.path.parent.mkdir(parents=True, exist_ok=True)
+        record = write_record(task.path, content)
+        if log is not None and not task.path.name.startswith("."):
+            said = {"verdict": made.summary.get("verdict"), "trustworthy": made.summary.get("trustworthy") is not False}
+            log.event(END, **said, wall_s=round(time.perf_counter() - begin, 3))
+    return Outcome(record, False)

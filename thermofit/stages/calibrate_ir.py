@@ -12,7 +12,7 @@ from thermofit.core.experiment import CELSIUS, Experiment, InfraredSequence, Lan
 from thermofit.observe.camera import CameraPose, landmark_checks, make_pose, pixel_coordinates, pose_from_landmarks, pose_uncertainty
 from thermofit.observe.camera_edges import EdgeRefinement, pixel_noise, refine_pose
 from thermofit.observe.check_picture import draw_check_picture
-from thermofit.observe.force import find_phases
+from thermofit.observe.phases import find_phases
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset
 from thermofit.records.each import each
@@ -69,6 +69,12 @@ def _make(study: Study) -> Made:
         "checks": {"width_mm": checks.width_mm, "width_error": checks.width_error, "centre_offset_mm": checks.centre_offset_mm},
         "refinement": None if refined is None else _refinement_dict(refined),
         "netd_K": pixel_noise(np.asarray(frame, dtype=float)),
+        "landmarks": {
+            "frame": landmarks.frame,
+            "length": landmarks.length.tolist(),
+            "edges": np.vstack([landmarks.edge_left, landmarks.edge_right[None]]).tolist(),
+            "circle": landmarks.circle.tolist(),
+        },
         "picture": str(picture),
         "repairs": list(experiment.repairs),
         "range_degC": [float(ir.frames.min()) - CELSIUS, float(ir.frames.max()) - CELSIUS],

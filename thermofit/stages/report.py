@@ -1,13 +1,14 @@
-"""`report`: figures and a written report of a verified run, from its records; nothing is computed anew."""
+"""`report`: figures, a written report and a page to look at, from the records of a run; nothing is computed anew."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
 from thermofit.core.atomic import replacing
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.experiment.fields import INTERPOLATE
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.verification import identified_stages
@@ -16,6 +17,7 @@ from thermofit.records.key import drifted
 from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.records.stale import stale
 from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.html.page import HTML, Written, write_report
 from thermofit.report.page import figures_of, text_of
 from thermofit.study.study import Study
 
@@ -23,15 +25,49 @@ NAME = "report"
 VERIFY = "verify"
 FIGURES = "figures"
 TEXT = "report.md"
+_SHOWN = ("diagnose", "close-loop", "identifiability", "validate", "compare", "gridsearch", "sensitivity", "mesh")
+"""Stages that are no link of the chain: the page shows them where they have run."""
 
 
 def run(study: Study, *, force: bool = False) -> Outcome:
-    """Write `<run_dir>/figures/*.png` and `<run_dir>/report.md`, of several experiments in the folder of each; the record lists them.
+    """Write `<run_dir>/figures/*.png` and `report.md`, of several experiments in the folder of each, and `<run_dir>/report.html` with its
+    JSON twin and the text of methods; the record lists them.
 
     Fresh only while these files are there. Artefacts that are stale, or made with other settings than the study has now, are reported as
     what they are: the report says so, and its record is not trustworthy. StudyError where `interpolate`, `identify-elastic` or `verify` has
-    not run (names the command) or where the folder cannot be written.
+    not run (names the command; the page then shows what there is) or where the folder cannot be written.
     """
+    try:
+        return _whole(study, force=force)
+    except ThermofitError as error:
+        written = unfinished(study, str(error))
+        if written is None:
+            raise
+        raise type(error)(f"{error}; {written.html} shows what there is") from error
+
+
+def unfinished(study: Study, failure: str = "") -> Written | None:
+    """The page of a run that stopped, with the error that ended it; None where there is nothing to show, or no place to write it."""
+    try:
+        return write_report(study.run_dir, study, failure=failure)
+    except ThermofitError:
+        return None
+
+
+def of_folder(folder: Path) -> dict[str, Any]:
+    """The page of a run folder alone, whose study need not be at hand: JSON of the result. Errors of `write_report`."""
+    written = write_report(folder)
+    return {"stage": NAME, **_page_summary(written), "trustworthy": written.content.verdict.trustworthy}
+
+
+def _page_summary(written: Written) -> dict[str, Any]:
+    verdict = written.content.verdict.sentence
+    paths = {"html": written.html, "json": written.json, "methods": written.methods, "references": written.references}
+    return {"verdict": f"{verdict} {written.html}", "pages": {name: str(path) for name, path in paths.items()}}
+
+
+def _whole(study: Study, *, force: bool) -> Outcome:
+    """The record of a report of a verified run."""
     tests = experiment_of(study).tests
     alone = not tests[0].name
     stages = (*((INTERPOLATE,) if alone else ()), *identified_stages(study), VERIFY)
@@ -43,16 +79,23 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         pages.append((test.study, {**records, **own}))
         if not alone:
             doubts += [f"{test.name}: {text}" for text in _doubts(test.study, {INTERPOLATE: own[INTERPOLATE]})]
-    config = study.config_of("name", "stages", "simulate", "coupon", "experiments")
-    task = job(study.run_dir, NAME, {**config, "stale": doubts}, paths)
+    config = study.config_of("name", "model", "hardening", "mesh", "geometry", "stages", "simulate", "coupon", "experiments")
+    shown = {stage: path for stage in _SHOWN if (path := artefact_path(study.run_dir, stage)).exists()}
+    task = job(study.run_dir, NAME, {**config, "stale": doubts}, {**paths, **shown})
 
     def make() -> Made:
+        """The pages of all tests and the paths of what they show."""
         made = [_page(one, of, doubts) for one, of in pages]
         figures, texts = [path for paths, _ in made for path in paths], [text for _, text in made]
-        what = f"{TEXT} written to" if alone else f"{len(texts)} reports written to the folders of the experiments in"
+        what = f"{TEXT} and {HTML} written to"
+        if not alone:
+            what = f"{HTML} written to, and {len(texts)} reports to the folders of the experiments in,"
+        written = write_report(study.run_dir, study)
         summary = {
             **_judged(f"{len(figures)} figures and {what} {study.run_dir}", doubts),
             FIGURES: figures,
+            "pages": _page_summary(written)["pages"],
+            "sentence": written.content.verdict.sentence,
             **({"report": texts[0]} if alone else {"reports": texts}),
             "verified": records[VERIFY].summary["verdict"],
         }
@@ -60,7 +103,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
 
     outcome = produce(task, make, force=force)
     said = outcome.record.summary
-    if outcome.fresh and not all(Path(path).exists() for path in (*said[FIGURES], *said.get("reports", [said.get("report")]))):
+    files = (*said[FIGURES], *said.get("reports", [said.get("report")]), *said["pages"].values())
+    if outcome.fresh and not all(Path(path).exists() for path in files):
         outcome = produce(task, make, force=True)
     return outcome
 

@@ -43,10 +43,12 @@ DEFAULTS = MarchSettings()
 
 @dataclass(frozen=True)
 class Watch:
-    """Who follows a march: `step(n)` is called at every recorded time after the first, `sensitivities` has every step differentiated."""
+    """Who follows a march: `step(n)` is called at every recorded time after the first, `state(n, state)` at every one with all that the
+    model knows there, `sensitivities` has every step differentiated."""
 
     step: Callable[[int], None] | None = None
     sensitivities: Sensitivities | None = None
+    state: Callable[[int, State], None] | None = None
 
 
 NOBODY = Watch()

@@ -70,6 +70,8 @@ def march(
     past: tuple[Passed, ...] = ()
     records, balances, energy = [recorded(body, start, settings)], [], run.energy(start)
     run.collect(0, start)
+    if watch.state is not None:
+        watch.state(0, start)
     for n, t in enumerate(times[1:], start=1):
         parts = []
         for middle in solution_times(start.time, float(t), settings.max_step):
@@ -80,6 +82,8 @@ def march(
         before, energy = energy, run.energy(start)
         balances.append(replace(reduce(added, parts), internal=energy - before))
         run.collect(n, start)
+        if watch.state is not None:
+            watch.state(n, start)
         if watch.step is not None:
             watch.step(n)
     return history(body, records, tuple(balances), run.counts(len(times) - 1))

@@ -1,0 +1,37 @@
+"""`interpolate` by projection, which is the default, and by three points, which stays selectable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import tiny
+
+from thermofit.observe.interpolation import interpolate_displacements
+from thermofit.read.raw import read_experiment
+from thermofit.study.study import Study
+
+StudyOf = Callable[..., Study]
+
+
+def test_three_points_stay_selectable(study_of: StudyOf) -> None:
+    study = study_of("evaluation.interpolation=three-point")
+    record = tiny.stage_run("interpolate")(study).record
+    dic = read_experiment(study.experiment, ("dic",)).dic
+    assert dic is not None
+    expected = interpolate_displacements(dic, record["u/xy"].value)
+    np.testing.assert_array_equal(record["u/value"].value, expected.value[:, :, :2])
+    assert not record.has("u/moments") and not record.has("theta/moments")
+
+
+def test_the_default_uses_all_and_says_so(study_of: StudyOf) -> None:
+    record = tiny.stage_run("interpolate")(study_of()).record
+    u, theta = record.summary["nodal_values"]
+    assert (u["field"], u["data"], theta["field"], theta["data"]) == ("u", "points", "theta", "pixels")
+    assert u["share_used"] > 0.95 and theta["share_used"] > 0.95
+    assert theta["standard_error"] == pytest.approx(theta["best"], rel=0.02)
+    assert theta["standard_error"] < 0.5 * record.summary["temperature"]["noise_K"]
+    for name in ("u", "theta"):
+        mask, moments = record[f"{name}/mask"].value.astype(bool), record[f"{name}/moments"].value
+        assert np.isfinite(moments).all() and (moments[~mask] == 0.0).all() and np.abs(moments[mask]).max() > 0.01

@@ -1,0 +1,1 @@
+"""Results for other programmes: fields for ParaView, tables, one JSON file, material cards."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thermofit.body.body import Body
-from thermofit.body.solve.march import History, Loading, march
+from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.core import parameters as declared
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
@@ -71,6 +71,12 @@ def model_of(case: Study, data: Measured, key: str) -> tuple[StageModel, Paramet
     settings = case.stage(key)
     base = Parameters.of(TRUTH).with_free(settings.free)
     return stage_model(case, data, settings, base, SIZE, (0.0, 40.0, "")), base
+
+
+def test_a_study_asks_for_the_accuracy_that_the_kernel_has_by_default(tmp_path: Path) -> None:
+    """One default, measured as it is used."""
+    settings = march_settings(study(tmp_path), "full")
+    assert (settings.newton, settings.coupling_tolerance) == (MarchSettings().newton, MarchSettings().coupling_tolerance)
 
 
 @pytest.mark.parametrize(("key", "moved"), [("plastic", "M_y0"), ("thermal", "c0")])

@@ -9,7 +9,7 @@ import numpy as np
 from thermofit.body.body import Body, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, HeatStep, expansion_capacity, heat_step, same_step, stored_heat
 from thermofit.body.heat.effects import source_heat
-from thermofit.body.heat.equation import heat_of_increment, smallest_dissipation
+from thermofit.body.heat.equation import heat_of_increment
 from thermofit.body.heat.fixed_stress import STRONG, left_of
 from thermofit.body.sensitivity.march import StepEnds
 from thermofit.body.solve.history import Balance, State, point_history, top_displacement
@@ -62,7 +62,7 @@ class HeatOfStep:
         heat = np.zeros(body.mesh.n_nodes)
         after = point_history(points, dilatation)
         self._middle = 0.5 * (start.theta + theta)
-        self._released = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
+        *self._released, self._smallest = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
         dt, first = self._t - start.time, start.time if self._conditions.moment is None else self._conditions.moment.first
         conditions = self._conditions.at(first, start.time, self._middle)
         flow = (self._before.accumulated, after.accumulated - self._before.accumulated)
@@ -99,9 +99,7 @@ class HeatOfStep:
             stored=s * stored,
             source=s * self._source,
             stored_by_effects=s * (stored - plain),
-            smallest_dissipation=smallest_dissipation(
-                self._before, point_history(found.state, found.dilatation), float(self._middle.mean()), self._law
-            ),
+            smallest_dissipation=self._smallest,
         )
         return state, balance
 

@@ -100,7 +100,8 @@ class Balance:
 
     @property
     def first_law_defect(self) -> float:
-        """Change of internal energy minus work and heat that came in; falls with the square of the step."""
+        """Change of internal energy minus work and heat that came in; falls with the square of the step in smooth phases, more slowly
+        while points begin to flow (docs/theory.md)."""
         return self.internal + self.stored_by_effects - self.source - (self.work - sum(self.outflow.values()))
 
 

@@ -9,6 +9,7 @@ from bench_measure import Limits, Options, Part, Row, Target, cpu
 from thermofit.body.body import tension_body
 from thermofit.body.solve.march import Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
+from thermofit.law.hardening.catalogue import hardening_laws
 from thermofit.point.driver import PointSettings, Programme, simulate, simulate_rates
 
 SAMPLES = 20_000
@@ -24,10 +25,16 @@ def measure(options: Options, limits: Limits) -> Part:
     plain = cpu(lambda: simulate(LOSSY, record), options.repeat)
     exact = cpu(lambda: simulate_rates(LOSSY, NAMES, record), options.repeat)
     per_step = 1e6 * plain / cost["steps"]
+    laws = {law.name: cpu(lambda law=law: simulate(LOSSY, record, PointSettings(law.name)), options.repeat) for law in hardening_laws()}
     worst = deviations()
     rows = (
         Row(f"{SAMPLES} samples, cycles", plain, f"{per_step:.1f} us per step, {cost['newton_iterations'] / cost['steps']:.1f} iterations"),
         Row(f"the same with {len(NAMES)} exact sensitivities", exact, f"{exact / plain:.1f} times the plain run"),
+        *(
+            Row(f"the same with hardening {name}", own, f"{own / laws['model2']:.2f} times model2")
+            for name, own in laws.items()
+            if name != "model2"
+        ),
         *(Row(f"deviation from the body: {name}", None, f"{value:.1e} of its largest value") for name, value in worst.items()),
     )
     largest = max(worst.values())

@@ -18,6 +18,7 @@ from operating_draw import World, worlds
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case, untold
 from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.prepared import within
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
@@ -84,7 +85,7 @@ RATES = (1e-4, 1e-3, 1e-2)
 @dataclass(frozen=True)
 class Kind:
     """A kind of test: named programme of its records, range of the largest strain, samples of a record, whether the temperature is
-    measured, how many records, and whether each has a rate of its own."""
+    measured, how many records, whether each has a rate of its own, and by how many kelvin each is above the one before, as declared."""
 
     named: str
     peaks: tuple[float, float]
@@ -92,6 +93,7 @@ class Kind:
     hot: bool = False
     records: int = 1
     of_each_rate: bool = False
+    warmer: float = 0.0
 
 
 ALL_IN_ONE = "all-in-one"
@@ -103,6 +105,7 @@ KINDS: Mapping[str, Kind] = {
     "cycles": Kind("cycles", (0.012, 0.03), 480),
     "three-rates": Kind("monotonic", (0.04, 0.12), 200, records=3, of_each_rate=True),
     "repeats": Kind("monotonic", (0.04, 0.12), 200, records=3),
+    "three-temperatures": Kind("monotonic", (0.04, 0.12), 200, records=3, warmer=60.0),
 }
 Path_ = tuple[str, np.ndarray, np.ndarray, tuple[TestPhase, ...]]
 """Name, time s, strain, and phases of a record."""
@@ -165,12 +168,14 @@ def measured(world: World, planted: Mapping[str, float]) -> CouponData:
     true = {"strain": NOISE["strain"], **{name: world.noise * NOISE[name] for name in ("stress", "theta")}}
     declared = {name: sigma * world.declared.get(name, 1.0) for name, sigma in true.items()}
     tests = []
-    for name, t, strain, phases in paths(world):
+    for number, (name, t, strain, phases) in enumerate(paths(world)):
+        air = AIR + number * KINDS[world.programme].warmer
+        own = parameters.replace(theta_air=air, theta_ref=air, theta_clamp=air)
         index = np.arange((len(t) - 1) * FINER + 1) / FINER
         fine = np.interp(index, np.arange(len(t)), t), np.interp(index, np.arange(len(t)), strain)
-        history = simulate(parameters, Programme.by_strain(*fine, AIR), SETTINGS).every(FINER)
-        bare = CouponTest(name, t, strain, history.stress, None, AIR, AIR, declared, phases)
-        theta = shown(history.theta_sensor, bare, parameters) + true["theta"] * random.normal(size=len(t))
+        history = simulate(own, Programme.by_strain(*fine, air), SETTINGS).every(FINER)
+        bare = CouponTest(name, t, strain, history.stress, None, air, air, declared, phases)
+        theta = shown(history.theta_sensor, bare, own) + true["theta"] * random.normal(size=len(t))
         stress = history.stress + true["stress"] * random.normal(size=len(t))
         tests.append(replace(bare, stress=stress, theta=theta if hot else None))
     return CouponData(tuple(tests), "strain")
@@ -189,12 +194,17 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     hot = KINDS[world.programme].hot
     study = _study(hot)
     start = study.start_parameters(data)
-    settings = CouponExperiment(study, given=data).widened(start)
+    experiment = CouponExperiment(study, given=data)
+    slopes = [line.slope for test in data.tests if (line := test.line) is not None]
+    if slopes:  # what `identify-elastic` would find
+        start = start.replace(E=float(np.mean(slopes)))
+        study = within(study, start, experiment.told(start))
+    settings = experiment.widened(start)
     base = start.with_free(settings.free)  # type: ignore[arg-type]
     model = coupon_model(study, data, settings, base)
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
     parameters, fit = refit(base, "joint")
-    case = replace(_case(study, data, model, parameters, hot), cheap=True)
+    case = replace(_case(study, data, model, parameters, hot), cheap=True, bounds=study.bounds)
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     numerical = 2.0 * (model.residual(parameters) - coupon_model(fine, data, settings, base).residual(parameters))
     found = close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)

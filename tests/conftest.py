@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -18,3 +23,14 @@ def pytest_configure(config: pytest.Config) -> None:
         from thermofit.experiment.compiling import compiled
 
         compiled()
+
+
+@pytest.fixture(scope="module")
+def scripts() -> Iterator[Any]:
+    """Import of a script by name; the scripts import one another."""
+    folder = str(Path(__file__).parents[1] / "scripts")
+    sys.path.insert(0, folder)
+    try:
+        yield importlib.import_module
+    finally:
+        sys.path.remove(folder)

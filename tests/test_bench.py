@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,22 +12,11 @@ import numpy as np
 import pytest
 
 from thermofit.law.page import law_of
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
 SMALL = (2, 4, 2)
 CALCULIX_FACES = ((1, 2, 3, 4), (5, 8, 7, 6), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 8, 4), (4, 8, 5, 1))
 """Corners of the faces F1 to F6 of C3D8 after the manual of CalculiX."""
-
-
-@pytest.fixture(scope="module")
-def scripts() -> Iterator[Any]:
-    """Import of a script by name; the scripts import one another."""
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        yield importlib.import_module
-    finally:
-        sys.path.remove(str(SCRIPTS))
 
 
 @pytest.fixture(scope="module")

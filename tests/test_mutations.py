@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -15,12 +13,8 @@ FILE = "thermofit/effects/one.py"
 
 
 @pytest.fixture(scope="module")
-def mutations() -> Iterator[ModuleType]:
-    sys.path.insert(0, str(ROOT / "scripts"))
-    try:
-        yield importlib.import_module("mutations")
-    finally:
-        sys.path.remove(str(ROOT / "scripts"))
+def mutations(scripts: Any) -> ModuleType:
+    return scripts("mutations")
 
 
 def test_every_mutation_of_the_list_applies(mutations: ModuleType) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +12,10 @@ import pytest
 
 from thermofit.effects.catalogue import effect, effects
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-
 
 @pytest.fixture(scope="module")
-def page() -> Iterator[Any]:
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        yield importlib.import_module("operating_page")
-    finally:
-        sys.path.remove(str(SCRIPTS))
+def page(scripts: Any) -> Any:
+    return scripts("operating_page")
 
 
 def found(name: str, amplitude: float, **others: float) -> dict[str, Any]:

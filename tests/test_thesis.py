@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import os
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +16,6 @@ from thermofit.study.study import Study, load_study
 
 ROOT = Path(__file__).parents[1]
 SIX = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "f")
-
-
-@pytest.fixture(scope="module")
-def scripts() -> Iterator[Any]:
-    """Import of a script by name; the scripts import one another."""
-    sys.path.insert(0, str(ROOT / "scripts"))
-    try:
-        yield importlib.import_module
-    finally:
-        sys.path.remove(str(ROOT / "scripts"))
 
 
 def study(name: str) -> Study:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import os
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +10,7 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
-SCRIPTS = Path(__file__).parents[1] / "scripts"
 LARGEST_PICTURE = 150_000
-
-
-@pytest.fixture(scope="module")
-def scripts() -> Iterator[Any]:
-    """Import of a script by name; the scripts import one another."""
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        yield importlib.import_module
-    finally:
-        sys.path.remove(str(SCRIPTS))
 
 
 @pytest.fixture(scope="module")

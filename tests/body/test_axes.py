@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from necked_bar import AREA, bar, necked
+from scalar_update import local_update, piola_stress, point_work
 from scipy.spatial.transform import Rotation
 from small_bodies import ADIABATIC, bar_mesh
-from test_newton import AREA, bar, necked
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import axes_about_z, virgin_state
 from thermofit.core.errors import StudyError
-from thermofit.law.page import Law, in_model_axes, law_of
+from thermofit.law.page import Law, hill, in_model_axes, law_of
 from thermofit.law.tensor import COLUMN, ROW
-from thermofit.point.update import ELASTIC, PLASTIC, hill, local_update, piola_stress, point_work
+from thermofit.point.state import ELASTIC, PLASTIC
 
 SHEET = ADIABATIC.replace(F=0.31, G=0.62, H=0.45, L=1.2, M=1.9, N=1.45)
 

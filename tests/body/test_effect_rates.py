@@ -12,31 +12,33 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
-from thermofit.law.composition import body_effects
+from thermofit.law.composition import STRUCTURAL, law_effects
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
-PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in body_effects() for p in e.params}
-AMPLITUDES = tuple(p.name for e in body_effects() for p in e.amplitudes)
-EFFECT_PARAMS = tuple(name for e in body_effects() for name in e.names)
+PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in law_effects() for p in e.params}
+AMPLITUDES = tuple(p.name for e in law_effects() for p in e.amplitudes)
+EFFECT_PARAMS = tuple(name for e in law_effects() for name in e.names)
 FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
 TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
 SETTINGS = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8)
 
 
-def body() -> Body:
-    return tension_body(dogbone_mesh(SPECIMEN, 1, 8, 1))
+def body(control: str = "force") -> Body:
+    return tension_body(dogbone_mesh(SPECIMEN, 1, 8, 1), control=control)
 
 
-def run(names: tuple[str, ...] = (), **changes: float) -> tuple[History, dict[str, np.ndarray]]:
+def run(
+    names: tuple[str, ...] = (), loading: Loading = FORCE, times: np.ndarray = TIMES, **changes: float
+) -> tuple[History, dict[str, np.ndarray]]:
     """A run and the derivatives of its fields (n_t, ..., n_p)."""
-    kept: dict[str, list[np.ndarray]] = {"u": [], "theta": []}
+    kept: dict[str, list[np.ndarray]] = {"u": [], "theta": [], "force": []}
 
     def collect(n: int, at: Sensitivity) -> None:
         for field, values in kept.items():
             values.append(np.array(getattr(at, field)))
 
     watch = Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-9)) if names else Watch()
-    history = march(body(), BASE.replace(**changes), FORCE, TIMES, SETTINGS, watch)
+    history = march(body(loading.control), BASE.replace(**changes), loading, times, SETTINGS, watch)
     return history, {field: np.stack(values) for field, values in kept.items() if values}
 
 
@@ -52,6 +54,67 @@ def test_every_effect_of_the_law_acts_and_is_differentiated_in_a_coupled_run() -
             expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
             noise = 2e-8 * np.abs(getattr(there, field)).max() / h
             assert np.abs(rates[field][..., k] - expected).max() < 1e-4 * np.abs(expected).max() + noise, (name, field)
+
+
+END = Loading(np.array([0.0, 20.0, 30.0, 50.0]), np.array([0.0, 1.6, 0.6, 2.4]), "displacement", from_rest=True)
+"""The end is pulled, pushed back until flow reverses, and pulled on."""
+TURNED = Loading(np.array([0.0, 25.0, 50.0, 75.0]), np.array([0.0, 5200.0, -4900.0, 5600.0]))
+LAW = ("E", "nu", "M_y0", "M_yinf", "H_exp", "H_lin", "F", "alpha_exp", "beta")
+TOGETHER = (*LAW, *EFFECT_PARAMS)
+
+
+@pytest.mark.parametrize("control", ["force", "displacement"])
+def test_remainders_are_of_second_order_with_everything_on(control: str) -> None:
+    """At a random point away from neutral, along random directions of all parameters of the law and its effects at once: |f(p + h d) - f(p)
+    - h f'(p) d| falls fourfold as h is halved, of displacements, temperatures and force, through load, unloading and reversed flow."""
+    random = np.random.default_rng(7)
+    point = {name: value * random.uniform(0.7, 1.3) for name, value in PROBES.items()}
+    point |= {name: BASE[name] * random.uniform(0.95, 1.05) for name in LAW}
+    driven = (TURNED, np.linspace(0.0, 75.0, 26)) if control == "force" else (END, np.linspace(0.0, 50.0, 21))
+    start, rates = run(TOGETHER, *driven, **point)
+    assert start.force.min() < -0.3 * start.force.max(), "flow reverses"
+    if control == "force":
+        assert not np.any(rates.pop("force")), "it is given"
+    for _ in range(2):
+        along = {name: random.choice([-1.0, 1.0]) * (abs(point[name]) or 1e-3) for name in TOGETHER}
+        direction = np.array([along[name] for name in TOGETHER])
+        left: dict[str, list[float]] = {field: [] for field in rates}
+        for h in (4e-3, 2e-3, 1e-3):
+            there, _ = run((), *driven, **{name: point[name] + h * along[name] for name in TOGETHER})
+            for field, values in left.items():
+                linear = h * (rates[field] @ direction)
+                values.append(float(np.abs(getattr(there, field) - getattr(start, field) - linear).max() / np.abs(linear).max()))
+        for field, values in left.items():
+            # relative to the linear part, which falls with h itself
+            assert values[1] < 0.62 * values[0] and values[2] < 0.62 * values[1] and values[2] < 0.05, (field, values)
+
+
+def test_energy_is_balanced_where_the_update_is_changed() -> None:
+    """The first law of the whole specimen with what backstresses store and lost moduli release, and no point that takes heat to flow."""
+    structure = {name: value for name, value in PROBES.items() if name in STRUCTURAL}
+    defects = []
+    for n in (81, 161):
+        history, _ = run((), END, np.linspace(0.0, 50.0, n), **structure)
+        assert min(step.smallest_dissipation for step in history.balance) >= 0.0
+        work = max(abs(w) for w in np.cumsum([step.work for step in history.balance]))
+        defects.append(max(abs(d) for d in np.cumsum([step.first_law_defect for step in history.balance])) / work)
+    assert defects[1] < 0.6 * defects[0] and defects[1] < 2e-3, defects
+
+
+@pytest.mark.parametrize("name", [name for name in AMPLITUDES if name in STRUCTURAL])
+def test_the_influence_at_neutral_itself(name: str) -> None:
+    """Of effects that change the local update, asked for while all are off, through reversed flow: by differences from neutral on one
+    side. The run itself stays what it is without the question."""
+    others = {p: PROBES[p] for p in EFFECT_PARAMS if p not in AMPLITUDES}
+    times, h = np.linspace(0.0, 50.0, 21), 0.02 * PROBES[name]
+    neutral, rates = run((name,), END, times, **others)
+    plain, one, two = (run((), END, times, **others, **{name: x})[0] for x in (0.0, h, 2.0 * h))
+    for field in ("u", "theta", "force"):
+        assert getattr(neutral, field) == pytest.approx(getattr(plain, field), abs=1e-7 * np.abs(getattr(plain, field)).max())
+        slope = (4.0 * getattr(one, field) - 3.0 * getattr(plain, field) - getattr(two, field)) / (2.0 * h)
+        assert np.abs(slope).max() > 0.0
+        noise = 2e-7 * np.abs(getattr(plain, field)).max() / h
+        assert np.abs(rates[field][..., 0] - slope).max() < 3e-3 * np.abs(slope).max() + noise, field
 
 
 @pytest.mark.parametrize("name", AMPLITUDES)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numba import config, get_num_threads
+from scalar_update import local_tangent, local_update, piola_stress, point_work
 from scipy.spatial.transform import Rotation
 from small_bodies import MISES, NOMINAL, bar_mesh, dense_equilibrium, run_pass
 
@@ -13,7 +14,7 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.solve.newton import virgin_state
 from thermofit.core.jit import set_threads
 from thermofit.law.page import Law, law_of
-from thermofit.point.update import LAMBDA, local_tangent, local_update, piola_stress, point_work
+from thermofit.point.state import LAMBDA
 
 ELASTIC_GRADIENT = np.array([[-0.0004, 0.0003, 0.0002], [0.0001, 0.0009, -0.0002], [0.0003, 0.0, -0.0003]])
 PLASTIC_GRADIENT = np.array([[-0.03, 0.02, 0.01], [0.015, 0.06, -0.02], [0.02, 0.005, -0.028]])
@@ -163,7 +164,7 @@ def test_force_of_f_bar_is_that_of_its_virtual_work() -> None:
 def element_of_points(
     data: ElementData, u: np.ndarray, theta: np.ndarray, state_n: np.ndarray, law: Law
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Force (24,), upper triangle of the stiffness (24, 24) and state of one element, by `point.update` and the formulas of F-bar:
+    """Force (24,), upper triangle of the stiffness (24, 24) and state of one element, by `scalar_update` and the formulas of F-bar:
 
     f_a = sum_q w [tau g_a + p (g_bar_a - g_a)],
     K = sum_q w [G_a A G_b + p g_b (x) g_a] + h (x) m + m (x) h + P [sum_q J w (g_a (x) g_b - g_b (x) g_a) / (V J_bar) - g_bar (x) g_bar],

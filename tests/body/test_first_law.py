@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_bodies import NOMINAL, SPECIMEN, bar_mesh, reference_table, run_pass
-from test_march import LOADING
+from reference import reference_table
+from small_bodies import LOADING, NOMINAL, SPECIMEN, bar_mesh, run_pass
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.element.energy import internal_energy_of
@@ -14,7 +14,7 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import virgin_state
 from thermofit.law.page import internal_energy, law_of
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.point.state import ALPHA, LAMBDA
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh, reference_table
+from reference import reference_table
+from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import HeatStep, expansion_capacity, heat_conditions, heat_step, same_step

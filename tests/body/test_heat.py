@@ -11,7 +11,7 @@ from small_bodies import ADIABATIC, NOMINAL, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, heat_conditions, heat_step, steady_temperature, stored_heat
-from thermofit.body.heat.equation import PointHistory, heat_of_increment
+from thermofit.body.heat.equation import PointHistory, heat_of_increment, smallest_dissipation
 from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
@@ -159,17 +159,18 @@ def test_heat_of_an_increment_is_the_law_times_the_volume() -> None:
 
     start, end = history(1.0005, 0.01, 0.011), history(1.0011, 0.0125, 0.014)
     theta, out = np.full(body.mesh.n_nodes, 301.0), np.zeros(body.mesh.n_nodes)
-    dissipated, elastic, smallest = heat_of_increment(body.data, start, end, theta, law, out)
+    dissipated, elastic = heat_of_increment(body.data, start, end, theta, law, out)
     volume = A * LENGTH * B
     assert dissipated == pytest.approx(volume * dissipated_energy(0.01, 0.0125, 0.003, law), rel=1e-12)
     expected = volume * thermoelastic_heat(301.0, np.log(1.0005) / 1.0005, np.log(1.0011) / 1.0011, law)
     assert elastic == pytest.approx(expected, rel=1e-12)
     assert out.sum() == pytest.approx(dissipated + elastic, rel=1e-12)
-    assert heat_of_increment(body.data, start, start, theta, law, np.zeros_like(out)) == (0.0, 0.0, 0.0)
-    assert smallest == 0.0
+    assert heat_of_increment(body.data, start, start, theta, law, np.zeros_like(out)) == (0.0, 0.0)
+    none = np.zeros((n, 8))
+    assert smallest_dissipation(start, end, 300.0, law, none) == 0.0
     broken = end._replace(accumulated=end.accumulated.copy(), alpha=end.alpha.copy())
     broken.accumulated[1, 2] = 0.010
-    assert heat_of_increment(body.data, start, broken, theta, law, np.zeros_like(out))[2] < 0.0
+    assert smallest_dissipation(start, broken, 300.0, law, none) < 0.0
 
 
 def adiabatic_run(stresses: list[float], parameters: Parameters = ADIABATIC, **settings: Any) -> tuple[Body, History]:

@@ -24,7 +24,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters, param
 from thermofit.law.page import Law, law_of
 from thermofit.law.page_rates import directions, padded
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.point.state import ALPHA, LAMBDA
 
 THERMAL = ("alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 LAW = ("E", "nu", "M_y0", "M_yinf", "H_exp", "alpha_exp", "beta", "theta_ref", "F")
@@ -157,7 +157,7 @@ class Sources:
         """The points where direction k has gone by s."""
         return [
             PointHistory(
-                *(x + s * y for x, y in zip(e, (r.dilatation[..., k], r.state[:, :, ALPHA, k], r.state[:, :, LAMBDA, k]), strict=True))
+                *(x + s * y for x, y in zip(e[:3], (r.dilatation[..., k], r.state[:, :, ALPHA, k], r.state[:, :, LAMBDA, k]), strict=True))
             )
             for e, r in zip(self.ends, self.rates, strict=True)
         ]

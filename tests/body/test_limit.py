@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from necked_bar import AREA, bar, necked, run
 from small_bodies import ADIABATIC, SPECIMEN, bar_mesh
-from test_newton import AREA, bar, necked, run
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
+from small_bodies import ADIABATIC, LOADING, NOMINAL, SPECIMEN, bar_mesh
 
 from thermofit.body.body import Body, ThermalGeometry, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import HeatStep, heat_step
@@ -18,7 +18,6 @@ from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import StudyError
 
 HALF_SECTION = 25.0 * 1.2
-LOADING = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5700.0, 5700.0, 0.0, 0.0]))
 """Rest, loading to 190 MPa, hold, unloading, cooling."""
 
 

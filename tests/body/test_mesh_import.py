@@ -7,8 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from small_bodies import bar_mesh
-from test_shapes import patch_error
+from small_bodies import bar_mesh, patch_error
 
 from thermofit.body.mesh.imported import import_mesh
 from thermofit.body.mesh.mesh import boundary_facets

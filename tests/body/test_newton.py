@@ -6,28 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from necked_bar import AREA, bar, necked, run
 from small_bodies import ADIABATIC, MISES, NOMINAL, bar_mesh, dense_equilibrium, run_pass
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.solve import newton
-from thermofit.body.solve.march import History, Loading, MarchSettings, march
+from thermofit.body.solve.march import Loading, march
 from thermofit.body.solve.newton import Equilibrator, NewtonSettings, virgin_state
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.law.page import law_of
-
-AREA = 4.0 * 1.0
-
-
-def bar(control: str = "force") -> Body:
-    """A distorted quarter bar of 8 x 30 x 2 mm in all, so that the stress is homogeneous but the equations are not."""
-    return tension_body(bar_mesh((2, 5, 1), (4.0, 30.0, 1.0), air=("x1", "z1"), clamp=("y0", "y1")), control=control)
-
-
-def necked(control: str = "force") -> Body:
-    """A quarter bar whose middle is narrower: inhomogeneous stress."""
-    mesh = bar_mesh((3, 6, 2), (4.0, 30.0, 1.0), air=("x1", "z1"), clamp=("y0", "y1"))
-    mesh.nodes[:, 0] *= 1.0 - 0.15 * np.exp(-(((mesh.nodes[:, 1] - 15.0) / 5.0) ** 2))
-    return tension_body(mesh, control=control)
 
 
 def rest(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,13 +129,6 @@ def test_missing_sets_and_unknown_control_are_told() -> None:
     del mesh.node_sets["z0"]  # type: ignore[attr-defined]
     with pytest.raises(StudyError, match="'z0' is missing"):
         tension_body(mesh)
-
-
-def run(body: Body, marks: list[float], values: list[float], steps: int = 60, **settings: object) -> History:
-    control = "force" if body.top >= 0 else "displacement"
-    loading = Loading(np.array(marks), np.array(values), control)
-    times = np.unique(np.concatenate([np.linspace(marks[0], marks[-1], steps + 1), marks]))
-    return march(body, ADIABATIC, loading, times, MarchSettings(**settings))  # type: ignore[arg-type]
 
 
 PROGRAMME = ([0.0, 1.0, 1.5, 2.0, 3.0, 3.5, 4.5], [0.0, 170.0, 170.0, 40.0, -175.0, -175.0, 60.0])

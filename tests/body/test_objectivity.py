@@ -11,23 +11,30 @@ from thermofit.body.body import tension_body, thermal_geometry
 from thermofit.body.element.hex8 import element_data
 from thermofit.body.solve.newton import axes_about_z, virgin_state
 from thermofit.law.page import law_of
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
 STRETCH = np.array([[-0.012, 0.006, 0.002], [0.004, 0.024, -0.005], [0.006, 0.002, -0.011]])
 """Displacement gradient of one step."""
 
 
-@pytest.mark.parametrize("f_bar", [True, False])
-def test_a_run_seen_from_a_turning_frame(f_bar: bool) -> None:
+STRUCTURE = {
+    **{"backstress_first.C": 4000.0, "backstress_first.gamma": 60.0, "backstress_second.C": 800.0},
+    **{"elastic_degradation.amount": 0.15, "tension_compression.difference": 0.06},
+}
+"""Effects that change the local update itself."""
+
+
+@pytest.mark.parametrize(("f_bar", "changes"), [(True, {}), (False, {}), (True, STRUCTURE)], ids=["f-bar", "full", "structure"])
+def test_a_run_seen_from_a_turning_frame(f_bar: bool, changes: dict[str, float]) -> None:
     """Six equilibria of a distorted block of a sheet cut at 30 degrees, loaded and reversed; in the second run its surface turns by another
     20 degrees in every step. Equal plastic states, x and nodal forces turned."""
-    mesh, law = bar_mesh((2, 3, 2), (2.0, 3.0, 1.5), distortion=0.2), law_of(NOMINAL)
+    mesh, law = bar_mesh((2, 3, 2), (2.0, 3.0, 1.5), distortion=0.2), law_of(NOMINAL.replace(**changes))
     data = element_data(mesh.nodes, mesh.hexes, f_bar=f_bar)
     low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     surface = np.any(np.isclose(mesh.nodes, low) | np.isclose(mesh.nodes, high), axis=1)
     held = np.repeat(surface[:, None], 3, axis=1)
     bulge = 0.02 * np.sin(3.0 * mesh.nodes[:, [1, 2, 0]])
-    still = turning = virgin_state(mesh.n_elements, axes_about_z(30.0))
+    still = turning = virgin_state(mesh.n_elements, axes_about_z(30.0), structure=bool(changes))
     u = moved = np.zeros_like(mesh.nodes)
     for n, amount in enumerate((1.0, 2.0, 3.0, 2.0, 1.0, 1.5), start=1):
         q = Rotation.from_rotvec(np.radians(20.0 * n) * np.array([0.6, -0.64, 0.48])).as_matrix()

@@ -10,7 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from small_bodies import NOMINAL, SPECIMEN, reference_table
+from reference import reference_table
+from small_bodies import NOMINAL, SPECIMEN
 
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh

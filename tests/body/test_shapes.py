@@ -6,17 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from small_bodies import MISES, dense_equilibrium
+from small_bodies import MISES, patch_error
 
 from thermofit.body.body import tension_body
-from thermofit.body.element.hex8 import element_data
 from thermofit.body.mesh.mesh import Mesh, boundary_facets
 from thermofit.body.mesh.quality import check_watertight, quality, symmetry_of
 from thermofit.body.mesh.shapes import bar_mesh, cruciform_arm_mesh, plate_with_hole_mesh
 from thermofit.body.solve.march import Loading, MarchSettings, march
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import Specimen
-from thermofit.law.page import law_of
 from thermofit.study.section import MeshSize
 
 PLATE = Specimen(20.05, 3.05, 80.0, 0.0, 20.05, 80.0, 0.0)
@@ -106,19 +104,6 @@ def test_unsound_meshes_are_refused(how: str, text: str) -> None:
     check_watertight(mesh)
     with pytest.raises(NumericsError, match=text):
         check_watertight(broken(mesh, how))
-
-
-def patch_error(mesh: Mesh) -> float:
-    """Largest deviation of free interior nodes from a homogeneous deformation that the boundary follows, relative to it."""
-    gradient = 1e-3 * np.array([[0.4, 0.2, -0.1], [-0.3, 1.0, 0.25], [0.15, -0.2, -0.3]])
-    exact = mesh.nodes @ gradient.T
-    held = np.zeros((mesh.n_nodes, 3), dtype=bool)
-    held[np.unique(boundary_facets(mesh.hexes))] = True
-    assert (~held).any(), "no interior node: the patch test would be vacuous"
-    start = np.where(held, exact, 0.0)
-    law = law_of(MISES.replace(M_y0=5000.0, M_yinf=5001.0), 2)
-    u, _, _ = dense_equilibrium(element_data(mesh.nodes, mesh.hexes, f_bar=True), start, held, law)
-    return float(np.abs(u - exact).max() / np.abs(exact).max())
 
 
 @pytest.mark.parametrize("shape", ["plate", "cruciform"])

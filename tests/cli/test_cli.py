@@ -427,6 +427,16 @@ def test_new_writes_a_study_that_loads(tmp_path: Path, monkeypatch: pytest.Monke
     assert answer["stage"] == "new" and load_study("studies/07.yaml").experiment.name == "my-experiment"
 
 
+def test_new_with_a_hardening_law(tmp_path: Path) -> None:
+    from thermofit.study.study import load_study
+
+    path = tmp_path / "study.yaml"
+    unknown = call("new", path, "--hardening", "swfit")
+    assert unknown.exit_code == 2 and "'swfit' is not known; known are voce, model2" in unknown.stderr and not path.exists()
+    assert call("new", path, "--hardening", "swift").exit_code == 0
+    assert load_study(path).stage("plastic").free == ("M_y0", "swift.e0", "swift.n", "F")
+
+
 def test_new_refuses_a_folder_without_experiment(tmp_path: Path) -> None:
     result = call("new", tmp_path / "study.yaml", "--experiment", tmp_path)
     assert result.exit_code == 2 and "experiment.yaml" in result.stderr

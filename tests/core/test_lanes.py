@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scalar_update import exponential, exponential_derivative
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, all_lanes, any_lane, larger, multiply_add, spread, where
-from thermofit.law.tensor import exponential, exponential_derivative
 from thermofit.point.lanes_memory import at, column, lane_sum, lane_workspace, number, row, set_at, set_column, set_row, set_vectors
 from thermofit.point.lanes_tensor import exponential_of_traceless, exponential_slopes, set_symmetric_rows, symmetric_rows
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_loop import N_T, TIME, Y, case_of, refitting
+from refits import refitting
+from seen_field import N_T, TIME, Y, case_of
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means, Refit, made_up_for, still_needed
@@ -36,7 +37,7 @@ def at_the_end(monkeypatch: pytest.MonkeyPatch, shape: np.ndarray, **planted: fl
         warm = 300.0 / p["c0"] * (1.0 - np.exp(-TIME / 30.0))[:, None] * (1.0 - (Y / (0.3 * p["kappa"])) ** 2)
         return np.asarray(297.0 + warm + (p[LAMP] * warmed(p["lamp.start"]) + p[DRIFT] * shape)[:, None])
 
-    monkeypatch.setattr("test_loop.field", field)
+    monkeypatch.setattr("seen_field.field", field)
     case = case_of(5, **planted)
     begin = case.parameters.replace(**{"lamp.start": HELD}).with_free(("kappa", "c0", DRIFT, LAMP))
     plain, labels = refitting(case.model), []

@@ -17,7 +17,6 @@ from thermofit.experiment.coupon_model import offsets
 from thermofit.experiment.known_effects import effects_of_fields, effects_of_point
 from thermofit.experiment.missing_coupon import CouponMissing
 from thermofit.experiment.residuals import Span
-from thermofit.law.composition import POINT_ONLY
 from thermofit.observe.stations import INFRARED
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
@@ -90,8 +89,8 @@ def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:
 @pytest.mark.parametrize(
     ("known", "slots"),
     [
-        (effects_of_fields(infrared=True), POINT_ONLY),
-        (effects_of_fields(infrared=False), (*POINT_ONLY, *HEAT, *INFRARED)),
+        (effects_of_fields(infrared=True), ()),
+        (effects_of_fields(infrared=False), (*HEAT, *INFRARED)),
         (effects_of_point(sensor=True), (*HEAT, *LOAD, *KINEMATICS, "emission", "reflection", "optics", "camera")),
         (effects_of_point(sensor=False), (*HEAT, *LOAD, *KINEMATICS, *INFRARED, "camera")),
     ],

@@ -9,9 +9,9 @@ from typing import cast
 
 import numpy as np
 import pytest
-from strip import fitted, refitting
-from test_unlisted_records import NOISE as RECORD
-from test_unlisted_records import TRUTH, case_of, study
+from record_case import NOISE as RECORD
+from record_case import TRUTH, case_of, study
+from refits import fitted, refitting
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case

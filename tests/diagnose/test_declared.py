@@ -8,7 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from test_loop import case_of, refitting, settled
+from refits import fitted, refitting
+from seen_field import case_of
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
@@ -119,7 +120,7 @@ def test_a_reading_whose_second_refit_fails_refuses_with_both_reasons() -> None:
 @pytest.mark.parametrize(("times", "said"), [(2.9, False), (3.1, True), (50.0, True)])
 def test_a_reading_that_the_joint_fit_drives_off_is_no_trusted_answer(times: float, said: bool) -> None:
     """Three standard errors are the limit, everything else is at its floor. Another declared value, where the fit left it, is not named."""
-    case, fit = settled(case_of(1))
+    case, fit = fitted(case_of(1))
     readings = (Prior("theta_air", 297.4, 0.1), Prior("theta_clamp", 296.7, 0.1))
     there = case.parameters.replace(theta_air=297.4 - 0.1 * times, theta_clamp=296.75)
     here = traced(replace(case, model=replace(case.model, priors=readings), parameters=there))

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_loop import BASE, KNOWN, SIGMA, case_of, refitting
+from refits import refitting
+from seen_field import BASE, KNOWN, SIGMA, case_of
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import still_needed

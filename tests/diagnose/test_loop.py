@@ -3,99 +3,31 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import seen_field
+from refits import fitted, refitting
+from seen_field import BASE, N_S, N_T, SIGMA, TIME, case_of, field
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
-from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.backward import Means, Refit, without
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.backward import Means, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
 from thermofit.diagnose.loop import Closed, candidates, close_loop, ranking_rows, rivals
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import ends_of
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.model import StageModel
-from thermofit.experiment.prediction import Errors
-from thermofit.experiment.residuals import Span
-from thermofit.fit.linear_model import LinearModel
-from thermofit.fit.minimise import minimise
-from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
-from thermofit.fit.settings import Settings
-from thermofit.observe.comparison import plain
-from thermofit.observe.observation import FieldObservation
 from thermofit.report.findings import round_row
-
-N_T, N_S, SIGMA = 80, 30, 0.02
-TIME = np.linspace(0.0, 120.0, N_T)
-Y = np.linspace(-20.0, 20.0, N_S)
-KNOWN = tuple(effect(name) for name in ("ir_drift", "ir_gain", "ir_emissivity"))
-BASE = Parameters.of({"kappa": 120.0, "c0": 2.3})
-
-
-def field(p: Parameters) -> np.ndarray:
-    """A temperature (n_t, n_s) that depends on two parameters of the law and, bluntly, on three instruments."""
-    warm = 300.0 / p["c0"] * (1.0 - np.exp(-TIME / 30.0))[:, None] * (1.0 - (Y / (0.3 * p["kappa"])) ** 2)
-    seen = 297.0 + warm * (1.0 + p["ir_gain.gain"]) + p["ir_drift.rate"] * TIME[:, None]
-    return np.asarray(seen + p["ir_emissivity.slope"] * 0.002 * (TIME[:, None] / 120.0) ** 3 * (1.0 + Y / 40.0) * warm)
-
-
-def case_of(seed: int, **planted: float) -> Case:
-    random = np.random.default_rng(seed)
-    value = field(BASE.replace(**planted)) + SIGMA * random.normal(size=(N_T, N_S))
-    xy = np.stack([np.zeros(N_S), Y], axis=1)
-    shape = (N_T, N_S, 1)
-    seen = FieldObservation("theta", TIME, xy, value[:, :, None], np.full(shape, SIGMA), np.ones(shape[:2], dtype=bool), "K")
-
-    def errors(p: Parameters) -> Errors:
-        return {"theta": field(p)[:, :, None] - seen.value}
-
-    def linearise(p: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
-        columns = []
-        for name in names:
-            h = 1e-5 * param(name).scale
-            columns.append((field(p.replace(**{name: p[name] + h})) - field(p.replace(**{name: p[name] - h}))) / (2.0 * h))
-        return errors(p), {"theta": np.stack(columns, axis=-1)[:, :, None, :]}
-
-    model = StageModel(errors, (plain(seen),), {"theta": seen}, "", linearise=linearise)
-    instruments = frozenset(name for e in KNOWN for name in e.names)
-    spans = (Span("loading", 0.0, 60.0), Span("cooling", 60.0, 120.0))
-    return Case(model, BASE.with_free(("kappa", "c0")), KNOWN, spans, instruments)
-
-
-def refitting(model: StageModel) -> Refit:
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
-        names = start.free
-        problem = Problem(
-            lambda x: model.residual(start.with_vector(x)),
-            start.vector(),
-            np.array([param(n).lower for n in names]),
-            np.array([param(n).upper for n in names]),
-            np.array([param(n).scale for n in names]),
-            names,
-            lambda x: model.linearised(start.with_vector(x), names),
-        )
-        fit = minimise(problem, "least-squares", Settings(f_tolerance=0.01))
-        spread = LinearModel(fit.residual, fit.jacobian).covariance(names, fit.at_bound)
-        return start.with_vector(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
-
-    return refit
-
-
-def settled(case: Case) -> tuple[Case, FitResult]:
-    """A case at the optimum of its model."""
-    parameters, fit = refitting(case.model)(case.parameters, "joint")
-    return replace(case, parameters=parameters), fit
 
 
 def closed(seed: int, **planted: float) -> Closed:
-    case, fit = settled(case_of(seed, **planted))
+    case, fit = fitted(case_of(seed, **planted))
     return close_loop(case, fit, refitting(case.model), 3, None)
 
 
@@ -123,7 +55,7 @@ def test_planted_effect_is_named_added_and_estimated() -> None:
 
 def test_errors_stand_beside_both_floors() -> None:
     """A numerical error of a fifth of the noise everywhere; the datasets are in units of the noise."""
-    case, _ = settled(case_of(3))
+    case, _ = fitted(case_of(3))
     here = traced(case, np.full(N_T * N_S, 0.2))
     table = before_after(here, here)
     assert table["after"]["numerical"]["theta"] == pytest.approx(0.2 * SIGMA) and table["after"]["floor"]["theta"] == SIGMA
@@ -140,8 +72,8 @@ def test_the_record_of_a_round_lets_it_be_run_again(monkeypatch: pytest.MonkeyPa
         tau = p["air_drift.time"]
         return np.asarray(still(p) + p["air_drift.rate"] * tau * (1.0 - np.exp(-TIME / tau))[:, None])
 
-    monkeypatch.setattr(sys.modules[__name__], "field", warming)
-    case, fit = settled(replace(case_of(3, **{"air_drift.rate": 0.02, "air_drift.time": 40.0}), known=(effect("air_drift"),)))
+    monkeypatch.setattr(seen_field, "field", warming)
+    case, fit = fitted(replace(case_of(3, **{"air_drift.rate": 0.02, "air_drift.time": 40.0}), known=(effect("air_drift"),)))
     found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == ("air_drift",)
     first, second = (json.loads(json_text(round_row(r))) for r in found.rounds)
@@ -159,7 +91,7 @@ def test_the_record_of_a_round_lets_it_be_run_again(monkeypatch: pytest.MonkeyPa
 
 def test_a_refit_that_fails_leaves_the_exponents_it_began_with() -> None:
     start = Parameters.of({"air_drift.time": 60.0})
-    _, fit = settled(case_of(1))
+    _, fit = fitted(case_of(1))
     assert ends_of(["air_drift"], start, fit) == {"air_drift.time": (60.0, None)}
 
 
@@ -207,7 +139,7 @@ def with_gain_as_noise(case: Case, near: float) -> tuple[Case, list[float]]:
 def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -> None:
     """Not before the drift is in; then once, with the error at first told again by that problem, and the ranking as it was at first."""
     case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), 1e-3)
-    case, fit = settled(case)
+    case, fit = fitted(case)
     plain_end = close_loop(replace(case, sharper=None), fit, refitting(case.model), 3, None)
     found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == plain_end.accepted == ("ir_drift",)
@@ -224,7 +156,7 @@ def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -
 
 def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermined() -> None:
     case, _ = with_gain_as_noise(case_of(5, **DRIFTING), 1e-3)
-    case, fit = settled(case)
+    case, fit = fitted(case)
     sharper = case.sharper
     assert sharper is not None
 
@@ -243,7 +175,7 @@ def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermine
 
 def test_the_loop_stays_with_the_plain_problem_where_it_is_never_near() -> None:
     case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), -1.0)
-    case, fit = settled(case)
+    case, fit = fitted(case)
     found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == ("ir_drift",) and len(asked) == 2 and found.last.case.model is case.model and found.numerical is None
 
@@ -264,7 +196,7 @@ def test_an_effect_whose_judgement_fails_is_refused_with_the_sentence(monkeypatc
 
 
 def test_the_loop_goes_on_where_the_error_of_the_force_cannot_be_told() -> None:
-    case, fit = settled(case_of(5, **DRIFTING))
+    case, fit = fitted(case_of(5, **DRIFTING))
     asked: list[Parameters] = []
 
     def failing(parameters: Parameters) -> Sharper:
@@ -290,7 +222,7 @@ def test_the_loop_goes_on_where_the_motion_cannot_be_run(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("fails", [False, True])
 def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_fails(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
     monkeypatch.setattr("thermofit.diagnose.loop.still_needed", lambda *_: False)
-    case, fit = settled(case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0}))
+    case, fit = fitted(case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0}))
     refit = refitting(case.model)
 
     def failing(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
@@ -313,7 +245,7 @@ def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_
 
 
 def test_an_effect_is_a_rival_while_its_linearised_gain_may_exceed_what_was_gained() -> None:
-    here = traced(settled(case_of(5, **DRIFTING))[0])
+    here = traced(fitted(case_of(5, **DRIFTING))[0])
     (one,) = (name for name in here.proofs if name == "ir_drift")
     gain, sigma = here.proofs[one].gain, here.proofs[one].sigma
     assert sigma > 0.0

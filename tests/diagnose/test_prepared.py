@@ -8,7 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from test_loop import case_of, settled
+from refits import fitted
+from seen_field import case_of
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import prepared as module
@@ -18,7 +19,7 @@ from thermofit.experiment.protocol import JointProblem
 from thermofit.fit.result import FitResult
 from thermofit.study.section import MeshSize
 
-STUDY = cast(Any, SimpleNamespace(source=SimpleNamespace(name="study.yaml")))
+STUDY = cast(Any, SimpleNamespace(source=SimpleNamespace(name="study.yaml"), bounds=lambda _: (0.0, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: JointProblem, end: tup
 
 
 def test_the_correlation_length_of_the_noise_reaches_the_case(monkeypatch: pytest.MonkeyPatch) -> None:
-    case, fit = settled(case_of(1))
+    case, fit = fitted(case_of(1))
     found = prepared_from(monkeypatch, joint_of(case.model, case.parameters, correlation_length=3.5), (case.parameters, fit))
     assert found.case.correlation_length == 3.5 and found.remarks == ()
     assert replace(found.case, correlation_length=0.0).cheap is False

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from types import SimpleNamespace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from thermofit.diagnose.loop import (
     close_loop,
     next_round,
 )
+from thermofit.diagnose.rejudge import Rejudged
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trial import Trial, near_scan
 from thermofit.report.findings import remark_of
@@ -37,8 +39,8 @@ def score(name: str, z: float = 9.0, family: tuple[str, ...] = (), **told: Any) 
     return replace(Score(name, z, 10.0, 0.0, {}, {}, 1.0, 0.0, "", (name, *family)), **told)
 
 
-def trial(name: str, gain: float, refused: str = "", unjudged: bool = False) -> Trial:
-    return Trial(tuple(score(n) for n in name.split()), replace(GOOD, gain=gain), {}, {}, 0.0, refused, unjudged=unjudged)
+def trial(name: str, gain: float, refused: str = "", unjudged: bool = False, adrift: tuple[str, ...] = ()) -> Trial:
+    return Trial(tuple(score(n) for n in name.split()), replace(GOOD, gain=gain), {}, {}, 0.0, refused, unjudged=unjudged, adrift=adrift)
 
 
 def turned(
@@ -53,16 +55,23 @@ def turned(
     left: bool = True,
     near: tuple[str, ...] = (),
     fitted: str = "",
+    bounds: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+    adrift: str = "",
 ) -> tuple[list[str], Trial | None]:
     """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart, by two
-    standard errors, `near`: by one; `fitted`: those with one more fitted parameter."""
+    standard errors, `near`: by one; `fitted`: those with one more parameter; `bounds`: what ends at a bound by candidate, "": before;
+    `adrift`: those with an exponent that no fit has settled."""
 
     def end(name: str) -> Any:
         return SimpleNamespace(name=name, case=SimpleNamespace(parameters=SimpleNamespace(free=("E",) * (1 + (name in fitted)))))
 
     def refitted(here: Any, fit: Any, one: Score, means: Any) -> Any:
         gain = gains[one.effect]
-        return (trial(one.effect, 0.99, "no"), None) if gain is None else (trial(one.effect, gain), (end(one.effect), "fit"))
+        return (
+            (trial(one.effect, 0.99, "no"), None)
+            if gain is None
+            else (trial(one.effect, gain, adrift=("b",) * (one.effect in adrift)), (end(one.effect), "fit"))
+        )
 
     def pairs(*_: Any) -> Any:
         both = trial("p q", 0.0 if pair is None else pair)
@@ -77,6 +86,7 @@ def turned(
     monkeypatch.setattr(module, "best_pair", pairs)
     monkeypatch.setattr(module, "rivals", lambda *_: rivals)
     monkeypatch.setattr(module, "told_apart", apart)
+    monkeypatch.setattr(module, "ends_of_fit", lambda t, _: dict.fromkeys(bounds.get(getattr(t, "name", ""), ()), "at its bound"))
     here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap))
     trials, winner = next_round(here, FIT, MEANS, room)
     return [" ".join(t.effects) for t in trials], None if winner is None else winner[0]
@@ -126,6 +136,16 @@ def test_of_refits_within_one_standard_error_the_simpler_one_wins(monkeypatch: p
     assert won(monkeypatch, gains, **own | {"fitted": "abc"}) == "b", "all as simple"
     assert won(monkeypatch, gains, **own | {"fitted": "ac"}) == "b"
     assert won(monkeypatch, gains, **own, cheap=False) == "b"
+
+
+def test_of_refits_within_one_standard_error_one_that_drives_nothing_to_a_bound_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Be it the less simple one; what was at its bound before counts for none of them."""
+    gains: dict[str, float | None] = {"a": 0.35, "b": 0.4}
+    own: Any = {"left": False, "near": ("a", "b"), "fitted": "b"}
+    assert won(monkeypatch, gains, **own, bounds={"a": ("E",)}) == "b" and won(monkeypatch, gains, **own, bounds={"b": ("E",)}) == "a"
+    assert won(monkeypatch, gains, **own, bounds={"": ("E",), "a": ("E",)}) == "a"
+    assert won(monkeypatch, gains, **own | {"near": ()}, bounds={"b": ("E",)}) == "b", "not at the price of the prediction"
+    assert won(monkeypatch, gains, **own, adrift="a") == "b", "nor one with an exponent adrift"
 
 
 def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:
@@ -180,10 +200,42 @@ def test_what_the_last_round_accepted_is_not_asked_whether_it_is_still_needed(mo
     assert found.dropped == ("a",) and found.accepted == ("b", "c") and found.last == "last without a"  # type: ignore[comparison-overlap]
 
 
-def looped(monkeypatch: pytest.MonkeyPatch, trials: list[Trial], winner: Any, most: int) -> Closed:
-    """A loop of one round with these trials, at a trace that promises a rival and could not run a lamp."""
-    here: Any = SimpleNamespace(
+@dataclass(frozen=True)
+class Ranked:
+    """A ranking of which only the scores count."""
+
+    scores: tuple[Score, ...]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A trace of which only this counts."""
+
+    case: Any
+    ranking: Ranked
+    unjudged: Mapping[str, str]
+    promising: Any
+    columns: Any
+
+
+def looped(
+    monkeypatch: pytest.MonkeyPatch, trials: list[Trial], winner: Any, most: int, gone: tuple[str, ...] = (), asked: list[Any] | None = None
+) -> Closed:
+    """A loop of one round with these trials, at a trace that promises a rival and could not run a lamp; `gone`: what is taken back after
+    it. `asked` takes the effects that each round asks for, and what is judged again."""
+    said: list[Any] = [] if asked is None else asked
+
+    def turn(here: Any, *_: Any) -> Any:
+        said.append(tuple(s.effect for s in here.ranking.scores))
+        return next(turns)
+
+    def judged(here: Any, fit: Any, accepted: tuple[str, ...], before: Any, means: Any) -> Rejudged:
+        said.append((accepted, before))
+        return Rejudged(here, fit, gone, tuple(f"{n} is gone" for n in gone))
+
+    here: Any = Shown(
         case=SimpleNamespace(sharper=None, parameters=None),
+        ranking=Ranked((score("e"), score("rival"))),
         unjudged={"lamp": "no run"},
         promising=lambda: (score("rival"),),
         columns=SimpleNamespace(residual=np.ones(2)),
@@ -191,12 +243,22 @@ def looped(monkeypatch: pytest.MonkeyPatch, trials: list[Trial], winner: Any, mo
     turns = iter([(trials, winner and (winner, (here, FIT))), ([trial("late", 0.1, "no run", unjudged=True)], None)])
     monkeypatch.setattr(module, "traced", lambda *_: here)
     monkeypatch.setattr(module, "retraced", lambda t: t)
-    monkeypatch.setattr(module, "next_round", lambda *_: next(turns))
+    monkeypatch.setattr(module, "next_round", turn)
+    monkeypatch.setattr(module, "rejudged", judged)
+    monkeypatch.setattr(module, "ends_of_fit", lambda *_: {"E": "at its bound"})
     monkeypatch.setattr(module, "backward_check", lambda closed, _: replace(closed, remarks=("backward",)))
     monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))
     case: Any = None
     refit: Any = None
     return close_loop(case, FIT, refit, most, None)
+
+
+def test_what_is_accepted_is_judged_again_and_what_was_taken_back_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    found = looped(monkeypatch, [], trial("e", 0.5), 3, ("e",), asked)
+    assert found.accepted == () and found.dropped == ("e",) and found.remarks == ("backward", "base")
+    assert asked == [("e", "rival"), (("e",), {"E": "at its bound"}), ("rival",)]
+    assert looped(monkeypatch, [], trial("e", 0.5), 3).dropped == ()
 
 
 def test_what_no_run_of_the_last_round_could_judge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import norm
-from test_loop import case_of
+from seen_field import case_of
 
 from thermofit.diagnose import trace
 from thermofit.diagnose.held_out import Proof

@@ -17,7 +17,6 @@ from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.trial import (
     NEARER,
     Trial,
-    at_bound,
     cools_from,
     ended_at,
     freed_refit,
@@ -30,6 +29,7 @@ from thermofit.diagnose.trial import (
     worth_of,
 )
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.trust import physical
 
 RATE = "ir_drift.rate"
 SLOPE = "stored_energy.slope"
@@ -50,11 +50,12 @@ def refused(
     fitted: Any = (1.0,),
     at: bool = False,
     misses: float = 0.0,
+    bounds: Any = physical,
 ) -> str:
     """What is said of a drift that everything speaks for, but for what is given."""
     monkeypatch.setattr(module, "missed", lambda *_: misses)
     fit: Any = SimpleNamespace(sigma=fitted, at_bound=[at], names=(RATE,))
-    there: Any = None
+    there: Any = SimpleNamespace(case=SimpleNamespace(bounds=bounds))
     return refusal(there, [effect("ir_drift")], ({RATE: estimate}, {RATE: sigma}), proof, fit)
 
 
@@ -88,10 +89,8 @@ def test_an_amplitude_that_the_fit_says_is_at_its_bound_is_refused(monkeypatch: 
     assert "ends at its bound" in refused(monkeypatch, at=True)
 
 
-def test_a_bound_that_is_neutral_is_no_end() -> None:
-    """An emissivity of nothing is not at a bound; one of 1 is."""
-    p = param("radiation.emissivity")
-    assert not at_bound(p, 0.0) and not at_bound(p, 0.005) and at_bound(p, 0.995)
+def test_the_bounds_are_those_of_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "bounds 0 to 0.05" in refused(monkeypatch, 0.0499, bounds=lambda _: (0.0, 0.05))
 
 
 @pytest.mark.parametrize(("away", "misses", "near"), [(1.9, 0.0, True), (-1.9, 1.9, True), (2.1, 0.0, False), (1.9, 2.1, False)])
@@ -105,7 +104,9 @@ def test_an_amplitude_within_two_standard_errors_of_neutral_is_refused(
 def flowing(slope: float, largest: float) -> Any:
     """A trace at a share of the stored energy, with flow up to a plastic strain."""
     strain = np.linspace(0.0, largest, 101)
-    case = SimpleNamespace(parameters=BASE.replace(**{SLOPE: slope}), flow=lambda: (strain, 0.0 * strain, 0.0 * strain + 293.0))
+    case = SimpleNamespace(
+        parameters=BASE.replace(**{SLOPE: slope}), flow=lambda: (strain, 0.0 * strain, 0.0 * strain + 293.0), bounds=physical
+    )
     return SimpleNamespace(case=case)
 
 
@@ -147,7 +148,7 @@ def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
     split = SimpleNamespace(held_out=(None,) * 5)
     problem = SimpleNamespace(model=SimpleNamespace(noise=None))
     return SimpleNamespace(
-        case=SimpleNamespace(parameters=parameters, **case),
+        case=SimpleNamespace(parameters=parameters, **{"bounds": physical, **case}),
         rows=None,
         split=split,
         problem=problem,
@@ -284,9 +285,11 @@ def test_an_end_that_does_not_settle_is_not_taken(monkeypatch: pytest.MonkeyPatc
 
 def test_exponents_that_do_not_settle_are_held_where_they_came_to(monkeypatch: pytest.MonkeyPatch) -> None:
     gains = {"held": (0.1, ""), " ".join(BOTH): (0.9, ""), "there": (0.3, "")}
-    said = ended(monkeypatch, gains, {BOTH: False}, settles=True).exponents
-    assert said.startswith("there: held at second_hardening.b = 60, lamp.start = 30, where a fit that does not settle has brought them")
-    assert ended(monkeypatch, gains | {"there": (0.05, "")}, {BOTH: False}, settles=True).exponents.startswith("held: ")
+    found = ended(monkeypatch, gains, {BOTH: False}, settles=True)
+    said = "there: held at second_hardening.b = 60, lamp.start = 30, where a fit that does not settle has brought them"
+    assert found.exponents.startswith(said) and found.adrift == BOTH
+    found = ended(monkeypatch, gains | {"there": (0.05, "")}, {BOTH: False}, settles=True)
+    assert found.exponents.startswith("held: ") and found.adrift == ()
 
 
 def at_scans(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_loop import N_T, case_of
+from seen_field import N_T, case_of
 
 from thermofit.diagnose.held_out import Rows, split_by_blocks
 from thermofit.diagnose.trace import split_of

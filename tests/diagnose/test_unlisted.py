@@ -11,8 +11,9 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from refits import fitted, refitting
 from rich.console import Console
-from strip import MODEL, Source, fitted, numerical, refitting, spot, strip_case
+from strip import MODEL, Source, numerical, spot, strip_case
 
 from thermofit.cli.printing_loop import unlisted_lines
 from thermofit.core.jsonable import jsonable

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from strip import fitted, numerical, refitting, spot, strip_case
+from refits import fitted, refitting
+from strip import numerical, spot, strip_case
 
 from thermofit.diagnose import unlisted_loop
 from thermofit.diagnose.loop import Closed, Round

@@ -25,8 +25,7 @@ from thermofit.effects.catalogue import NO_EFFECTS, effect, effects
 from thermofit.effects.film_exchange import outward_flux
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
 from thermofit.effects.scene import Scene
-from thermofit.law.page import hill_gradient, law_of, pressure_factor, thermoelastic_heat
-from thermofit.point.update import hill
+from thermofit.law.page import hill, hill_gradient, law_of, pressure_factor, thermoelastic_heat
 
 FILES = sorted(p.stem for p in Path(thermofit.effects.__file__).parent.glob("*.py") if p.stem not in (*NO_EFFECTS, "__init__"))
 LN2, LN3, LN4 = log(2.0), log(3.0), log(4.0)

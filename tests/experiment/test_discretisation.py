@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from test_joint import TRUTH, data, study
+from virtual_pulls import TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.discretisation import corrected, finer_mesh
@@ -21,7 +21,7 @@ def _rms(a: np.ndarray) -> float:
 
 
 def joint(free: tuple[str, ...], parameters: Parameters) -> Joint:
-    """The test of test_joint on a coarse mesh, as a fine one shows it, with the noise of the cameras."""
+    """The pulled test on a coarse mesh, as a fine one shows it, with the noise of the cameras."""
     plain = Joint(study(), data(), joint_settings(study(), free, data()), COARSE)
     _, error = replace(plain, size=FINE).shown(parameters)
     random = np.random.default_rng(1)

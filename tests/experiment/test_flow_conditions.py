@@ -11,7 +11,15 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import untold
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.coupon_records import CouponTest, whole
-from thermofit.experiment.flow_conditions import KNEE, FlowConditions, by_strain, flow_conditions, flow_since_turn
+from thermofit.experiment.flow_conditions import (
+    KNEE,
+    ONE_TEMPERATURE,
+    FlowConditions,
+    by_strain,
+    flow_conditions,
+    flow_since_turn,
+    warmer_at_strain,
+)
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
@@ -81,8 +89,9 @@ def test_records_at_different_rates_and_temperatures() -> None:
     slow, fast = record((0.05, 1e-4, 300)), record((0.05, 1e-2, 300), name="b", theta=400.0)
     both = conditions(slow, fast)
     assert not both.one_rate and both.rates == pytest.approx((1e-4, 1e-2), rel=0.02) and both.span == pytest.approx(107.0)
-    assert conditions(slow, replace(slow, name="b")).one_rate and conditions(slow).span == 0.0
-    assert conditions(slow, replace(fast, theta=None)).span == pytest.approx(0.0, abs=0.1), "not measured: the model's own temperature"
+    assert conditions(slow, replace(slow, name="b")).one_rate and conditions(slow).span == pytest.approx(0.0, abs=1e-9)
+    assert conditions(slow, replace(fast, theta=None)).span == pytest.approx(107.0), "not measured: as declared"
+    assert not conditions(slow, replace(slow, name="b", theta_start=297.0)).tells(0.0), "two rooms"
 
 
 def test_a_record_that_does_not_flow_has_one_rate() -> None:
@@ -169,6 +178,75 @@ def test_strain_of_flow_counts_from_where_the_flow_turned() -> None:
     assert about[30] and about[245] and about[440] and not about[500:].any(), "after each yield; the last branch ends where the record does"
 
 
+def warming(kelvin: float, told: bool = True, name: str = "a", start: float = 293.0) -> CouponTest:
+    """Tension to a strain of 0.1 that warms by so much, by a sensor or by the model alone: its capacity is that small."""
+    test = record((0.1, 1e-3, 500), theta=start, name=name)
+    heat = kelvin * np.maximum(test.strain - 0.002, 0.0) / 0.098
+    return replace(test, theta=start + heat if told else None)
+
+
+def heated(test: CouponTest) -> PointHistory:
+    """The history of a coupon that keeps its heat."""
+    own = STEEL.replace(tau=1e6, c0=1.0, beta=0.9, theta_air=test.theta_start, theta_ref=test.theta_start)
+    return simulate(own, Programme.by_strain(test.time, test.strain, test.theta_start), PointSettings(model=1))
+
+
+def test_a_heating_that_is_computed_tells_no_softening() -> None:
+    """It is the law's own and a function of the strain; one that a sensor shows is that too, and tells beside a record that stays cold."""
+    cold, hot = (replace(warming(0.0, told=False), name=n) for n in "ab")
+    found = flow_conditions([cold, hot], heated)
+    assert found.computed > 20.0 and found.span < 1e-9 and not found.tells(0.0)
+    alone = conditions(warming(40.0))
+    assert alone.temperatures[1] - alone.temperatures[0] > 30.0 and alone.span < 1.0 and not alone.tells(0.0) and alone.computed == 0.0
+    both = conditions(warming(40.0), warming(0.0, name="b"))
+    assert both.span == pytest.approx(40.0, abs=5.0) and both.tells(0.0) and not both.tells(50.0)
+    assert conditions(warming(40.0), warming(0.0, told=False, name="b")).tells(0.0), "as declared, a record beside"
+    assert conditions(warming(0.0, told=False), warming(0.0, told=False, name="b", start=393.0)).tells(50.0)
+
+
+def test_a_rest_in_which_a_record_cools_tells_temperature() -> None:
+    """At the strain of the rest there are two temperatures; by less than ONE_TEMPERATURE they are one."""
+    test = record((0.04, 1e-3, 300), (0.039, 1e-3, 20), (0.039, 300.0, 60), (0.08, 1e-3, 300))
+    for fall, tells in ((2.0, False), (20.0, True)):
+        theta = 293.0 + 500.0 * np.maximum(test.strain, 0.0) - fall * (test.time > test.time[340])
+        found = conditions(replace(test, theta=theta))
+        assert found.span == pytest.approx(fall, abs=1.0) and found.tells(0.0) is tells
+
+
+def test_temperatures_are_compared_at_the_same_strain_from_the_knee_on() -> None:
+    """By hand: within SMOOTH, without the line that a record follows, its first and last rows, and the knee."""
+    at = np.linspace(0.010, 0.012, 60)
+    assert warmer_at_strain([at, at], [np.full(60, 300.0), np.full(60, 310.0)]) == pytest.approx(10.0)
+    assert warmer_at_strain([at, 2.0 * at], [np.full(60, 300.0), np.full(60, 310.0)]) == pytest.approx(0.0, abs=1e-9)
+    assert warmer_at_strain([0.1 * at, 0.1 * at], [np.full(60, 300.0), np.full(60, 310.0)]) == 0.0, "within the knee"
+    assert warmer_at_strain([at], [300.0 + 1e4 * (at - 0.01)]) == pytest.approx(0.0, abs=1e-9), "a drift along the strain"
+    few = np.where(np.arange(60) < 3, 350.0, 300.0)
+    assert warmer_at_strain([np.full(60, 0.011)], [few]) == 0.0 and warmer_at_strain([], []) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("legs", "unloads"),
+    [
+        ([(0.05, 1e-3, 300)], False),
+        ([(0.04, 1e-3, 300), (0.0395, 1e-3, 30), (0.05, 1e-3, 60)], False),
+        ([(0.04, 1e-3, 300), (0.0385, 1e-3, 30), (0.05, 1e-3, 60)], True),
+        ([(0.04, 1e-3, 300), (0.0385, 1e-3, 4), (0.05, 1e-3, 10)], False),
+        ([(0.001, 1e-3, 60), (0.0, 1e-3, 60), (0.05, 1e-3, 300)], False),
+        ([(0.02, 1e-3, 200), (-0.02, 1e-3, 400)], True),
+    ],
+    ids=["monotonic", "by a fifth", "unloads", "few rows", "before flow", "reversed"],
+)
+def test_elasticity_after_flow_is_seen_where_a_record_unloads(legs: list[tuple[float, float, int]], unloads: bool) -> None:
+    found = conditions(record(*legs), record((0.05, 1e-3, 300), name="b"))
+    assert found.unloads is unloads
+    known, said = untold(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0))
+    assert ("elastic_degradation" in names(known)) is unloads and len(said) == int(not unloads)
+    assert unloads or said[0].startswith("not asked for elastic_degradation: no record unloads after flow")
+    assert "elastic_degradation" in names(
+        untold(effects_of_point(sensor=False), STEEL.with_free(("elastic_degradation.amount",)), found)[0]
+    )
+
+
 def names(known: tuple[Effect, ...]) -> set[str]:
     return {e.name for e in known}
 
@@ -179,20 +257,25 @@ def test_effects_are_asked_by_what_the_records_hold() -> None:
     every = effects_of_point(sensor=True)
     rates, spans = {"rate_logarithmic", "rate_power", "rate_by_temperature"}, {"rate_by_temperature", "softening_power"}
     at = {
-        "neither": FlowConditions((1e-3, 1.2e-3), (293.0, 296.0), 400, 1.2),
-        "rates": FlowConditions((1e-3, 1e-1), (293.0, 296.0), 400, 100.0),
-        "temperatures": FlowConditions((1e-3, 3e-3), (293.0, 400.0), 400, 1.4),
-        "both": FlowConditions((1e-3, 1e-1), (293.0, 400.0), 400, 100.0),
+        "neither": FlowConditions((1e-3, 1.2e-3), (293.0, 296.0), 400, 1.2, 0.0, 20.0),
+        "rates": FlowConditions((1e-3, 1e-1), (293.0, 400.0), 400, 100.0, ONE_TEMPERATURE, 0.0),
+        "some kelvins": FlowConditions((1e-3, 1e-1), (293.0, 300.0), 400, 100.0, ONE_TEMPERATURE + 1.0, 0.0),
+        "temperatures": FlowConditions((1e-3, 3e-3), (293.0, 400.0), 400, 1.4, 107.0, 0.0),
+        "both": FlowConditions((1e-3, 1e-1), (293.0, 400.0), 400, 100.0, 107.0, 0.0),
     }
-    left = {"neither": rates | spans, "rates": spans, "temperatures": rates, "both": set()}
+    some = spans | {"thermal_softening"}
+    left = {"neither": rates | some, "rates": some, "some kelvins": spans, "temperatures": rates, "both": set()}
     for case, there in at.items():
         known, said = untold(every, STEEL, there)
         assert names(every) - names(known) == left[case], case
-        assert len(said) == {"neither": 2, "rates": 1, "temperatures": 1, "both": 0}[case]
+        assert len(said) == {"neither": 2, "rates": 1, "some kelvins": 1, "temperatures": 1, "both": 0}[case]
     _, said = untold(every, STEEL, at["neither"])
     assert said[0].startswith("not asked for rate_logarithmic, rate_power") or said[0].startswith("not asked for rate_power, rate_log")
-    assert "0.001 to 0.0012 1/s in all, a factor of 1.2 at the same strain" in said[0] and "293 to 296 K" in said[1]
+    assert "0.001 to 0.0012 1/s in all, a factor of 1.2 at the same strain" in said[0] and "293 to 296 K, 0 K apart" in said[1]
+    assert "; 20 K of self-heating are computed, not measured" in said[1] and "expected more than 5 K" in said[1]
+    assert "are computed" not in untold(every, STEEL, at["rates"])[1][0]
     on = STEEL.replace(**{"rate_logarithmic.C": 0.01})
     freed = STEEL.with_free(("rate_power.K",))
     assert "rate_logarithmic" in names(untold(every, on, at["neither"])[0])
     assert "rate_power" in names(untold(every, freed, at["neither"])[0])
+    assert "thermal_softening" in names(untold(every, STEEL.with_free(("thermal_softening.slope",)), at["neither"])[0])

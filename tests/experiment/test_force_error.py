@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_joint import SIZE, TIME, TRUTH, data, study
+from virtual_pulls import SIZE, TIME, TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured
@@ -20,7 +20,7 @@ PARAMETERS = Parameters.of({**TRUTH, "alpha_air": 15.0}, ("E",))
 
 
 def loaded(force: np.ndarray, error: np.ndarray | None) -> Measured:
-    """The test of test_joint under another force, observed at steps of that."""
+    """The pulled test under another force, observed at steps of that."""
     steps = LoadSteps(TIMES, force, np.zeros(len(TIMES)), None, error)
     seen = np.flatnonzero(np.isin(np.round(TIMES, 6), np.round(np.arange(2.0, 50.5, 1.0), 6)))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from test_joint import SIZE, TRUTH, data, model, part, study
+from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.unlisted_effect import heat_file
@@ -36,4 +36,4 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path) -> None:
     expected = joint.comparisons[-1].residual(answers @ values.ravel()[chosen])
     assert np.abs(change).max() > 5.0
     assert np.abs(expected - change).max() < 0.04 * np.abs(change).max()
-    assert SIZE.n_y == 8 and len(data().phases) == 2
+    assert SIZE.n_y == 8 and len(data().phases) == 4

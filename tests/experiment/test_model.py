@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual_pulls import SPECIMEN, TRUTH
 
 from thermofit.body.body import Body
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.core import parameters as declared
 from thermofit.core.errors import StudyError
-from thermofit.core.experiment import Specimen
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.effects import catalogue
@@ -29,11 +29,6 @@ from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, load_study
 
 SIZE = MeshSize(n_x=2, n_y=8, n_z=1)
-SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
-TRUTH = {
-    "E": 68000.0, "nu": 0.33, "M_y0": 130.0, "M_yinf": 290.0, "H_exp": 11.0, "F": 0.4, "alpha_exp": 2e-5, "kappa": 130.0, "c0": 2.2,
-    "beta": 0.8, "alpha_air": 15.0, "alpha_clamp": 240.0, "theta_air": 297.4, "theta_clamp": 296.7, "theta_ref": 296.7,
-}  # fmt: skip
 TIME = np.array([0.0, 2.0, 3.0, 4.0, 8.0, 16.0, 30.0, 40.0])
 FORCE = np.array([0.0, 0.0, 1500.0, 3000.0, 4400.0, 4800.0, 5200.0, 1000.0])
 
@@ -220,4 +215,5 @@ def test_a_run_is_not_repeated_for_what_only_instruments_feel(data: Measured, tm
     assert len(marches) == 2 and np.abs(moved["theta"] - first["theta"]).max() > 1e-3
     model.linearised(base.replace(c0=2.3), free)
     assert len(marches) == 3
-    assert np.array_equal(model.errors(base.replace(c0=2.3))["theta"], moved["theta"]) and len(marches) == 3
+    again = model.errors(base.replace(c0=2.3))["theta"]  # of the run with derivatives, which keeps other factors
+    assert np.abs(again - moved["theta"]).max() < 1e-4 and len(marches) == 3

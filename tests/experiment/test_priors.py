@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_joint import SIZE, TRUTH, data, study
+from virtual_pulls import SIZE, TRUTH, data, study
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters

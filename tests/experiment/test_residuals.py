@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_loop import case_of
+from seen_field import case_of
 
 from thermofit.diagnose.trace import traced
 from thermofit.experiment.fields import TestPhase

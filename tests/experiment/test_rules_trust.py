@@ -5,12 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
 from thermofit.experiment.errors_told import too_far
 from thermofit.experiment.model import Prior
-from thermofit.experiment.trust import Level, above_floor, doubts, level
+from thermofit.experiment.trust import Level, above_floor, at_bound, doubts, level, undetermined
 
 MANY = 10**6
 
@@ -59,6 +60,56 @@ def test_a_reading_three_standard_errors_off_speaks_against_the_answer(times: fl
 
 def test_an_effect_that_no_run_could_judge_speaks_against_the_answer() -> None:
     assert doubts([], unjudged={"lamp": "no run"}) == ["lamp could not be judged, and may be what is missing: no run"]
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "neutral", "ends"),
+    [
+        (248.0, (150.0, 250.0), 0.0, False),
+        (249.1, (150.0, 250.0), 0.0, True),
+        (150.9, (150.0, 250.0), 0.0, True),
+        (50.0, (1.0, 1e5), 0.0, False),
+        (1.005, (1.0, 1e5), 0.0, True),
+        (0.001, (0.0, 20.0), 0.0, False),
+        (991.0, (-1000.0, 1000.0), 0.0, True),
+        (-989.0, (-1000.0, 1000.0), 0.0, False),
+        (0.995, (0.0, 1.0), 0.0, True),
+        (1.0, (1.0, 3.0), 1.0, False),
+        (7.0, (0.0, float("inf")), 0.0, False),
+    ],
+)
+def test_a_value_is_at_a_bound_within_one_per_cent_of_the_way_to_it(
+    value: float, bounds: tuple[float, float], neutral: float, ends: bool
+) -> None:
+    """Of the way from neutral, or of the range where that is shorter. A bound that is neutral itself is none."""
+    assert at_bound(value, bounds, neutral) is ends
+
+
+NAMES = ("E", "lag", "second_hardening.Q", "second_hardening.b")
+
+
+def ended(sigma: tuple[float, ...] | None = (1.0, 1.0, 1.0, 1.0), on: tuple[str, ...] = (), **values: float) -> dict[str, str]:
+    """What is undetermined of a fit, where everything else is sound; E has bounds of its own."""
+    at = {"E": 200e3, "lag": 0.5, "second_hardening.Q": 20.0, "second_hardening.b": 60.0, **values}
+    fit: Any = SimpleNamespace(names=NAMES, sigma=None if sigma is None else np.array(sigma), at_bound=[n in on for n in NAMES])
+    return undetermined(Parameters.of(at), fit, lambda n: (150e3, 250e3) if n == "E" else (param(n).lower, param(n).upper))
+
+
+def test_a_parameter_at_a_bound_or_without_a_standard_error_has_no_value_of_its_own() -> None:
+    nan = float("nan")
+    assert ended() == {}
+    assert ended(E=249.9e3) == {"E": "E ends at its bound: 2.499e+05 MPa, bounds 150000 to 250000"}
+    assert list(ended(**{"second_hardening.Q": -995.0})) == ["second_hardening.Q"]
+    assert list(ended(**{"second_hardening.b": 0.1})) == ["second_hardening.b"], "of an exponent neutral is no place where it is off"
+    assert ended((1.0, 1.0, nan, 1.0)) == {
+        "second_hardening.Q": "second_hardening.Q = 20 MPa has no standard error: the data do not determine it"
+    }
+    assert set(ended(None)) == set(NAMES)
+    assert ended((1.0, nan, 1.0, 1.0), on=("lag",), lag=0.0) == {}, "a lag of nothing is an answer"
+
+
+def test_what_is_undetermined_speaks_against_the_answer() -> None:
+    assert doubts([], ends={"E": "E ends at its bound"}) == ["E ends at its bound"]
 
 
 def test_a_fit_that_has_not_settled_speaks_against_the_answer() -> None:

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from fit_models import BAR_NAMES, bar_problem, decay_problem, exact, problem
+from jacobian_check import check_jacobian
 
 from thermofit.core.errors import StudyError
-from thermofit.fit.check import check_jacobian
 
 NEAR = [69000.0, 125.0, 310.0, 12.0, 0.30, 0.5]
 

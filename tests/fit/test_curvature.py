@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from thermofit.fit import secant
-from thermofit.fit.curvature import Curvature, augmented, learnt, updated
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
+from thermofit.fit.secant import Curvature, augmented, learnt, updated
 from thermofit.fit.settings import Settings
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jacobian_check import check_jacobian
 from made_up import WALL_NAMES, WALL_TRUTH, wall_fields, wall_model, wall_observations, wall_slopes
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
-from thermofit.fit.check import check_jacobian
 from thermofit.identify.outcome import made
 from thermofit.identify.solve import Solved, remembering, solve, stage_problem
 from thermofit.observe.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change

@@ -12,7 +12,7 @@ from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, deformed_state, random_gra
 
 from thermofit.core.parameters import Parameters
 from thermofit.law.page import Law, dissipated_energy, entropy, free_energy, internal_energy, law_of, thermoelastic_heat
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.point.state import ALPHA, LAMBDA
 
 
 def of_point(energy: Callable[..., float], f: np.ndarray, state: np.ndarray, theta: float, law: Law) -> float:

@@ -12,7 +12,7 @@ from point_tools import ANISOTROPIC, PROBES
 
 from thermofit.core.errors import StudyError
 from thermofit.effects.catalogue import Effect
-from thermofit.law.composition import POINT_ONLY, law_effects, number_of
+from thermofit.law.composition import STRUCTURE, law_effects, number_of
 from thermofit.law.page import (
     Law,
     dissipated_energy,
@@ -95,7 +95,7 @@ def test_gradient_of_the_dissipation(model: int, closed_form: bool) -> None:
     agree(out[0, 5:], along_numbers(lambda moved: released_energy(*at, moved), law))
 
 
-@pytest.mark.parametrize("effect", [e for e in law_effects() if e.slot not in POINT_ONLY], ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", [e for e in law_effects() if e.slot not in STRUCTURE], ids=lambda e: e.name)
 def test_an_effect_at_neutral_is_off_and_its_amplitude_is_still_felt(effect: Effect) -> None:
     """Exactly the base law whatever the other Params of the effect are; the derivative by the amplitude is that of a difference."""
     others = {p.name: p.scan[-1] if p.scan else p.neutral for p in effect.params[1:]}

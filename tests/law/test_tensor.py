@@ -6,27 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from scalar_update import exponential, exponential_derivative, gram, largest, multiply, multiply_symmetric, solve_in_place
 from scipy.linalg import expm
 
 from thermofit.law.tensor import (
     COLUMN,
-    MAX_TERMS,
     ROW,
     added,
     commuting_product,
     congruence,
     determinant,
     double_contraction,
-    exponential,
-    exponential_derivative,
-    gram,
     inverse_transpose,
-    largest,
-    multiply,
-    multiply_symmetric,
     scaled,
-    solve_in_place,
 )
+from thermofit.point.lanes_tensor import MAX_TERMS
 
 components = st.floats(-0.4, 0.4, allow_subnormal=False)
 symmetric = st.tuples(*[components] * 6)

@@ -169,10 +169,10 @@ def test_unknown_side_is_refused() -> None:
 
 def test_agrees_with_the_virtual_camera() -> None:
     """The virtual laboratory has a projection of its own: picked without error its pose comes back to the rounding of the picks."""
+    from thermofit.study.virtual import VirtualIr
     from thermofit.virtual.infrared import camera_pose, pick_landmarks, to_pixel
-    from thermofit.virtual.setup import IrSettings
 
-    settings_ = IrSettings(landmark_noise_px=0.0, roll_deg=-1.7)
+    settings_ = VirtualIr(landmark_noise_px=0.0, roll_deg=-1.7)
     true = camera_pose(settings_, 3)
     pose = pose_from_landmarks(pick_landmarks(true, SPECIMEN, settings_, 3), "back", settings_.image_shape)
     xy = np.array([[0.0, 0.0], [12.0, 40.0], [-12.0, -40.0], [12.0, -30.0]])

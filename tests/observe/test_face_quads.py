@@ -10,7 +10,7 @@ from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import DicField, Specimen
 from thermofit.observe.end_motion import end_motion
 from thermofit.observe.face_quads import distance_to_edge, face_quads
-from thermofit.observe.local_scatter import local_scatter
+from thermofit.observe.noise import local_scatter
 from thermofit.observe.observation import face_operator
 from thermofit.read.static_points import turned
 from thermofit.study.section import MeshSize

@@ -1,48 +1,13 @@
-"""Eight points in lanes are eight points of `point`: state, stress and tangent, elastic, plastic and mixed; failures."""
+"""Eight points in lanes are eight points of the second implementation: state, stress and tangent, elastic, plastic and mixed; failures."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, laws, random_gradient, update
+from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, in_lanes, laws, random_gradient, scalar
 
-from thermofit.core.jit import kernel
 from thermofit.law.page import Law, law_of
-from thermofit.point.lanes_memory import column, lane_workspace, row, set_row
-from thermofit.point.lanes_point import (
-    POINT_ROWS,
-    STIFFNESS,
-    kirchhoff_stress,
-    set_spatial_stiffness,
-    update_lanes,
-)
-from thermofit.point.lanes_tensor import set_symmetric_rows, tensor_rows
-from thermofit.point.update import ALPHA, ELASTIC, INVERTED, LAMBDA, NO_CONVERGENCE, PLASTIC
-
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
-
-
-@kernel
-def points(f: np.ndarray, theta: np.ndarray, state_n: np.ndarray, law: Law, state: np.ndarray, stress: np.ndarray, c: np.ndarray) -> int:
-    """f (3, 3, 8), theta (8, 1), states (8, 11), tau (6, 8), c (6, 6, 8)."""
-    w = lane_workspace(POINT_ROWS)
-    status = update_lanes(tensor_rows(f, 0), column(theta, 0), state_n, law, w, state)
-    if status >= 0:
-        set_symmetric_rows(stress, 0, kirchhoff_stress(law, w))
-        set_spatial_stiffness(status, law, w)
-        for m in range(36):
-            set_row(c, m, row(w, STIFFNESS + m))
-    return status
-
-
-def in_lanes(f: np.ndarray, law: Law, states: np.ndarray, theta: np.ndarray) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-    """Status, new states (8, 11), tau (8, 3, 3) and c (8, 3, 3, 3, 3) of deformation gradients f (8, 3, 3)."""
-    state, stress, c = np.full((8, 11), np.nan), np.empty((6, 8)), np.empty((6, 6, 8))
-    status = points(np.ascontiguousarray(f.transpose(1, 2, 0)), theta[:, None], states, law, state, stress, c)
-    place = np.empty((3, 3), dtype=int)
-    for m, (i, j) in enumerate(PAIRS):
-        place[i, j] = place[j, i] = m
-    return status, state, np.moveaxis(stress[place], -1, 0), np.moveaxis(c[place][:, :, place], -1, 0)
+from thermofit.point.state import ALPHA, ELASTIC, INVERTED, LAMBDA, NO_CONVERGENCE, PLASTIC
 
 
 def spatial(answer: Answer, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -70,7 +35,7 @@ def test_lanes_are_points(case: str, law: Law, virgin: bool) -> None:
     states = np.stack([VIRGIN if virgin else deformed_state(law, q) for q in range(8)])
     f = np.stack([random_gradient(q + 30, size) @ np.linalg.inv(states[q, :9].reshape(3, 3)) for q, size in enumerate(SIZES[case])])
     status, state, tau, c = in_lanes(f, law, states, theta)
-    answers = [update(f[q], law, states[q], theta[q]) for q in range(8)]
+    answers = [scalar(f[q], law, states[q], theta[q]) for q in range(8)]
     kinds = [answer.status for answer in answers]
     assert set(kinds) == {"elastic": {ELASTIC}, "mixed": {ELASTIC, PLASTIC}}.get(case, {PLASTIC})
     assert status > 0 if PLASTIC in kinds else status == ELASTIC

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from coupons import LOSSY, SHEET, WHOLE, corners, flow_stress_of, ramp
 
-from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.law.backstress import decay_share, gain_share, recall_over
-from thermofit.law.bounds import check_body_effects
 from thermofit.law.composition import BACKSTRESSES
 from thermofit.law.page import elastic_energy, law_of, plastic_energy, thermoelastic_heat
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
@@ -160,12 +158,3 @@ def test_shares_of_a_step() -> None:
         assert gain_share(z) == pytest.approx(weight @ ((1.0 - s) * np.exp(-z * s)), rel=1e-12)
     over = recall_over(0.01, C1, G1)
     assert over.gained == pytest.approx(C1 / G1 * (1.0 - np.exp(-2.0)), rel=1e-12) and over.kept == pytest.approx(np.exp(-2.0))
-
-
-@pytest.mark.parametrize("name", ["backstress_first.C", "backstress_second.C", "elastic_degradation.amount"])
-def test_the_body_refuses_what_it_does_not_have(name: str) -> None:
-    with pytest.raises(StudyError, match="does not have it yet"):
-        check_body_effects(SHEET.replace(**{name: 0.1}))
-    with pytest.raises(StudyError, match="does not have it yet"):
-        check_body_effects(SHEET, (name,))
-    check_body_effects(SHEET.replace(**{"rate_power.K": 5.0}), ("rate_power.K",))

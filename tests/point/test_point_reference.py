@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from coupons import CYCLES, LOSSY, SHEET, SIZE, WHOLE, bar, bar_and_point, corners
-from small_bodies import reference_table
+from reference import reference_table
 
 from thermofit.point.driver import PointSettings, Programme, simulate
 

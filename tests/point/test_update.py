@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, laws, random_gradient, reference_table, uniaxial, update
+from point_tools import ANISOTROPIC, NOMINAL, VIRGIN, Answer, deformed_state, laws, random_gradient, uniaxial, update
+from reference import reference_table
 from scipy.linalg import logm, sqrtm
 from scipy.spatial.transform import Rotation
 
 from thermofit.law.page import Law, dissipated_energy, flow_stress, law_in_step, law_of, thermoelastic_heat
-from thermofit.point.update import ALPHA, ELASTIC, INVERTED, LAMBDA, NO_CONVERGENCE, PLASTIC
+from thermofit.point.state import ALPHA, ELASTIC, INVERTED, LAMBDA, NO_CONVERGENCE, PLASTIC
 
 HILL_PAIRS = {"L": (0, 1), "M": (1, 2), "N": (0, 2)}
 

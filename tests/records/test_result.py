@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.errors import DataError
-from thermofit.records.artefact import Dataset, Layout, ParameterResult, Record, RecordContent, layout, write_record
+from thermofit.records.artefact import Dataset, DatasetLayout, ParameterResult, Record, RecordContent, layout, write_record
 from thermofit.records.result import description_of, is_trustworthy, result_of
 
 CONTRACT = ("stage", "verdict", "parameters", "channels", "evaluations")
@@ -58,9 +58,9 @@ def test_description_holds_provenance_and_layout(tmp_path: Path) -> None:
 def test_layout_without_values(tmp_path: Path) -> None:
     made = record(tmp_path, {})
     assert layout(made) == {
-        "a/field": Layout("K", ("time", "point"), (3, 5), "float32"),
-        "count": Layout("1", (), (), "int64"),
-        "names": Layout("1", ("parameter",), (2,), "text"),
+        "a/field": DatasetLayout("K", ("time", "point"), (3, 5), "float32"),
+        "count": DatasetLayout("1", (), (), "int64"),
+        "names": DatasetLayout("1", ("parameter",), (2,), "text"),
     }
     made.path.write_bytes(b"no artefact any more")
     with pytest.raises(DataError, match="cannot be read"):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from record_studies import told
 from typer.testing import CliRunner
 
 from thermofit.cli import app
@@ -63,21 +63,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def call(*arguments: Any, code: int = 0) -> dict[str, Any]:
-    result = CliRunner().invoke(app, [*(str(a) for a in arguments), "--json"])
-    assert result.exit_code == code, result.output
-    found: dict[str, Any] = json.loads(result.stdout)
-    return found
-
-
 def test_the_planted_law_is_preferred_and_its_parameters_come_back(folder: Path) -> None:
     """Candidates free what their laws have in place of what Voce's has, and start on its curve."""
     path = study(folder, compare={"hockett-sherby": {"hockett_sherby": {}}})
-    call("interpolate", path, code=2)  # the near miss of a key is told
+    told("interpolate", path, code=2)  # the near miss of a key is told
     path = study(folder, compare={"hockett-sherby": {"hardening": "hockett_sherby"}, "linear": {"hardening": "linear"}})
     for command in ("interpolate", "identify-elastic", "identify-plastic"):
-        call(command, path)
-    found = call("compare", path)
+        told(command, path)
+    found = told("compare", path)
     rows = {row["model"]: row for row in found["models"]}
     assert found["verdict"].startswith("hockett-sherby is preferred and explains the data"), found["verdict"]
     assert "voce is far worse" in found["verdict"] and "linear is far worse" in found["verdict"]
@@ -96,8 +89,8 @@ def test_a_study_identifies_with_the_law_that_it_names(folder: Path, tmp_path: P
     more = {"hockett_sherby.exponent": {"start": 0.9, "bounds": [0.2, 2.0]}}
     path = study(folder, name="hs", run_dir=str(tmp_path / "run"), hardening="hockett_sherby", parameters={**text["parameters"], **more})
     for command in ("interpolate", "identify-elastic"):
-        call(command, path)
-    found = call("identify-plastic", path)
+        told(command, path)
+    found = told("identify-plastic", path)
     free = {name: p for name, p in found["parameters"].items() if p["free"]}
     assert set(free) == {"M_y0", "M_yinf", "H_exp", "hockett_sherby.exponent"}
     assert found["channels"]["stress"]["chi2_reduced"] == pytest.approx(1.0, abs=0.3)

@@ -83,19 +83,25 @@ def test_starts_cut_short_are_not_compared(study_of: StudyOf) -> None:
     assert summary["verdict"].endswith("2 did not converge")
 
 
-def test_finished_starts_are_not_repeated(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
-    study, solve, calls = study_of(), trials.solve, []
+def interrupted(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid search that is ended at its second start."""
+    solve, calls = trials.solve, []
 
-    def interrupted(*args: object, **how: object) -> object:
+    def at_second(*args: object, **how: object) -> object:
         calls.append(args)
         if len(calls) == 2:
             raise KeyboardInterrupt
         return solve(*args, **how)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
-        patch.setattr(trials, "solve", interrupted)
+        patch.setattr(trials, "solve", at_second)
         with pytest.raises(KeyboardInterrupt):
             gridsearch.run(study, force=True)
+
+
+def test_finished_starts_are_not_repeated(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = study_of()
+    interrupted(study, monkeypatch)
     assert list(study.run_dir.glob(".gridsearch.1.*"))
     summary = gridsearch.run(study, force=True).record.summary
     first, second = (s["evaluations"] for s in summary["starts"])
@@ -107,18 +113,8 @@ def test_evaluations_of_other_data_are_not_taken_over(study_of: StudyOf, monkeyp
     """The key of the evaluations holds the content of the inputs, not their paths."""
     from thermofit.stages import identify_elastic, identify_plastic, identify_thermal, interpolate
 
-    study, solve, calls = study_of(), trials.solve, []
-
-    def interrupted(*args: object, **how: object) -> object:
-        calls.append(args)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return solve(*args, **how)  # type: ignore[arg-type]
-
-    with monkeypatch.context() as patch:
-        patch.setattr(trials, "solve", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            gridsearch.run(study, force=True)
+    study = study_of()
+    interrupted(study, monkeypatch)
     changed = study_of("noise.temperature=0.1")
     interpolate.run(changed)
     for stage in (identify_elastic, identify_plastic, identify_thermal):

@@ -334,7 +334,7 @@ def test_truncated_files_are_read_or_refused(tmp_path: Path, share: float) -> No
 
 
 def test_large_group_is_read_in_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("thermofit.read.look_group.MOST_BYTES", 1000)
+    monkeypatch.setattr("thermofit.read.look.MOST_BYTES", 1000)
     for k in range(30):
         (tmp_path / f"s_{k}.csv").write_text(stage_text(k, 1.0 * k), encoding="utf-8")
     (group,) = inspect(tmp_path)["groups"]

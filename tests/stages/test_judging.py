@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
+from record_studies import told
 
-from thermofit.cli import app
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
 
@@ -77,21 +76,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_record(place / f"{name}.csv", corners, number)
     path = study(place)
     for command in ("interpolate", "identify-elastic", "identify-plastic"):
-        call(command, path)
+        told(command, path)
     return place
-
-
-def call(*arguments: Any, code: int = 0) -> dict[str, Any]:
-    result = CliRunner().invoke(app, [*(str(a) for a in arguments), "--json"])
-    assert result.exit_code == code, result.output
-    found: dict[str, Any] = json.loads(result.stdout)
-    return found
 
 
 def test_held_out_record_is_not_fitted_but_predicted(folder: Path) -> None:
     path = study(folder)
-    seen = call("verify", path)
-    unseen = call("validate", path)
+    seen = told("verify", path)
+    unseen = told("validate", path)
     assert seen["verdict"].startswith("verified: stress") and unseen["verdict"].startswith("valid: stress")
     assert [row["record"] for row in seen["records"]] == ["pull", "cycle"]
     assert [row["record"] for row in unseen["records"]] == ["other"]
@@ -106,14 +98,14 @@ def test_another_material_is_not_valid(folder: Path, tmp_path: Path) -> None:
     records = [record("pull"), record("cycle"), {**record("other", held_out=True), "file": str(tmp_path / "other.csv")}]
     path = study(folder, coupon={"records": records}, name="another", run_dir=str(tmp_path / "run"))
     for command in ("interpolate", "identify-elastic", "identify-plastic"):
-        call(command, path)
-    found = call("validate", path, code=5)
+        told(command, path)
+    found = told("validate", path, code=5)
     assert found["verdict"].startswith("not valid: stress is ") and found["trustworthy"] is False
-    assert call("verify", path)["trustworthy"]
+    assert told("verify", path)["trustworthy"]
 
 
 def test_published_values_stand_beside_those_found(folder: Path) -> None:
-    rows = {row["parameter"]: row for row in call("verify", study(folder))["literature"]}
+    rows = {row["parameter"]: row for row in told("verify", study(folder))["literature"]}
     assert rows["E"]["compared"] == "within" and rows["E"]["low"] == 190e3
     assert rows["M_y0"]["compared"].startswith("above 230 to 270 by ") and "standard errors" in rows["M_y0"]["compared"]
     assert rows["M_y0"]["source"] == "a data sheet" and rows["M_y0"]["value"] == pytest.approx(310.0, rel=0.02)
@@ -125,7 +117,7 @@ def test_the_right_model_is_preferred_by_criteria_and_held_out_record(folder: Pa
         "no-linear": {"free": ["E", "M_y0", "M_yinf", "H_exp"], "parameters": {"H_lin": 0.0}},
         "too-many": {"add": ["rate_power"]},
     }
-    found = call("compare", study(folder, compare=candidates))
+    found = told("compare", study(folder, compare=candidates))
     rows = {row["model"]: row for row in found["models"]}
     assert found["verdict"].startswith("linear is preferred and explains the data") and "no-linear is far worse" in found["verdict"]
     assert rows["linear"]["BIC - best"] == 0.0 and rows["no-linear"]["BIC - best"] > 10.0, rows
@@ -137,7 +129,7 @@ def test_the_right_model_is_preferred_by_criteria_and_held_out_record(folder: Pa
     n = rows["linear"]["n_independent"]
     assert n == rows["no-linear"]["n_independent"] and 100.0 < n <= 400.0
     assert {row["parameter"] for row in found["fitted"]} == {"E", "M_y0", "M_yinf", "H_exp", "H_lin", "rate_power.K"}
-    assert call("compare", study(folder, compare=candidates))["fresh"]
+    assert told("compare", study(folder, compare=candidates))["fresh"]
 
 
 def test_other_studies_of_the_same_data_compete_and_of_others_are_refused(folder: Path, tmp_path: Path) -> None:
@@ -148,19 +140,19 @@ def test_other_studies_of_the_same_data_compete_and_of_others_are_refused(folder
     text["parameters"]["H_lin"] = 0.0
     poor.write_text(yaml.safe_dump(text))
     for command in ("interpolate", "identify-elastic", "identify-plastic"):
-        call(command, poor)
-    found = call("compare", first, poor)
+        told(command, poor)
+    found = told("compare", first, poor)
     assert found["verdict"].startswith("linear is preferred") and "poor is far worse" in found["verdict"]
     text["coupon"]["records"] = [record("pull"), record("other", held_out=True)]
     poor.write_text(yaml.safe_dump(text))
     for command in ("interpolate", "identify-elastic", "identify-plastic"):
-        call(command, poor)
-    assert "its data are not those of linear.yaml" in json.dumps(call("compare", first, poor, code=2))
+        told(command, poor)
+    assert "its data are not those of linear.yaml" in json.dumps(told("compare", first, poor, code=2))
 
 
 def test_nothing_to_judge_is_one_sentence(folder: Path) -> None:
     path = study(folder, name="all", coupon={"records": [record("pull"), record("cycle")]})
-    assert "nothing is held out; expected an entry with held_out: true under 'coupon.records'" in json.dumps(call("validate", path, code=2))
-    assert "key 'compare' is missing" in json.dumps(call("compare", path, code=2))
+    assert "nothing is held out; expected an entry with held_out: true under 'coupon.records'" in json.dumps(told("validate", path, code=2))
+    assert "key 'compare' is missing" in json.dumps(told("compare", path, code=2))
     path = study(folder, name="none", coupon={"records": [record("pull", held_out=True)]})
-    assert "are all held out" in json.dumps(call("validate", path, code=2))
+    assert "are all held out" in json.dumps(told("validate", path, code=2))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pulled import HEAT, pulled_study
-from test_records_chain import call
+from record_studies import call
 
 from thermofit.diagnose import refit
 from thermofit.diagnose.prepared import diagnosis_job, prepared

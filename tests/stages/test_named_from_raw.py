@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tiny
 import yaml
-from test_records_chain import FIXED, NOISE, TRUTH, call
+from record_studies import FIXED, NOISE, TRUTH, call
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import Parameters

@@ -77,3 +77,28 @@ def test_remarks_of_several_experiments_name_them(study_of: StudyOf, tmp_path: P
 
     listed = each(Several(), "interpolate", lambda one, force: outcome, lambda one: True)  # type: ignore[arg-type]
     assert [text.split(":")[0] for text in listed.record.summary["remarks"]] == ["a", "a", "b", "b"]
+
+
+def test_noise_that_hangs_together_raises_the_sigma_of_nodal_values(study_of: StudyOf) -> None:
+    """Means of points whose noise is the same over millimetres scatter more than those of independent ones: their sigma says so."""
+    study = study_of("evaluation.nodes={n_x: 4, n_y: 20, n_z: 1}")
+    plain = tiny.stage_run("interpolate")(study).record
+    assert plain.summary["displacement"]["scatter_over_noise"] < 1.1
+    rng = np.random.default_rng(9)
+    for path in sorted((study.experiment / "dic").glob("*.csv")):
+        lines = path.read_text().splitlines()
+        rows = np.array([[float(x) for x in line.split(",")] for line in lines[2:]])
+        away = np.linalg.norm(rows[:, None, 1:3] - rows[None, :, 1:3], axis=2)
+        smooth = np.exp(-0.5 * (away / 2.0) ** 2)
+        smooth /= np.linalg.norm(smooth, axis=1)[:, None]
+        rows[:, 4:6] += 0.01 * smooth @ rng.normal(size=(len(rows), 2))
+        body = [f"{row[0]:.0f}," + ",".join(f"{x:.6f}" for x in row[1:]) for row in rows]
+        path.write_text("\n".join([*lines[:2], *body]) + "\n")
+    for stage in ("calibrate-ir", "interpolate"):
+        record = tiny.stage_run(stage)(study).record
+    ratio = record.summary["displacement"]["scatter_over_noise"]
+    assert ratio > 1.5 and any(text.startswith("u: nodal values scatter") for text in record.summary["remarks"])
+    nodes = record.summary["nodal_values"][0]
+    assert nodes["field"] == "u" and nodes["standard_error"] == pytest.approx(nodes["best"], rel=0.1)
+    one = float(np.mean(record.summary["displacement"]["noise_mm"]))
+    assert nodes["standard_error"] > 1.4 * one / np.sqrt(nodes["in_window"] / (nodes["nodes"] * len(record["u/time"].value)))

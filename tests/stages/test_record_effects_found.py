@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from test_records_chain import FIXED, MECHANICAL, NOISE, THERMAL, TRUTH, call, record
+from record_studies import FIXED, MECHANICAL, NOISE, THERMAL, TRUTH, call, record
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import Parameters

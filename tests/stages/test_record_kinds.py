@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from test_records_chain import call
+from record_studies import call
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord
@@ -19,8 +19,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment import coupon_records as coupon_inputs
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.records.artefact import open_record
-from thermofit.study.coupon_stages import coupon_stage
-from thermofit.study.stages import ElasticStage, PlasticStage
+from thermofit.study.stages import ElasticStage, PlasticStage, coupon_stage
 from thermofit.study.study import load_study
 
 E, NU = 200e3, 0.3

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 from pulled import HEAT, pulled_study
-from test_records_chain import MECHANICAL, call
+from record_studies import MECHANICAL, call
 
 from thermofit.diagnose.prepared import freed_effects
 

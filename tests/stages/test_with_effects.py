@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from pulled import HEAT, pulled_study
-from test_records_chain import call, record, write_record
+from record_studies import call, record, write_record
 
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.study_with_effects import study_text

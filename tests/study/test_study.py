@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, ForceRecord, Specimen
 from thermofit.core.parameters import LAW
+from thermofit.law.hardening.catalogue import Hardening, hardening_laws
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, json_schema, load_study
 from thermofit.study.template import template
@@ -68,6 +69,22 @@ def test_template_loads_as_it_stands(write) -> None:
     study = load_study(write(template()))
     for name in ("elastic", "plastic", "thermal"):
         study.stage(name)
+
+
+@pytest.mark.parametrize("look", ["no data", (7.1e4, 251.0, 0.23)], ids=["unseen", "seen"])
+@pytest.mark.parametrize("law", hardening_laws(), ids=lambda law: law.name)
+def test_template_of_every_hardening_law(write, law: Hardening, look: str | tuple[float, float, float]) -> None:
+    """Stage plastic frees what the law has, with starts and bounds that the law gives, and M_y0 starts below the stress that was seen."""
+    text = template(look=look, law=law)
+    study = load_study(write(text))
+    assert study.hardening_law == law.name and (f"\nhardening: {law.name} " in text) == (law.name != "model2")
+    assert study.stage("plastic").free == (*law.fitted, "F")
+    given = law.file.METALS if isinstance(look, str) else law.file.search(*look[1:])
+    for name, (start, low, high) in given.items():
+        setting = study.parameters[name]
+        assert (setting.start, *setting.bounds) == pytest.approx((start, low, high), rel=0.06), "two digits"
+    assert isinstance(look, str) or study.parameters["M_y0"].start < look[1]
+    assert ", ".join(["E", *given]) + ": f" in text
 
 
 def test_keys_that_the_template_comments_out_are_the_defaults(write) -> None:
@@ -167,6 +184,10 @@ SENTENCES = [
     ("simulate={truth: {theta_air: 20}}", "key 'simulate.truth.theta_air' is 20 K"),
     ("simulate={truth: {}, programme: [{hodl: 3}]}", "key 'simulate.programme.0.hodl' is not known; did you mean 'hold'?"),
     ("simulate={truth: {}, programme: [{crosshead_to: 3, rate: 0}]}", "key 'simulate.programme.0.rate' is 0"),
+    ("simulate={truth: {}, programme: [{crosshead_to: 3}]}", "key 'simulate.programme.0.rate' is missing"),
+    ("simulate={truth: {}, programme: [{hold: 3, rate: 1}]}", "key 'simulate.programme.0.rate' is not known"),
+    ("simulate={truth: {}, programme: [{force_to: -5, rate: -1}]}", "force_to' is -5; expected a number >= 0 (a sheet buckles"),
+    ("simulate={truth: {}, programme: []}", "key 'simulate.programme' is []; expected at least 1 entries"),
     ("gridsearch={stage: elastic, starts: [{E: 7e4}, {E: 1e4}]}", "key 'gridsearch.starts.1.E' is 10000; expected 30000 to 150000"),
     ("gridsearch={stage: thermal}", "key 'gridsearch' holds no starts; list them under 'starts', or let them be drawn"),
     ("gridsearch={stage: thermal, draw: {number: 4}}", "key 'gridsearch.draw.seed' is missing"),
@@ -188,6 +209,10 @@ SENTENCES = [
     ("mesh", "expected key=value"),
     ("parameters.nu.start.x=1", "key 'parameters.nu' is 0.3 in the study, not a section"),
     ("mesh=[1", "line 1"),
+    ("mesh={n_x: 100, n_y: 1000, n_z: 20}", "asks for 2123121 nodes; expected at most 200000"),
+    ("run_dir=~nobody-of-that-name/a", "key 'run_dir' is '~nobody-of-that-name/a', but the home folder of that user is not known"),
+    ('run_dir="a\\0b"', "key 'run_dir' is 'a\\x00b', which holds a zero byte"),
+    ("mesh=&a {n_x: *a}", "line 1: an alias stands for a section that holds it"),
 ]
 
 

@@ -117,7 +117,7 @@ def looped(study: Study, tests: tuple[CouponTest, ...], folder: Path) -> Closed:
     run = coupon_run(study, data, settings.free)
     there = flow_conditions(tests, lambda test: run.history(parameters, test))
     known, _ = untold(effects_of_point(sensor=any(test.theta is not None for test in tests)), parameters, there)
-    case = Case(model, parameters, known, experiment.spans, station_names(), cheap=True)
+    case = Case(model, parameters, known, experiment.spans, station_names(), cheap=True, bounds=study.bounds)
     return close_loop(case, fit, refit, study.diagnosis.max_effects, None)
 
 

@@ -46,13 +46,15 @@ SIZE = (4.0, 10.0, 1.5)
 
 
 def bar(
-    parameters: Parameters, time: np.ndarray, strain: np.ndarray, model: int, tolerance: float = 1e-10
+    parameters: Parameters, time: np.ndarray, value: np.ndarray, model: int, tolerance: float = 1e-10, control: str = "displacement"
 ) -> tuple[History, np.ndarray, np.ndarray]:
-    """A bar of 1 x 2 x 1 elements through a history of strain: its history, nominal strain across (x, z)."""
+    """A bar of 1 x 2 x 1 elements through a history of nominal strain, or of nominal stress in MPa where `control` is "force": its history,
+    nominal strain across (x, z)."""
     set_threads(1)
     mesh = bar_mesh((1, 2, 1), SIZE, air=("x1", "z1"))
-    body = tension_body(mesh, control="displacement", symmetry=1.0)
-    loading = Loading(time, SIZE[1] * strain, "displacement", from_rest=True)
+    body = tension_body(mesh, control=control, symmetry=1.0)
+    pulled = control == "force"
+    loading = Loading(time, value * (SIZE[0] * SIZE[2] if pulled else SIZE[1]), control, from_rest=not pulled)
     settings = MarchSettings(model=model, newton=NewtonSettings(tolerance=tolerance), coupling_tolerance=1e-9, max_cuts=0)
     history = march(body, parameters, loading, time, settings)
     corner = mesh.nearest_node(SIZE)
@@ -60,20 +62,25 @@ def bar(
     return history, lateral[:, 0] - lateral[0, 0], lateral[:, 2] - lateral[0, 2]
 
 
-def bar_and_point(parameters: Parameters, time: np.ndarray, strain: np.ndarray, model: int) -> None:
-    """Assert that stress, lateral strain, temperature and Lambda of the adiabatic bar are those of the point, to 1e-6."""
+def bar_and_point(parameters: Parameters, time: np.ndarray, strain: np.ndarray, model: int, control: str = "displacement") -> None:
+    """Assert that stress and strain, lateral strain, temperature and Lambda of the adiabatic bar are those of the point, to 1e-8. By
+    "force" the bar takes the stress that the strain asks of the point."""
     parameters = parameters.replace(alpha_air=0.0, alpha_clamp=0.0, tau=1e12, lag=0.0, theta_clamp=297.3, theta_ref=297.3)
-    history, across, through = bar(parameters, time, strain, model)
     found = simulate(parameters, Programme.by_strain(time, strain), PointSettings(model=model, max_strain=1.0))
-    stress = history.force / (SIZE[0] * SIZE[2])
-    assert np.abs(found.stress - stress).max() < 1e-6 * np.abs(stress).max()
-    assert np.abs(found.lateral_x - across).max() < 1e-6 * np.abs(across).max()
-    assert np.abs(found.lateral_z - through).max() < 1e-6 * np.abs(through).max()
+    if control == "force":
+        found = simulate(parameters, Programme.under_stress(time, found.stress), PointSettings(model=model, max_strain=1.0))
+    history, across, through = bar(parameters, time, found.stress if control == "force" else strain, model, 1e-11, control)
+    stress, along = history.force / (SIZE[0] * SIZE[2]), (history.u_top - history.u_top[0]) / SIZE[1]
+    assert np.abs(found.stress - stress).max() < 1e-8 * np.abs(stress).max()
+    assert np.abs(found.strain - along).max() < 1e-8 * np.abs(along).max()
+    assert np.abs(found.lateral_x - across).max() < 1e-8 * np.abs(across).max()
+    assert np.abs(found.lateral_z - through).max() < 1e-8 * np.abs(through).max()
     assert np.ptp(history.theta, axis=1).max() < 1e-6, "the bar is homogeneous"
     rise = history.theta[:, 0] - history.theta[0, 0]
     assert rise.max() > 3.0
-    assert np.abs(found.theta - found.theta[0] - rise).max() < 1e-6 * rise.max()
-    assert abs(found.accumulated[-1] - history.largest_multiplier[-1]) < 1e-6 * found.accumulated[-1]
+    assert np.abs(found.theta - found.theta[0] - rise).max() < 1e-8 * rise.max()
+    assert abs(found.accumulated[-1] - history.largest_multiplier[-1]) < 1e-8 * found.accumulated[-1]
+    assert min(step.smallest_dissipation for step in history.balance) >= 0.0
 
 
 def flow_stress_of(found: PointHistory, parameters: Parameters) -> np.ndarray:

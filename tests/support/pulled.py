@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from test_records_chain import FIXED, record, write_record
+from record_studies import FIXED, record, write_record
 
 CORNERS = [(0.0, 0.0), (50.0, 0.03), (58.0, 0.027), (75.0, 0.03), (80.0, 0.05)]
 HEAT = ("beta", "tau", "lag")

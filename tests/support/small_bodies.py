@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
-import pytest
 
-from thermofit.body.element.hex8 import ElementData, element_pass
+from thermofit.body.element.hex8 import ElementData, element_data, element_pass
 from thermofit.body.mesh.mesh import Mesh, boundary_facets, structured_hexes
+from thermofit.body.solve.march import Loading
 from thermofit.body.solve.newton import virgin_state
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
-from thermofit.law.page import Law
+from thermofit.law.page import Law, law_of
 
 NOMINAL = Parameters.of(
     {
@@ -26,6 +24,8 @@ NOMINAL = Parameters.of(
 MISES = NOMINAL.replace(F=0.5)
 ADIABATIC = NOMINAL.replace(alpha_air=0.0, alpha_clamp=0.0)
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+LOADING = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5700.0, 5700.0, 0.0, 0.0]))
+"""Pulled, held, unloaded, cooled: N over s."""
 """The specimen of the reference solution."""
 
 
@@ -97,13 +97,14 @@ def dense_equilibrium(
     raise AssertionError("the dense Newton did not converge")
 
 
-def reference_table(name: str) -> dict[str, np.ndarray]:
-    """Columns of a table of the reference solution, which lies beside the data folder."""
-    data = os.environ.get("THERMOFIT_DATA")
-    if not data:
-        pytest.skip("THERMOFIT_DATA is not set: the reference numbers of the kernel lie beside that folder")
-    path = Path(data).resolve().parent / "reference" / "kernel" / name
-    if not path.is_file():
-        pytest.skip(f"no reference numbers at {path}")
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    return {column: table[column] for column in table.dtype.names}
+def patch_error(mesh: Mesh) -> float:
+    """Largest deviation of free interior nodes from a homogeneous deformation that the boundary follows, relative to it."""
+    gradient = 1e-3 * np.array([[0.4, 0.2, -0.1], [-0.3, 1.0, 0.25], [0.15, -0.2, -0.3]])
+    exact = mesh.nodes @ gradient.T
+    held = np.zeros((mesh.n_nodes, 3), dtype=bool)
+    held[np.unique(boundary_facets(mesh.hexes))] = True
+    assert (~held).any(), "no interior node: the patch test would be vacuous"
+    start = np.where(held, exact, 0.0)
+    law = law_of(MISES.replace(M_y0=5000.0, M_yinf=5001.0), 2)
+    u, _, _ = dense_equilibrium(element_data(mesh.nodes, mesh.hexes, f_bar=True), start, held, law)
+    return float(np.abs(u - exact).max() / np.abs(exact).max())

@@ -6,7 +6,7 @@ The heat capacity is known: without mechanics nothing else says how much a kelvi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,11 +19,6 @@ from thermofit.experiment.missing import Grid, place_hats, time_hats
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.residuals import Span
-from thermofit.fit.linear_model import LinearModel
-from thermofit.fit.minimise import minimise
-from thermofit.fit.problem import Problem
-from thermofit.fit.result import FitResult
-from thermofit.fit.settings import Settings
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
 
@@ -185,32 +180,6 @@ def strip_case(seed: int, source: Source | None = None, known: tuple[Effect, ...
     model = StageModel(errors, (plain(observed),), {"theta": observed}, "", linearise=linearise, missing=StripMissing())
     instruments = frozenset(name for e in known for name in e.names if not name.startswith("stored"))
     return Case(model, BASE.with_free(("kappa", "beta")), known, SPANS, instruments)
-
-
-def refitting(model: StageModel) -> Callable[[Parameters, str], tuple[Parameters, FitResult]]:
-    """Least squares of the model."""
-
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
-        names = start.free
-        limits = [np.array([getattr(param(n), word) for n in names]) for word in ("lower", "upper", "scale")]
-        problem = Problem(
-            lambda x: model.residual(start.with_vector(x)),
-            start.vector(),
-            *limits,
-            names,
-            lambda x: model.linearised(start.with_vector(x), names),
-        )
-        fit = minimise(problem, "least-squares", Settings(f_tolerance=0.01))
-        spread = LinearModel(fit.residual, fit.jacobian).covariance(names, fit.at_bound)
-        return start.with_vector(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
-
-    return refit
-
-
-def fitted(case: Case) -> tuple[Case, FitResult]:
-    """The case at its optimum."""
-    parameters, fit = refitting(case.model)(case.parameters, "joint")
-    return replace(case, parameters=parameters), fit
 
 
 def spot(power: float, x0: float, y0: float, when: tuple[float, float], size: float = 3.0) -> Source:

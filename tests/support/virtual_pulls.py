@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,6 +14,8 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.model import StageModel
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study, load_study
@@ -62,3 +65,21 @@ def pulled(values: dict[str, float] | None = None, force: np.ndarray = FORCE, no
         TestPhase(30.0, 40.0, "unloading"),
     )
     return Measured(SPECIMEN, air, clamp, u, t, force_observation(TIME, steps, 4.0), every, 2.0, phases)
+
+
+@lru_cache(maxsize=1)
+def data() -> Measured:
+    """That test as it stands, made once."""
+    return pulled()
+
+
+def model(case: Study, free: tuple[str, ...] = ()) -> StageModel:
+    """Joint model of that test."""
+    return Joint(case, data(), joint_settings(case, free, data()), SIZE).model
+
+
+def part(joint: StageModel, channel: str) -> slice:
+    """Rows of a channel."""
+    ends = np.cumsum([0, *(c.n for c in joint.comparisons)])
+    k = [c.channel for c in joint.comparisons].index(channel)
+    return slice(int(ends[k]), int(ends[k + 1]))

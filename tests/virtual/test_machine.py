@@ -11,9 +11,9 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
+from thermofit.study.virtual import Machine, Simulate
 from thermofit.virtual.machine import (
-    MachineSettings,
-    Step,
+    CrossheadStep,
     bar_of,
     describe_programme,
     elongation,
@@ -26,15 +26,19 @@ LAW = Parameters.of({"E": 68396.66, "nu": 0.34, "M_y0": 128.92, "M_yinf": 292.73
 DOGBONE = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
 STRAIGHT = Specimen(25.0, 1.2, 100.0, 25.0, 25.0, 150.0, 10.0)
 RATIO = np.sqrt(0.35 + 0.5)
-PROGRAMME = [
+PROGRAMME = (
     {"hold": 3.0},
     {"crosshead_to": 9.5, "rate": 0.14},
     {"force_to": 1500.0, "rate": -0.14},
     {"crosshead_to": 19.5, "rate": 0.14},
     {"force_to": 0.0, "rate": -0.14},
     {"hold_force_until": 400.0},
-]
-MACHINE = MachineSettings()
+)
+MACHINE = Machine()
+
+
+def steps_of(*actions: dict[str, float]) -> tuple[CrossheadStep, ...]:
+    return programme_of(Simulate.model_validate({"truth": {}, "programme": actions}).programme)
 
 
 LAME, MU = 68396.66 * 0.34 / (1.34 * 0.32), 68396.66 / 2.68
@@ -121,7 +125,7 @@ def test_elastic_dogbone_against_quadrature_over_its_width() -> None:
 
 def test_programme_is_executed_exactly() -> None:
     bar = bar_of(DOGBONE, uniaxial_law(LAW))
-    history = load_history(programme_of(PROGRAMME), bar, MACHINE)
+    history = load_history(steps_of(*PROGRAMME), bar, MACHINE)
     time, crosshead = history.time, history.crosshead
     assert (np.diff(time) > 0.0).all() and np.diff(time).max() <= 0.1 + 1e-9
     assert time[0] == 0.0 and time[-1] == 400.0
@@ -139,7 +143,7 @@ def test_programme_is_executed_exactly() -> None:
 
 
 def test_slip_only_grows_and_stays_after_unloading() -> None:
-    history = load_history(programme_of(PROGRAMME), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
+    history = load_history(steps_of(*PROGRAMME), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
     assert (np.diff(history.slip) >= 0.0).all()
     assert 0.9 * MACHINE.slip < history.slip[-1] < MACHINE.slip
     assert history.force[-1] == 0.0
@@ -149,7 +153,11 @@ def test_slip_only_grows_and_stays_after_unloading() -> None:
 @given(st.floats(0.5, 8.0), st.floats(0.0, 1000.0), st.floats(8.5, 15.0), st.floats(0.05, 0.5))
 def test_any_loading_unloading_reloading_is_consistent(first: float, down: float, second: float, rate: float) -> None:
     bar = bar_of(DOGBONE, uniaxial_law(LAW))
-    steps = [Step("crosshead_to", first, rate), Step("force_to", down, -rate), Step("crosshead_to", second, rate)]
+    steps = [
+        CrossheadStep("crosshead_to", first, rate),
+        CrossheadStep("force_to", down, -rate),
+        CrossheadStep("crosshead_to", second, rate),
+    ]
     history = load_history(steps, bar, MACHINE, rate=2.0)
     largest = np.maximum.accumulate(history.force)
     give = elongation(bar, history.force, largest) + MACHINE.compliance * history.force + history.slip
@@ -164,16 +172,16 @@ def test_any_loading_unloading_reloading_is_consistent(first: float, down: float
         ([{"crosshead_to": 5.0, "rate": -0.1}], "change its sign"),
         ([{"crosshead_to": 5.0, "rate": 0.1}, {"crosshead_to": 0.0, "rate": -0.1}], "compress"),
         ([{"hold": 5.0}, {"hold_force_until": 4.0}], "lies before"),
-        ([{"crosshead_to": 5.0}], "needs a rate"),
-        ([{"hold": 5.0, "rate": 1.0}], "takes no rate"),
-        ([{"crosshed_to": 5.0, "rate": 1.0}], r"programme\[0\]"),
-        ([{"force_to": -5.0, "rate": -1.0}], "buckles"),
-        ([], "takes no time"),
     ],
 )
 def test_impossible_programmes_are_refused(items: list[dict[str, float]], text: str) -> None:
     with pytest.raises(StudyError, match=text):
-        load_history(programme_of(items), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
+        load_history(steps_of(*items), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
+
+
+def test_a_programme_without_time_is_refused() -> None:
+    with pytest.raises(StudyError, match="takes no time"):
+        load_history((), bar_of(DOGBONE, uniaxial_law(LAW)), MACHINE)
 
 
 def test_impossible_specimens_are_refused() -> None:
@@ -184,5 +192,5 @@ def test_impossible_specimens_are_refused() -> None:
 
 
 def test_programme_in_words() -> None:
-    words = describe_programme(programme_of(PROGRAMME))
+    words = describe_programme(steps_of(*PROGRAMME))
     assert words[1] == "crosshead at 0.14 mm/s to 9.5 mm" and words[-1] == "constant force until 400 s"

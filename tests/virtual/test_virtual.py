@@ -12,34 +12,36 @@ from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import CELSIUS, Specimen
 from thermofit.observe.face import displacement_at, face_grid, invert_motion, locate
 from thermofit.read.raw import read_experiment
+from thermofit.study.section import Section
+from thermofit.study.virtual import Machine, VirtualDic, VirtualForce, VirtualInstruments, VirtualIr
 from thermofit.virtual import infrared as virtual_ir
 from thermofit.virtual import laboratory as virtual
 from thermofit.virtual.dic import measure_dic
 from thermofit.virtual.infrared import background_field, camera_pose, pick_landmarks, to_pixel, to_space
 from thermofit.virtual.laboratory import write_raw
-from thermofit.virtual.machine import LoadHistory, MachineSettings
+from thermofit.virtual.machine import LoadHistory
 from thermofit.virtual.setup import (
     STREAMS,
-    DicSettings,
-    ForceSettings,
-    IrSettings,
     VirtualFields,
-    VirtualInstruments,
     rigid_motion,
     sampling_times,
     stream,
 )
 
 SPECIMEN = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
-STILL = MachineSettings(0.0, 0.0, 0.0, 0.0)
+STILL = Machine(compliance=0.0, slip=0.0, rotation_deg=0.0, drift=0.0)
 CLEAN = VirtualInstruments(
-    STILL,
-    DicSettings(noise_in_plane=0.0, noise_out_of_plane=0.0, lost_fraction=0.0),
-    IrSettings(netd=0.0, offset=0.0, blur_px=0.0, landmark_noise_px=0.0, image_shape=(120, 90)),
-    ForceSettings(noise=0.0, crosshead_noise=0.0),
+    machine=STILL,
+    dic=VirtualDic(noise_in_plane=0.0, noise_out_of_plane=0.0, lost_fraction=0.0),
+    ir=VirtualIr(netd=0.0, offset=0.0, blur_px=0.0, landmark_noise_px=0.0, image_shape=(120, 90)),
+    force=VirtualForce(noise=0.0, crosshead_noise=0.0),
     thermocouple_error=0.0,
 )
 STRETCH_X, STRETCH_Y = 0.93, 1.16
+
+
+def replaced(section: Section, **own: object) -> Section:
+    return section.model_copy(update=own)
 
 
 def face_nodes() -> np.ndarray:
@@ -99,7 +101,7 @@ def test_dic_returns_the_affine_field_on_the_whole_face(clean: Path) -> None:
 
 def test_dic_adds_the_rigid_body_motion() -> None:
     fields = make_fields(slip=0.3)
-    machine = MachineSettings(rotation_deg=2.0, drift=0.5)
+    machine = Machine(rotation_deg=2.0, drift=0.5)
     motion = rigid_motion(fields.load, machine, 5, fields.dic_time)
     stages = measure_dic(fields, face_grid(fields.face), motion, CLEAN.dic, 5)
     body = stages.reference + np.column_stack(
@@ -135,7 +137,7 @@ def test_pixels_follow_the_rigid_body_motion() -> None:
     """Forward: reference points go through deformation, motion and camera; the image there must be their temperature."""
     fields = make_fields(slip=0.3)
     fields = dataclasses.replace(fields, ir_theta=296.0 + 0.02 * fields.face[:, 1] + np.zeros((4, 1)))
-    motion = rigid_motion(fields.load, MachineSettings(rotation_deg=2.0, drift=0.5), 5, fields.ir_time)
+    motion = rigid_motion(fields.load, Machine(rotation_deg=2.0, drift=0.5), 5, fields.ir_time)
     scene = virtual_ir.scene_of(fields, face_grid(fields.face), CLEAN.ir, 5)
     frame = virtual_ir.measure_infrared(fields, scene, motion, 5)[3]
     x, y = np.meshgrid(np.linspace(-9.0, 9.0, 7), np.linspace(-20.0, 3.0, 6))
@@ -147,14 +149,14 @@ def test_pixels_follow_the_rigid_body_motion() -> None:
 
 def test_edges_are_mixed_by_area() -> None:
     fields = make_fields()
-    ir = dataclasses.replace(CLEAN.ir, background_spread=0.0, background=290.0)
+    ir = replaced(CLEAN.ir, background_spread=0.0, background=290.0)
     fields = dataclasses.replace(fields, ir_theta=np.full_like(fields.ir_theta, 300.0))
     grid = face_grid(fields.face)
-    motion = rigid_motion(fields.load, MachineSettings(rotation_deg=1.0), 3, fields.ir_time)
+    motion = rigid_motion(fields.load, Machine(rotation_deg=1.0), 3, fields.ir_time)
     scene = virtual_ir.scene_of(fields, grid, ir, 3)
     for k, stretch in ((0, 1.0), (3, STRETCH_X)):
         for blur in (0.0, 0.7):
-            settings = dataclasses.replace(scene, settings=dataclasses.replace(ir, blur_px=blur))
+            settings = dataclasses.replace(scene, settings=replaced(ir, blur_px=blur))
             frame = virtual_ir.measure_infrared(fields, settings, motion, 3)[k]
             width = (frame - 290.0).sum(axis=1) / 10.0 * ir.pixel_size
             # Across a row the width is seen under the roll of camera and specimen.
@@ -165,7 +167,7 @@ def test_edges_are_mixed_by_area() -> None:
 
 def test_jaws_are_seen_at_their_own_temperature() -> None:
     fields = make_fields()
-    ir = dataclasses.replace(CLEAN.ir, image_shape=(440, 150))
+    ir = replaced(CLEAN.ir, image_shape=(440, 150))
     scene = virtual_ir.scene_of(fields, face_grid(fields.face), ir, 3)
     motion = rigid_motion(fields.load, STILL, 3, fields.ir_time)
     frames = virtual_ir.measure_infrared(fields, scene, motion, 3)
@@ -178,7 +180,7 @@ def test_jaws_are_seen_at_their_own_temperature() -> None:
 
 
 def test_pose_is_a_mirrored_rolled_view_and_invertible() -> None:
-    pose = camera_pose(IrSettings(), 11)
+    pose = camera_pose(VirtualIr(), 11)
     points = np.random.default_rng(0).uniform(-20, 20, (50, 2))
     assert to_space(pose, to_pixel(pose, points)) == pytest.approx(points, abs=1e-12)
     centre, up, plus_x = to_pixel(pose, np.array([[0.0, 0.0], [0.0, 10.0], [10.0, 0.0]]))
@@ -188,7 +190,7 @@ def test_pose_is_a_mirrored_rolled_view_and_invertible() -> None:
 
 
 def test_landmarks_agree_with_the_pose() -> None:
-    settings = IrSettings(landmark_noise_px=0.0)
+    settings = VirtualIr(landmark_noise_px=0.0)
     pose = camera_pose(settings, 4)
     marks = pick_landmarks(pose, SPECIMEN, settings, 4)
     assert np.hypot(*(marks.length[1] - marks.length[0])) * 0.4 == pytest.approx(marks.length_mm, abs=0.05)
@@ -201,14 +203,14 @@ def test_landmarks_agree_with_the_pose() -> None:
 
 
 def test_landmarks_carry_the_picking_error() -> None:
-    pose = camera_pose(IrSettings(), 4)
-    exact = pick_landmarks(pose, SPECIMEN, IrSettings(landmark_noise_px=0.0), 4)
-    error = [pick_landmarks(pose, SPECIMEN, IrSettings(), seed).circle - exact.circle for seed in range(200)]
+    pose = camera_pose(VirtualIr(), 4)
+    exact = pick_landmarks(pose, SPECIMEN, VirtualIr(landmark_noise_px=0.0), 4)
+    error = [pick_landmarks(pose, SPECIMEN, VirtualIr(), seed).circle - exact.circle for seed in range(200)]
     assert np.std(error) == pytest.approx(0.15, rel=0.12)
 
 
 def test_image_too_small_for_the_specimen_is_refused() -> None:
-    settings = IrSettings(image_shape=(200, 50))
+    settings = VirtualIr(image_shape=(200, 50))
     with pytest.raises(StudyError, match="image_shape"):
         pick_landmarks(camera_pose(settings, 1), SPECIMEN, settings, 1)
 
@@ -250,7 +252,7 @@ def test_force_file_and_description(clean: Path) -> None:
 
 
 def test_crosshead_contains_compliance_and_slip(tmp_path: Path) -> None:
-    settings = dataclasses.replace(CLEAN, machine=MachineSettings(compliance=2e-4))
+    settings = replaced(CLEAN, machine=Machine(compliance=2e-4))
     write_raw(tmp_path / "raw", make_fields(slip=0.3), settings, 3)
     table = np.loadtxt(tmp_path / "raw" / "force.csv", delimiter=",", skiprows=1)
     assert table[-1, 2] == pytest.approx(0.4 * 30.0 + 2e-4 * 7000.0 + 0.3, abs=1e-4)
@@ -267,8 +269,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_one_seed_gives_the_same_bytes_and_instruments_do_not_disturb_each_other(tmp_path: Path) -> None:
     fields = make_fields(n=3)
-    noisy = VirtualInstruments(ir=IrSettings(image_shape=(80, 90)))
-    other = dataclasses.replace(noisy, dic=DicSettings(noise_in_plane=0.004, spacing=2.0))
+    noisy = VirtualInstruments(ir=VirtualIr(image_shape=(80, 90)))
+    other = replaced(noisy, dic=VirtualDic(noise_in_plane=0.004, spacing=2.0))
     files = []
     for name, settings, seed in (("a", noisy, 1), ("b", noisy, 1), ("c", other, 1), ("d", noisy, 2)):
         write_raw(tmp_path / name, fields, settings, seed)
@@ -282,7 +284,7 @@ def test_one_seed_gives_the_same_bytes_and_instruments_do_not_disturb_each_other
 def test_noise_has_the_stated_size_and_losses_are_counted(tmp_path: Path) -> None:
     fields = make_fields(level=0.0, n=10)
     fields = dataclasses.replace(fields, ir_theta=np.full_like(fields.ir_theta, 300.0))
-    settings = VirtualInstruments(machine=STILL, ir=IrSettings(image_shape=(80, 90)), dic=DicSettings(lost_fraction=0.02))
+    settings = VirtualInstruments(machine=STILL, ir=VirtualIr(image_shape=(80, 90)), dic=VirtualDic(lost_fraction=0.02))
     summary = write_raw(tmp_path / "raw", fields, settings, 9)
     tables = [read_stage(tmp_path / "raw", k) for k in range(10)]
     all_points = np.concatenate(tables)
@@ -318,7 +320,7 @@ def test_sampling_times_are_dense_around_kinks_and_differ_between_instruments() 
 
 
 def test_killed_run_leaves_the_old_folder_and_no_rubbish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fields, settings = make_fields(n=2), dataclasses.replace(CLEAN, ir=dataclasses.replace(CLEAN.ir, image_shape=(80, 90)))
+    fields, settings = make_fields(n=2), replaced(CLEAN, ir=replaced(CLEAN.ir, image_shape=(80, 90)))
     write_raw(tmp_path / "raw", fields, settings, 1)
     before = contents(tmp_path / "raw")
 
@@ -330,7 +332,7 @@ def test_killed_run_leaves_the_old_folder_and_no_rubbish(tmp_path: Path, monkeyp
         with pytest.raises(KeyboardInterrupt):
             write_raw(tmp_path / "raw", fields, settings, 2)
     assert contents(tmp_path / "raw") == before and [p.name for p in tmp_path.iterdir()] == ["raw"]
-    write_raw(tmp_path / "raw", fields, dataclasses.replace(settings, force=ForceSettings()), 2)
+    write_raw(tmp_path / "raw", fields, replaced(settings, force=VirtualForce()), 2)
     assert contents(tmp_path / "raw") != before and [p.name for p in tmp_path.iterdir()] == ["raw"]
 
 

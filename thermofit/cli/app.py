@@ -1,22 +1,26 @@
-"""The typer application: one command per stage, and run, show, new."""
+"""The typer application: one command per stage, those with options of their own, and run, show, new."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib
+import inspect
 import json as json_format
-import sys
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from thermofit import __version__
-from thermofit.cli import identifiability, judging, measured
+from thermofit.cli import measured
 from thermofit.cli.catalogue import (
     ABOUT,
     ASIDE,
+    COMPARE,
+    IDENTIFIABILITY_EXAMPLES,
+    IDENTIFIABILITY_HELP,
     LOOK,
     MANUAL,
     NECKING_ORDER,
@@ -27,10 +31,12 @@ from thermofit.cli.catalogue import (
     SPREAD,
     STAGES,
     START,
+    TRUST,
+    VALIDATE,
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study
+from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError
 
 if TYPE_CHECKING:
@@ -68,6 +74,9 @@ def new(
     experiment: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Raw folder of the experiment, with experiment.yaml.", show_default=False)
     ] = None,
+    law: Annotated[
+        str | None, typer.Option("--hardening", metavar="NAME", help="Hardening law, such as swift; else model2.", show_default=False)
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -75,7 +84,7 @@ def new(
     with reporting(json):
         from thermofit.study.template import write_template
 
-        said = write_template(file, experiment, overwrite=force, look=_looked)
+        said = write_template(file, experiment, overwrite=force, look=_looked, law=law)
         line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
         typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
 
@@ -98,11 +107,6 @@ def stage_function(name: str) -> Callable[..., Outcome]:
     return run
 
 
-def _quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
-    """With --json nothing but the result reaches stdout, whatever a library prints."""
-    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
-
-
 def _stage_command(entry: Entry) -> Callable[..., None]:
     def command(common: Common) -> None:
         _one_stage(entry, common)
@@ -117,19 +121,28 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
 
 
 def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
-    """Run a stage and print its result."""
-    import time
+    """Run a stage, behind what it rests on, and print its result."""
+    study = common.load()
+    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
 
+    def call() -> Outcome:
+        from thermofit.cli import printing
+
+        _chain_before(entry.name, study, None if common.json else printing.step)
+        return stage_function(entry.name)(study, force=common.force, **options)
+
+    _show(entry.name, common, study, call)
+
+
+def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) -> None:
+    """Say what begins, run it, print its result; exit code 5 where that is not to be trusted."""
     from thermofit.cli import printing
     from thermofit.records.result import is_trustworthy, result_of
 
-    study = common.load()
-    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
-    _announce(entry.name, study, common.json)
+    _announce(name, study, common.json)
     begin = time.perf_counter()
-    with _quiet(common.json):
-        _chain_before(entry.name, study, None if common.json else printing.step)
-        outcome = stage_function(entry.name)(study, force=common.force, **options)
+    with quiet(common.json):
+        outcome = call()
     result = result_of(outcome.record)
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
@@ -177,7 +190,7 @@ def run(
     _announce("run", study, common.json)
     where = executor_of(study, jobs, scheduler)
     links = [Link(name, _lazy(name, where)) for name in (ORDER if study.necking is None else NECKING_ORDER)]
-    with _quiet(common.json):
+    with quiet(common.json):
         steps = chain(study, links, Selection(first, last, everything), common.force, None if common.json else printing.step)
     summary = summary_of(study, steps)
     if common.json:
@@ -198,10 +211,116 @@ def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
 
 for _entry in (*STAGES, *ASIDE):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
-identifiability.register(app)
 
 
-judging.register(app, stage_function, _announce)
+_STAGE_HELP = "elastic, plastic or thermal; absent: thermal, of coupons plastic."
+
+
+def _subject(
+    programmes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[PROGRAMME]...", help="With --compare: which; all where none is named.", show_default=False),
+    ] = None,
+    stage: Annotated[str | None, typer.Option("--stage", metavar="STAGE", help=_STAGE_HELP, show_default=False)] = None,
+    before: Annotated[bool, typer.Option("--a-priori", help="Before any data: the planned test of section simulate.")] = False,
+    programme: Annotated[
+        str, typer.Option("--programme", metavar="NAME", help="With --a-priori: another programme than the study's.")
+    ] = "own",
+    compare: Annotated[bool, typer.Option("--compare", help="Rank test programmes by the intervals that they would give.")] = False,
+) -> None:
+    """Options of `identifiability` that say what is looked at."""
+
+
+def _ways(
+    repeats: Annotated[int, typer.Option("--bootstrap", metavar="N", min=0, help="Block bootstrap with N repeats.")] = 0,
+    refit: Annotated[bool, typer.Option("--refit", help="Fit every repeat of the bootstrap anew instead of by the Jacobian.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Profile likelihood of every parameter.")] = False,
+    mcmc: Annotated[bool, typer.Option("--mcmc", help="Markov chain on the linearised model (needs emcee).")] = False,
+    full_model: Annotated[bool, typer.Option("--full-model", help="With --mcmc: a chain of forward runs, for small problems.")] = False,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of bootstrap and chain.")] = 1,
+) -> None:
+    """Those that say how intervals are found."""
+
+
+def _where(jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
+    """Those that say where it runs."""
+
+
+def identifiability(common: Common, **asked: Any) -> None:
+    """Do the data determine the parameters? `asked`: the options of `_subject`, `_ways` and `_where`."""
+    programmes, compare = asked.pop("programmes") or (), asked.pop("compare")
+    jobs, scheduler = asked.pop("jobs"), asked.pop("scheduler")
+    if programmes and not compare:
+        raise StudyError(
+            f"'{programmes[0]}' is given without --compare: programmes by name are compared, or one is taken by --programme NAME"
+        )
+    study = common.load()
+
+    def call() -> Outcome:
+        from thermofit.stages.identifiability import Options, run
+
+        chosen = Options(compare=tuple(programmes) if compare else None, **asked)
+        return run(study, chosen, force=common.force, where=executor_of(study, jobs, scheduler))
+
+    _show("identifiability", common, study, call)
+
+
+def _signature() -> inspect.Signature:
+    """`common`, then the options of all groups."""
+    first = next(iter(inspect.signature(identifiability, eval_str=True).parameters.values()))
+    groups = (_subject, _ways, _where)
+    options = [p for group in groups for p in inspect.signature(group, eval_str=True).parameters.values()]
+    return inspect.Signature([first, *options])
+
+
+identifiability.__signature__ = _signature()  # type: ignore[attr-defined]
+app.command("identifiability", help=IDENTIFIABILITY_HELP, rich_help_panel=TRUST, epilog=IDENTIFIABILITY_EXAMPLES)(on_study(identifiability))
+
+
+RAW = ("simulate", "calibrate-ir", "interpolate")
+"""Stages that make the record of a held-out experiment, in their order."""
+
+
+def _held_out(folders: list[Path]) -> tuple[str, ...]:
+    """Settings of the study that declare raw folders as held-out experiments."""
+    entry = {"held_out": True}
+    return tuple(f"experiments.{folder.name}={json_format.dumps({**entry, 'experiment': str(folder.absolute())})}" for folder in folders)
+
+
+def validate(
+    common: Common,
+    experiment: Annotated[
+        list[Path] | None,
+        typer.Option("--experiment", metavar="FOLDER", help="Raw folder to predict; may be repeated.", show_default=False),
+    ] = None,
+) -> None:
+    """Predict experiments that no fit has seen: those held out in the study, and the raw folders given by options."""
+    study = replace(common, settings=(*common.settings, *_held_out(experiment or []))).load()
+
+    def prepare(one: Study) -> None:
+        """The record of a held-out experiment: simulated where it is virtual, its camera calibrated where it has frames."""
+        needed = {"simulate": one.virtual, "calibrate-ir": (one.experiment / "ir").is_dir()}
+        for name in RAW:
+            if needed.get(name, True):
+                stage_function(name)(one)
+
+    _show("validate", common, study, lambda: stage_function("validate")(study, force=common.force, prepare=prepare))
+
+
+def compare(
+    common: Common,
+    others: Annotated[
+        list[Path] | None, typer.Argument(metavar="[OTHER.yaml]...", help="Further studies of the same data.", show_default=False)
+    ] = None,
+) -> None:
+    """Models side by side on the same data: the candidates of the study, and further studies."""
+    study = common.load()
+    further = [replace(common, study=path, run_dir=None).load() for path in others or ()]
+    _show("compare", common, study, lambda: stage_function("compare")(study, force=common.force, others=further))
+
+
+for _entry, _command in ((VALIDATE, validate), (COMPARE, compare)):
+    app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_command))
 
 
 @app.command("show", rich_help_panel=LOOK, epilog="[bold]Example:[/] thermofit show runs/my-study/verify.h5 --json")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +9,7 @@ import typer
 
 from thermofit.cli.catalogue import DATA, DATA_HELP, INSPECT_HELP
 from thermofit.cli.failure import reporting
-from thermofit.cli.options import AsJson
+from thermofit.cli.options import AsJson, quiet
 
 data_app = typer.Typer(name="data", help=DATA_HELP, no_args_is_help=True, rich_markup_mode="rich")
 
@@ -20,14 +18,14 @@ data_app = typer.Typer(name="data", help=DATA_HELP, no_args_is_help=True, rich_m
 def data_list(json: AsJson = False) -> None:
     """Name, files, size, licence of every public set, and whether it is here."""
     with reporting(json):
-        from thermofit.cli import printing, printing_data
+        from thermofit.cli import printing
         from thermofit.stages.data import listing
 
         result = listing()
         if json:
             printing.as_json(result)
         else:
-            printing_data.listing(result)
+            printing.listing(result)
 
 
 @data_app.command("fetch", epilog="[bold]Example:[/] thermofit data fetch s235-plate-hole-dic --to measured")
@@ -40,15 +38,15 @@ def data_fetch(
 ) -> None:
     """Take sets from the local mirror, else download them, and check every file by its SHA-256."""
     with reporting(json):
-        from thermofit.cli import printing, printing_data
+        from thermofit.cli import printing
         from thermofit.stages.data import fetch
 
-        with contextlib.redirect_stdout(sys.stderr) if json else contextlib.nullcontext():
+        with quiet(json):
             result = fetch(names or (), to, tell=lambda line: typer.echo(line, err=True))
         if json:
             printing.as_json(result)
         else:
-            printing_data.fetched(result)
+            printing.fetched(result)
 
 
 def inspect(
@@ -57,15 +55,15 @@ def inspect(
 ) -> None:
     """What is this file or folder: format, units, points, gaps, noise, suspicions, study lines."""
     with reporting(json):
-        from thermofit.cli import printing, printing_data
+        from thermofit.cli import printing
         from thermofit.stages.inspect import inspect as look
 
-        with contextlib.redirect_stdout(sys.stderr) if json else contextlib.nullcontext():
+        with quiet(json):
             result = look(path)
         if json:
             printing.as_json(result)
         else:
-            printing_data.inspected(result)
+            printing.inspected(result)
 
 
 def register(app: typer.Typer) -> None:

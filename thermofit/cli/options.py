@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json as json_format
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,6 +66,11 @@ def executor_of(study: Study, jobs: int, scheduler: str | None) -> Executor:
     from thermofit.records.executor import Executor
 
     return Executor(jobs, scheduler, 1 if scheduler is not None else max(1, study.numerics.threads // max(1, jobs)))
+
+
+def quiet(as_json: bool) -> contextlib.AbstractContextManager[Any]:
+    """With --json nothing but the result reaches stdout, whatever a library prints."""
+    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
 
 
 def _shared(

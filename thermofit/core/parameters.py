@@ -100,11 +100,6 @@ def declare(params: Iterable[Param]) -> None:
             raise StudyError(f"parameter '{one.name}' is declared twice with different content; give the effect another name")
 
 
-def effect_names() -> tuple[str, ...]:
-    """Names of the Params of all effects that are known, in the order of their declaration."""
-    return tuple(OF_EFFECTS)
-
-
 def known_names() -> tuple[str, ...]:
     """Names of all Params: those of the base law, then those of the effects."""
     return (*NAMES, *OF_EFFECTS)

@@ -13,11 +13,12 @@ from thermofit.core.parameters import AT, Param, Parameters, bare_name
 from thermofit.diagnose.held_out import Rows
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.flow_conditions import ONE_RATE, FlowConditions
+from thermofit.experiment.flow_conditions import ONE_RATE, ONE_TEMPERATURE, FlowConditions
 from thermofit.experiment.known_motion import Direction, acts_in_heat
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span, span_of
+from thermofit.experiment.trust import Bounds, physical
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
 
@@ -30,6 +31,8 @@ _RATE, _STEP = 1e-3, 1e-30
 """1/s, and the imaginary step of a derivative by it."""
 _WARMER = 11.7
 """K"""
+ELASTICITY = "free_energy"
+"""Slot of effects that change the elastic constants with flow."""
 _STRAINS = 201
 """Values of Lambda at which a body is asked."""
 
@@ -98,6 +101,8 @@ class Case:
     """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
+    bounds: Bounds = physical
+    """Bounds of every fitted parameter: the study's, or else the physical ones."""
 
     @property
     def rows(self) -> Rows:
@@ -192,20 +197,30 @@ def _tiny(effect: Effect, nearer: float = 1.0) -> float:
 
 def feels_rate(effect: Effect, parameters: Parameters) -> bool:
     """True for an effect of the yield stress that depends on the rate of flow, by complex step at its probe."""
+    return _feels(effect, parameters, (1j * _STEP, 0.0))
+
+
+def feels_temperature(effect: Effect, parameters: Parameters) -> bool:
+    """The same for the temperature of flow."""
+    return _feels(effect, parameters, (0.0, 1j * _STEP))
+
+
+def _feels(effect: Effect, parameters: Parameters, step: tuple[complex, complex]) -> bool:
     if effect.slot not in ("yield_stress", "yield_factor"):
         return False
     values = [effect.amplitude.probe, *(p.neutral for p in effect.params[1:])]
     # Beside the reference temperature, where an effect that grows with the distance from it would be none.
-    found = effect.act(0.01, complex(_RATE, _STEP), parameters["theta_ref"] + _WARMER, law_of(parameters), *values)
+    found = effect.act(0.01, _RATE + step[0], parameters["theta_ref"] + _WARMER + step[1], law_of(parameters), *values)
     return bool(np.imag(found) != 0.0)
 
 
 def untold(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
     """Those of the known effects that coupon records can tell, and why the others are not asked: where the rate is one, or a function of
-    the plastic strain, an overstress is hardening by another name, and where flow is at one temperature what grows with temperature is a
-    factor on something else. An effect that the study switches on or frees stays."""
+    the plastic strain, an overstress is hardening by another name, and so is a softening where the temperature is one, a function of the
+    strain, or only computed; where no record unloads after flow its elasticity is not seen again. An effect that the study switches on or
+    frees stays."""
     dormant = [e for e in known if not set(parameters.free) & set(e.names) and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
-    narrow = [e for e in dormant if e.span > there.span]
+    narrow = [e for e in dormant if feels_temperature(e, parameters) and not there.tells(e.span)]
     steady = [e for e in dormant if there.one_rate and e not in narrow and feels_rate(e, parameters)]
     said = []
     if steady:
@@ -216,12 +231,21 @@ def untold(known: Sequence[Effect], parameters: Parameters, there: FlowCondition
             "hardening would explain the same; a record or a phase at another rate, or a hold, would tell"
         )
     if narrow:
-        names, (cold, hot), least = ", ".join(e.name for e in narrow), there.temperatures, min(e.span for e in narrow)
+        names, (cold, hot) = ", ".join(e.name for e in narrow), there.temperatures
+        least = min(max(e.span, ONE_TEMPERATURE) for e in narrow)
+        only = f"; {there.computed:.2g} K of self-heating are computed, not measured, and do not count" if there.computed >= 1.0 else ""
         said.append(
-            f"not asked for {names}: the records flow at {cold:.0f} to {hot:.0f} K, expected at least {least:g} K between them; a record "
-            "at another temperature would tell"
+            f"not asked for {names}: as measured or declared, the records flow at {cold:.0f} to {hot:.0f} K, {round(there.span, 1):g} K "
+            f"apart at the same plastic strain, expected more than {least:g} K{only}; hardening would explain the same, a record at "
+            "another temperature would tell"
         )
-    return tuple(e for e in known if e not in (*steady, *narrow)), tuple(said)
+    unseen = [] if there.unloads else [e for e in dormant if e.slot == ELASTICITY]
+    if unseen:
+        said.append(
+            f"not asked for {', '.join(e.name for e in unseen)}: no record unloads after flow, by a quarter of its stress at least, so "
+            "that its elasticity is not seen again; an unloading would tell"
+        )
+    return tuple(e for e in known if e not in (*steady, *narrow, *unseen)), tuple(said)
 
 
 def _beside_neutral(effect: Effect, case: Case) -> bool:

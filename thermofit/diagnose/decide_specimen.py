@@ -133,14 +133,16 @@ def spread(xy: np.ndarray, count: int) -> np.ndarray:
 
 
 def _blank(seen: FieldObservation, course: Course, own: Course) -> FieldObservation:
-    """A camera that looks at some of its points at all steps of a course; sigma is that of the mean of what it leaves out."""
+    """A camera that looks at some of its points (no means over patches) at all steps of a course; sigma is that of the mean of what it
+    leaves out."""
     xy = seen.xy[spread(seen.xy, POINTS)]
     used = np.isfinite(seen.sigma) & seen.mask[:, :, None]
     kept = len(own.time) * len(xy) / max(float(np.any(used, axis=2).sum()), 1.0)
     sigma = [float(np.median(seen.sigma[:, :, k][used[:, :, k]])) * min(kept, 1.0) ** 0.5 for k in range(seen.value.shape[2])]
     shape = (len(course.time), len(xy))
     wide = np.broadcast_to(np.array(sigma), (*shape, len(sigma))).copy()
-    return replace(seen, time=course.time, xy=xy, value=np.zeros_like(wide), sigma=wide, mask=np.ones(shape, dtype=bool))
+    whole = np.ones(shape, dtype=bool)
+    return replace(seen, time=course.time, xy=xy, value=np.zeros_like(wide), sigma=wide, mask=whole, moments=None)
 
 
 def planned(data: Measured, programme: Change) -> Measured:

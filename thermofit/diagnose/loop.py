@@ -15,6 +15,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.rejudge import ends_of_fit, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, traced
@@ -84,6 +85,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     """Rounds until nothing is accepted, at most `max_effects` effects; `case` is at its optimum `fit`."""
     rounds: list[Round] = []
     accepted: list[str] = []
+    dropped: list[str] = []
     remarks: list[str] = []
     here = first = traced(case, numerical, how)
     base: FitResult | None = fit
@@ -104,27 +106,38 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             here = retraced(here)
         except NumericsError as error:
             remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
-        first = first if accepted else here
+        first = first if rounds else here
+        here = _without_scores(here, dropped)
         trials, winner = next_round(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
         if winner is None:
             rounds.append(Round(here, tuple(trials), ()))
             break
         trial, (end, end_fit) = winner
         rounds.append(Round(here, tuple(trials), trial.effects, place_of(end)))
-        here, fit = end, end_fit
-        accepted += trial.effects
+        again = rejudged(end, end_fit, (*accepted, *trial.effects), ends_of_fit(here, fit), Means(refit, numerical, how))
+        here, fit = again.here, again.fit
+        dropped += again.dropped
+        remarks += again.remarks
+        accepted = [n for n in (*accepted, *trial.effects) if n not in dropped]
     unjudged = dict(here.unjudged) | {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
     full = len(accepted) >= max_effects
     still = tuple(s.effect for s in here.promising()) if full else ()
     names = tuple(accepted)
-    closed = Closed(tuple(rounds), first, here, fit, names, (), refit, numerical, tuple(remarks), unjudged, still, base)
+    closed = Closed(tuple(rounds), first, here, fit, names, tuple(dropped), refit, numerical, tuple(remarks), unjudged, still, base)
     return against_base(backward_check(closed, how), how).as_base()
+
+
+def _without_scores(here: Traced, names: Sequence[str]) -> Traced:
+    """A trace that does not ask for effects that were taken back: they would come and go without end."""
+    scores = tuple(s for s in here.ranking.scores if s.effect not in names)
+    return replace(here, ranking=replace(here.ranking, scores=scores)) if names else here
 
 
 def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
     """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect.
 
-    Of coupons, of which all are refitted: the simplest of those that predict about as well."""
+    Of coupons, of which all are refitted: of those that predict about as well one of which every parameter is determined, and of these the
+    simplest."""
     trials: list[Trial] = []
     ends: dict[str, Traced] = {}
     passed: list[tuple[Trial, Accepted]] = []
@@ -141,7 +154,7 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
             if winner is None or trial.gain > winner[0].gain:
                 winner = trial, found
     if winner is not None and here.case.cheap:
-        winner = _simplest(winner, passed)
+        winner = _simplest(winner, passed, ends_of_fit(here, fit))
     if room > 1 and leaves_more_than_it_takes(here, fit, trials):
         of_pairs, best = best_pair(here, fit, ends, means)
         trials += of_pairs
@@ -154,11 +167,16 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
     return trials, winner
 
 
-def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]]) -> tuple[Trial, Accepted]:
-    """Of the refits that the best one does not beat by more than a standard error, the one with the fewest fitted parameters; of these the
-    one with the largest gain (the rule of one standard error, Breiman et al. 1984)."""
+def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]], before: Mapping[str, str]) -> tuple[Trial, Accepted]:
+    """Of the refits that the best one does not beat by more than a standard error, the one with the fewest parameters that have no value of
+    their own and were not so `before` (at a bound, or an exponent adrift), of these the one with the fewest fitted ones (the rule of one
+    standard error, Breiman et al. 1984), of these the one with the largest gain."""
     near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], NEAR)]
-    return min(near, key=lambda one: (len(one[1][0].case.parameters.free), -one[0].gain))
+
+    def loose(one: tuple[Trial, Accepted]) -> int:
+        return len(set(ends_of_fit(*one[1])) - set(before)) + len(one[0].adrift)
+
+    return min(near, key=lambda one: (loose(one), len(one[1][0].case.parameters.free), -one[0].gain))
 
 
 def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Trial:
@@ -171,7 +189,7 @@ def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Tri
 def backward_check(closed: Closed, how: str) -> Closed:
     """Without the effects that those of later rounds have made needless."""
     here, fit, means, remarks = closed.last, closed.fit, Means(closed.refit, closed.numerical, how), list(closed.remarks)
-    dropped: list[str] = []
+    dropped = list(closed.dropped)
     latest = closed.rounds[-2].accepted if len(closed.rounds) > 1 else ()
     for name in (n for n in closed.accepted if n not in latest):
         needed, others = still_needed(here, name), [n for n in closed.accepted if n != name and n not in dropped]

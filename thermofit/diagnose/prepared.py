@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from thermofit.fit.result import FitResult
 from thermofit.records.artefact import open_record
 from thermofit.records.key import read_of
 from thermofit.records.staging import Job, artefact_path, job
-from thermofit.study.section import MeshSize
+from thermofit.study.section import MeshSize, ParameterStart
 from thermofit.study.stages import Stages
 from thermofit.study.study import Study
 
@@ -74,7 +74,7 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
         record = open_record(artefact_path(study.run_dir, stage))
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
-    sections = (*SECTIONS, *(("experiments", "shared") if study.experiments else ()))
+    sections = (*SECTIONS, *(("experiments", "shared") if study.fitted or study.held_out else ()))
     config = read_of(study, *sections)
     if name == DIAGNOSE:  # which adds no effect
         config["diagnosis"] = {key: value for key, value in config["diagnosis"].items() if key != "max_effects"}
@@ -92,7 +92,8 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
     joint = experiment.diagnosed(base)
     shown, said = (joint.known, ()) if joint.flow is None else untold(joint.known, joint.base, joint.flow)
     elsewhere = tuple(elsewhere_of(test, joint.settings, joint.base, shown) for test in experiment.unseen)
-    refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
+    fitting = within(study, joint.base, joint.told)
+    refit = JointFit(fitting, joint.settings, joint.model, task, parts=joint.parts)
     if known is None:
         _refuse_one_family(study, joint)
         _refuse_few(joint.model.residual(joint.base), joint)
@@ -117,9 +118,16 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
         sharper=_sharper(joint, refit),
         heated=refit.heated,
         correlation_length=joint.correlation_length,
+        bounds=fitting.bounds,
     )
     assert joint.numerical is not None
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*said, *_unknown_force(study, joint)))
+
+
+def within(study: Study, base: Parameters, told: Mapping[str, tuple[float, float]]) -> Study:
+    """The study with the bounds within which an earlier stage has told parameters."""
+    starts = {name: ParameterStart(start=base[name], bounds=ends, scale=study.scale(name)) for name, ends in told.items()}
+    return study.model_copy(update={"parameters": {**study.parameters, **starts}}) if told else study
 
 
 def _unknown_force(study: Study, joint: JointProblem) -> tuple[str, ...]:

@@ -74,6 +74,8 @@ def _from(folder: Path, text: str) -> str:
 
 def _predicted_without(tree: dict[str, Any], study: Study, closed: Closed) -> None:
     """Held-out tests without the effects of boundary and instruments that the loop added: it has predicted them so."""
+    if not study.held_out:
+        return
     own = own_names(study)
     added = [p for name in closed.accepted if AT not in name for p in effect(name).names if p in own]
     for held in study.held_out if added else ():

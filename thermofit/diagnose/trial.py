@@ -19,6 +19,7 @@ from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.priors import beyond_error, in_words
+from thermofit.experiment.trust import at_bound
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
 
@@ -28,8 +29,6 @@ OWN_GAIN = 0.5
 """Part of its gain that an effect must keep with declared readings held, where its refit drives them beyond their errors."""
 AWAY = 2.0
 """Standard errors by which an accepted amplitude differs from neutral."""
-AT_BOUND = 0.01
-"""Part of the way from neutral to a bound within which an amplitude is at that bound."""
 NEARER = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.015625)
 """Parts of its estimate from which a refit starts in turn, as long as the model cannot run there."""
 OTHER_SCANS = 3
@@ -53,6 +52,8 @@ class Trial:
     readings: str = ""
     unjudged: bool = False
     """True where no run could judge it: the data may hold it or not."""
+    adrift: tuple[str, ...] = ()
+    """Exponents that are held where a fit which does not settle has brought them: the data have moved them, and not determined them."""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -105,7 +106,7 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
         first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
-        if not here.case.cheap or not any(at_bound(p, ended[0].estimate[p.name]) for p in own.amplitudes):
+        if not here.case.cheap or not any(_ends(here, p, ended[0].estimate[p.name]) for p in own.amplitudes):
             break  # at a bound the values of the exponents may be the wrong ones
     if best is None:
         return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
@@ -171,19 +172,22 @@ def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, 
         trial, found = judged_trial(here, fit, scores, freed or end, means)
         return replace(trial, exponents=said), found
     held = _held(parameters, scanned) if scanned else ""
+    adrift: tuple[str, ...] = ()
     if freed is not None:
         said, of_freed = f"{held}: freeing them gains nothing on held-out data", said
         if not freed[1].converged:  # what does not settle is not determined, however well it interpolates: it is held where it has come to
             said = f"{held}: with them free the fit does not settle"
             freed, of_freed = _held_there(freed, scanned, label, means.refit)
-    ends = [(end, said)] + ([(freed, of_freed)] if freed is not None else [])
+            adrift = scanned
+    none: tuple[str, ...] = ()
+    ends = [(end, said, none)] + ([(freed, of_freed, adrift)] if freed is not None else [])
     if len(scanned) > 1:  # an amplitude that is nothing leaves its own exponent in the air, and that spoils the fit of the others
         parts = groups if len(names) > 1 else [(name,) for name in scanned]
         singly = [(freed_refit(end, part, label, means.refit), part) for part in parts if part]
-        ends += [(one[0], f"{', '.join(part)} {one[1]}") for one, part in singly if one[0] is not None and one[0][1].converged]
-    judged = [(*judged_trial(here, fit, scores, e, means), words) for e, words in ends]
-    trial, found, said = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
-    return replace(trial, exponents=said), found
+        ends += [(one[0], f"{', '.join(part)} {one[1]}", none) for one, part in singly if one[0] is not None and one[0][1].converged]
+    judged = [(*judged_trial(here, fit, scores, e, means), words, loose) for e, words, loose in ends]
+    trial, found, said, loose = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
+    return replace(trial, exponents=said, adrift=loose), found
 
 
 def _held_there(end: End, scanned: Sequence[str], label: str, refit: Refit) -> tuple[End | None, str]:
@@ -283,8 +287,9 @@ def refusal(
         return f"{proof.words} only" if proof.gain > 0.0 else proof.words
     for one in added:
         p = one.amplitude
-        if fit.at_bound[fit.names.index(p.name)] or at_bound(p, estimate[p.name]):
-            return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {p.lower:g} to {p.upper:g}"
+        if fit.at_bound[fit.names.index(p.name)] or _ends(there, p, estimate[p.name]):
+            low, high = there.case.bounds(p.name)
+            return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {low:g} to {high:g}"
         strain = cools_from(there, one, sigma)
         if strain is not None:
             words = f"flow would take up heat from a plastic strain of {strain:.2g} on, more than all of its work being stored"
@@ -293,6 +298,11 @@ def refusal(
         if near and missed(there, one.name, fit) <= AWAY:
             return f"{p.name} = {estimate[p.name]:.3g} is not away from {p.neutral:g}"
     return ""
+
+
+def _ends(here: Traced, p: Param, value: float) -> bool:
+    """Is an amplitude at one of its bounds, those of the study."""
+    return at_bound(value, here.case.bounds(p.name), p.neutral)
 
 
 def cools_from(there: Traced, one: Effect, sigma: Mapping[str, float]) -> float | None:
@@ -306,12 +316,6 @@ def cools_from(there: Traced, one: Effect, sigma: Mapping[str, float]) -> float 
         values.append(case.parameters[p.name] - float(np.clip(off, -doubt, doubt)))
     law = law_of(case.parameters)
     return min((strain for strain, *at in zip(*case.flow(), strict=True) if one.act(strain, *at, law, *values) < 0.0), default=None)
-
-
-def at_bound(p: Param, value: float) -> bool:
-    """True within AT_BOUND of the way from neutral to a bound; a bound that is neutral itself is no such end."""
-    ends = [(bound, abs(bound - p.neutral)) for bound in (p.lower, p.upper)]
-    return any(np.isfinite(way) and way > 0.0 and abs(value - bound) <= AT_BOUND * way for bound, way in ends)
 
 
 def on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: Proof, means: Means) -> tuple[str, str]:

@@ -197,7 +197,7 @@ def _steps_sampler(verified: Verification, xy: np.ndarray) -> Sampler:
 
 
 def _at_steps(observation: FieldObservation, verified: Verification) -> FieldObservation:
-    """The predicted displacements at every load step, in the form of an observation of all points."""
+    """The predicted displacements at every load step, in the form of an observation at all points themselves."""
     value = _steps_sampler(verified, observation.xy).displacement(verified.history)
     whole = np.ones(value.shape[:2], dtype=bool)
     return FieldObservation("u", verified.steps.time, observation.xy, value, np.ones_like(value), whole, "mm")
@@ -224,7 +224,8 @@ def temperature_curves(verified: Verification) -> dict[str, Dataset]:
     offset = np.array([np.nanmean(model[:, k] - measured[:, k] - error[:, k]) for k in range(len(point))])
     before = np.all(~np.isfinite(error), axis=1) & np.isfinite(measured).all(axis=1)
     reference = measured[before].mean(axis=0) if before.any() else measured[0]
-    at_steps = _steps_sampler(verified, observation.xy[point]).temperature(verified.history.theta)[:, :, 0]
+    everywhere = _steps_sampler(verified, observation.xy).temperature(verified.history.theta)[:, :, 0]
+    at_steps = observation.averaged_at(verified.steps.time, everywhere)[:, point]
     where, dims = ("place",), ("time", "place")
     return {
         "curves/temperature/place": Dataset(np.array(_NAMES), "1", where),

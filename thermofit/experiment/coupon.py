@@ -14,6 +14,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.coupon_check import checked_records, record_spans
+from thermofit.experiment.coupon_elastic import modulus_error
 from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, point_settings
 from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, read_tests, whole
 from thermofit.experiment.fields import INTERPOLATE, start_parameters
@@ -38,6 +39,9 @@ from thermofit.study.study import Study
 
 POINT = MeshSize(n_x=1, n_y=1, n_z=1)
 """What stands for the mesh of a point."""
+STRAIGHT = 0.03
+"""Part by which the slope of an elastic range may be off at least: gauges of class 1 err by 1 % in strain, and the usual ranges,
+up to 40 or 50 % of the proof stress or as far as a line looks straight, give slopes some per cent apart."""
 KNOWN = 0.05
 """Standard error of an elastic constant over its value from which the joint fit leaves it as it is."""
 
@@ -220,7 +224,22 @@ class CouponExperiment:
             numerical=lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
             largest_strain=max(float(run.history(base, test).accumulated.max()) for test in data.tests),
             flow=flow_conditions(data.tests, lambda test: run.history(base, test)),
+            told=self.told(base),
         )
+
+    def told(self, base: Parameters) -> dict[str, tuple[float, float]]:
+        """Within which bounds the elastic ranges of the records have told E, where that stage has identified it from their straight lines.
+
+        What is missing of a flow curve draws E off, for its samples are the many: a fast backstress on a low yield stress makes the same
+        first slope with another E. In the elastic range the model misses nothing, so that E stays within three of its standard errors
+        there, or within what microplasticity and the choice of the range make of a slope (STRAIGHT).
+        """
+        study, stage = self.study, self.study.stage("elastic")
+        error = modulus_error([line for test in self.data.tests if (line := test.line) is not None])
+        if "E" not in stage.free or stage.window != "auto" or study.diagnosis.free is not None or error > KNOWN:
+            return {}
+        E, (low, high), part = base["E"], study.bounds("E"), max(3.0 * error, STRAIGHT)
+        return {"E": (max(low, (1.0 - part) * E), min(high, (1.0 + part) * E))}
 
     def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
         """Every record by the point driver."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,12 @@ _TOE = 0.1
 """Share of the stress at the end of the line below which a record may still settle (toe of the curve)."""
 _SHARE = 0.9
 """The elastic window ends at this share of the stress at which the strain leaves the straight line."""
+PROOF, _OF_PROOF = 0.002, 0.5
+"""Plastic strain of the proof stress, and the share of it at which the window ends at the latest, where enough samples lie below: the
+range in which ISO 6892-1 (2019, annex on the modulus) takes the slope. Above, microplasticity bends the line by some per cent, which the
+deviation that is allowed of a straight line hides: two per cent of strain at its ends are twelve per cent of slope."""
+_TURNS = 5
+"""Turns in which the slope and the proof stress that follows from it settle."""
 _DEVIATION = 0.02
 """Deviation of the strain from the line, as a share of the elastic strain, that counts as plastic, on top of three times its noise."""
 _AT_REST = 0.5
@@ -24,12 +31,15 @@ _LEVELS = 60
 
 @dataclass(frozen=True)
 class ElasticLine:
-    """stress = slope (strain - offset) up to `end` (index of the last sample of the elastic window) at `stress` MPa; slope in MPa."""
+    """stress = slope (strain - offset) from `begin` (after the toe) to `end` (indices of the first and last samples of the elastic window)
+    at `stress` MPa; slope in MPa, and `error`, its relative standard error from the scatter about the line."""
 
     slope: float
     offset: float
     end: int
     stress: float
+    begin: int = 0
+    error: float = 0.0
 
 
 def first_branch(stress: np.ndarray) -> int:
@@ -62,10 +72,41 @@ def elastic_line(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, noise
     part = _part(size, _SHARE * limit)
     if len(part) < _LEAST - 1:
         return None
+    for _ in range(_TURNS):
+        below = _part(size, min(_SHARE * limit, _OF_PROOF * proof_stress(strain, stress, *_line(strain[part], stress[part]))))
+        if len(below) < _LEAST:
+            break
+        part = below
     slope, offset = _line(strain[part], stress[part])
     end = int(part[-1])
-    found = ElasticLine(slope, offset, end, float(stress[end]))
+    found = ElasticLine(slope, offset, end, float(stress[end]), int(part[0]), _error(strain[part], stress[part], slope, offset, noise))
     return found if slope > 0.0 and _from_rest(found, strain, stress, noise) else None
+
+
+def proof_stress(strain: np.ndarray, stress: np.ndarray, slope: float, offset: float) -> float:
+    """Size in MPa of the stress of a first branch (n,), from its first sample, that has left the line by a strain of `PROOF`; the largest
+    one where none has."""
+    size, sense = np.abs(stress - stress[0]), np.sign(stress[int(np.argmax(np.abs(stress - stress[0])))] - stress[0])
+    past = np.flatnonzero(sense * (strain - offset - stress / slope) > PROOF) if slope > 0.0 else np.zeros(0, dtype=int)
+    return float(size[past[0]] if len(past) else size.max())
+
+
+def _error(strain: np.ndarray, stress: np.ndarray, slope: float, offset: float, noise: float) -> float:
+    """Relative standard error of the slope of a line through samples (n,)."""
+    left = strain - offset - stress / slope if slope > 0.0 else strain
+    scatter = max(noise, float(np.sqrt(left @ left / max(len(left) - 2, 1))))
+    spread = float(np.sum((stress - stress.mean()) ** 2)) ** 0.5
+    return scatter * slope / spread if spread > 0.0 else float("inf")
+
+
+def modulus_error(lines: Sequence[ElasticLine]) -> float:
+    """Relative standard error of one modulus for all records: from the scatter about each line, and between them; infinite without one."""
+    if not lines:
+        return float("inf")
+    slopes = np.array([line.slope for line in lines])
+    own = float(np.mean([line.error for line in lines])) / len(lines) ** 0.5
+    between = float(slopes.std(ddof=1) / slopes.mean()) / len(lines) ** 0.5 if len(lines) > 1 else 0.0
+    return float(np.hypot(own, between))
 
 
 def _from_rest(line: ElasticLine, strain: np.ndarray, stress: np.ndarray, noise: float) -> bool:

@@ -172,8 +172,8 @@ def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[lis
             found.append((np.inf, -np.inf))
             said.append(f"{test.name} has no elastic range and is left out")
         else:
-            found.append((float(test.time[0]), float(test.time[line.end])))
-            said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.end + 1} samples)")
+            found.append((float(test.time[line.begin]), float(test.time[line.end])))
+            said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.end + 1 - line.begin} samples)")
     if not any(b >= a for a, b in found):
         raise DataError("stages.elastic.window: no record begins with a straight line; give the window as [t0, t1] in s")
     return found, "elastic range: " + ", ".join(said)

@@ -78,7 +78,8 @@ class Measured:
 def field_datasets(observation: FieldObservation) -> dict[str, Dataset]:
     """Datasets of one field in an artefact."""
     name, dims = observation.name, ("time", "point", "component")
-    return {
+    moments = {} if observation.moments is None else {f"{name}/moments": Dataset(observation.moments, "mm", ("time", "point", "moment"))}
+    return moments | {
         f"{name}/time": Dataset(observation.time, "s", ("time",)),
         f"{name}/xy": Dataset(observation.xy, "mm", ("point", "axis")),
         f"{name}/value": Dataset(observation.value, observation.unit, dims),
@@ -98,6 +99,7 @@ def read_field(record: Record, name: str) -> FieldObservation:
         sigma=record[f"{name}/sigma"].value,
         mask=record[f"{name}/mask"].value.astype(bool),
         unit=value.unit,
+        moments=record[f"{name}/moments"].value if record.has(f"{name}/moments") else None,
     )
 
 

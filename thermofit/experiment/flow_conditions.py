@@ -35,6 +35,13 @@ a sine keeps two thirds of its largest rate."""
 SMOOTH = 1.25
 """Plastic strains within this factor are the same one. Over it a rate that grows with the third power of the strain stays within
 `ONE_RATE`; what changes faster is a jump."""
+ONE_TEMPERATURE = 5.0
+"""Kelvins within which temperatures are one. A metal loses about a thousandth of its yield stress per kelvin (Johnson and Cook 1983 with
+m = 1 and melting 1000 K above the room), so that they move the stress by half a per cent: no more than rates within `ONE_RATE` do, and what
+any hardening term, or another bar, takes up. A sensor on the surface and the declared temperature of a room or a furnace err by as much."""
+UNLOADED, _ROWS = 0.25, 5
+"""Part of the largest stress so far by which a record unloads without flow, in so many rows at least, for its elasticity after flow to be
+told: over less, or in fewer rows, noise and the rounding of the curve make as much of a slope."""
 _PLACES = 8
 """Strains per factor of `SMOOTH` from which rates are compared."""
 _LEAST = 2
@@ -49,25 +56,31 @@ _MOST = 200
 
 @dataclass(frozen=True)
 class FlowConditions:
-    """Lowest and highest rate in 1/s, and temperature in K, of the rows at which the specimens flow, without the tails; `rows` of them.
+    """Lowest and highest rate in 1/s, and told temperature in K, of the rows at which the specimens flow, without the tails; `rows` of
+    them.
 
     `apart`: largest ratio of the rates at the same plastic strain since the flow last turned; infinite where a hold is among them.
+    `span`: K, largest difference of the told temperatures at the same plastic strain. Told is what a sensor shows, and else the declared
+    temperature at which a record begins. `computed`: K, the most that a record without a sensor heats up while it flows, by the model.
     """
 
     rates: tuple[float, float]
     temperatures: tuple[float, float]
     rows: int
     apart: float
+    span: float
+    computed: float
+    unloads: bool = True
+    """Does a record unload after it has flowed: only then its elasticity is seen again."""
 
     @property
     def one_rate(self) -> bool:
         """True where the rates at every plastic strain lie within a factor of `ONE_RATE`."""
         return self.apart <= ONE_RATE
 
-    @property
-    def span(self) -> float:
-        """K between the coldest and the hottest flow."""
-        return self.temperatures[1] - self.temperatures[0]
+    def tells(self, span: float) -> bool:
+        """True where an effect of the temperature on flow, which needs temperatures `span` K apart (0: any), can be told."""
+        return self.span > max(span, ONE_TEMPERATURE)
 
 
 def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], PointHistory]) -> FlowConditions:
@@ -75,21 +88,73 @@ def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], Poi
 
     Where nothing flows there is one rate, and no span of temperatures.
     """
-    rates, strains, temperatures = [], [], []
+    rates, strains, temperatures, places = [], [], [], []
+    computed, unloads = 0.0, False
     for test in tests:
         history = run(test)
-        rate, theta = rates_of_flow(test, history), history.theta if test.theta is None else test.theta
+        unloads |= unloads_after_flow(history)
+        rate, theta = rates_of_flow(test, history), told_temperature(test)
         used = np.isfinite(rate)
         rates.append(rate[used])
         strains.append(flow_since_turn(test, history)[used])
-        temperatures.append(theta[used & np.isfinite(theta)])
+        used &= np.isfinite(theta)
+        temperatures.append(theta[used])
+        places.append(history.accumulated[used])
+        if test.theta is None and used.any():
+            computed = max(computed, float(np.ptp(history.theta[used])))
     rate = np.concatenate(rates)
     low, high = _within_tails(rate)
     if low > 0.0:
         apart = by_strain(strains, [np.clip(own, low, high) for own in rates])
     else:
         apart = np.inf if high > 0.0 else 1.0
-    return FlowConditions((low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart)
+    span = warmer_at_strain(places, temperatures)
+    return FlowConditions((low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart, span, computed, unloads)
+
+
+def unloads_after_flow(history: PointHistory) -> bool:
+    """True where the stress of a record falls by UNLOADED of its largest size so far, after flow and without it, in some rows."""
+    rests = np.append(True, np.diff(history.accumulated) <= 0.0) & (history.accumulated > history.accumulated[0])
+    size = np.abs(history.stress)
+    return int((rests & (size < (1.0 - UNLOADED) * np.maximum.accumulate(size))).sum()) >= _ROWS
+
+
+def told_temperature(test: CouponTest) -> np.ndarray:
+    """Temperature in K (n_t,) of a record as somebody told it: the sensor's, or else the one at which it was declared to begin."""
+    return np.full(len(test.time), test.theta_start) if test.theta is None else test.theta
+
+
+def warmer_at_strain(strains: Sequence[np.ndarray], temperatures: Sequence[np.ndarray]) -> float:
+    """Largest difference in K of the temperatures (n,) of records at the same accumulated plastic strain Lambda (n,), from `KNEE` on; 0
+    where there is none.
+
+    The same: within `SMOOTH`, after the straight line over Lambda that each record follows there was taken out, so that what is left of a
+    record are its jumps, as in a rest. Of the rows of a record the `TAIL` at either end does not count, `_LEAST` at least.
+    """
+    largest = 0.0
+    for low, high in _places(strains):
+        middle, ends = 0.5 * (low + high), []
+        for strain, theta in zip(strains, temperatures, strict=True):
+            here = (strain >= low) & (strain <= high)
+            if not here.any():
+                continue
+            at, value = strain[here], theta[here]
+            away = at - at.mean()
+            slope = float(away @ value) / max(float(away @ away), 1e-300)
+            level = np.sort(value - slope * (at - np.clip(middle, at.min(), at.max())))
+            cut = min(max(int(TAIL * len(level)), _LEAST), (len(level) - 1) // 2)
+            ends += [level[cut], level[-1 - cut]]
+        largest = max(largest, float(max(ends) - min(ends)) if ends else 0.0)
+    return largest
+
+
+def _places(strains: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+    """Ends of the intervals of plastic strain, `SMOOTH` wide, from `KNEE` to the largest of the strains."""
+    last = max((float(np.nanmax(strain, initial=0.0)) for strain in strains), default=0.0)
+    if last < KNEE:
+        return []
+    starts = KNEE * SMOOTH ** (np.arange(int(_PLACES * np.log(last / KNEE) / np.log(SMOOTH)) + 1) / _PLACES)
+    return [(float(low), SMOOTH * float(low)) for low in starts]
 
 
 def by_strain(strains: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> float:
@@ -99,13 +164,11 @@ def by_strain(strains: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> flo
     The same: within `SMOOTH`. Of the rows of a record there the `TAIL` at either end does not count, and where it has more than a window,
     no less than one.
     """
-    largest, last = 1.0, max((float(np.nanmax(strain, initial=0.0)) for strain in strains), default=0.0)
-    if last < KNEE:
-        return largest
-    for place in KNEE * SMOOTH ** (np.arange(int(_PLACES * np.log(last / KNEE) / np.log(SMOOTH)) + 1) / _PLACES):
+    largest = 1.0
+    for first, last in _places(strains):
         ends = []
         for strain, rate in zip(strains, rates, strict=True):
-            here = np.sort(rate[(strain >= place) & (strain <= SMOOTH * place)])
+            here = np.sort(rate[(strain >= first) & (strain <= last)])
             cut = min(max(int(TAIL * len(here)), _LEAST), (len(here) - 1) // 2)
             ends += [here[cut], here[-1 - cut]] if len(here) else []
         largest = max(largest, float(max(ends) / min(ends)) if ends else 1.0)

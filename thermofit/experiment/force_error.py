@@ -16,9 +16,10 @@ import numpy as np
 
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.fields import LoadSteps
+from thermofit.experiment.fields import LoadSteps, temperature_of
 from thermofit.experiment.forward import Sampler
 from thermofit.experiment.joint import ForceModes, Joint
+from thermofit.observe.observation import FieldObservation
 
 _LEAST = 1e-7
 """Part of the largest force by which it changes at least in a step that tells a tangent."""
@@ -58,13 +59,13 @@ def tangents(history: History, force: np.ndarray) -> Tangents:
     return Tangents(step, of)
 
 
-def displacement_modes(history: History, steps: LoadSteps, look: Sampler) -> ForceModes:
-    """What the error of the force makes of the displacements at the observed times; `steps` are those of the history."""
+def displacement_modes(history: History, steps: LoadSteps, look: Sampler, seen: FieldObservation) -> ForceModes:
+    """What the error of the force makes of the displacements as they are `seen`; `steps` are those of the history."""
     u, change = look.operator.displacement(history.u), np.diff(steps.force)
     tangent, at = np.zeros((len(look.index), *u.shape[1:])), np.zeros(len(look.index), dtype=int)
     for i, step, k in _observed(look, tangents(history, steps.force)):
         tangent[i], at[i] = (u[k + 1] - u[k]) / change[k], step
-    return _telling(tangent, at, steps)
+    return _telling(seen.averaged(tangent), at, steps)
 
 
 def temperature_modes(joint: Joint, history: History, steps: LoadSteps, parameters: Parameters) -> ForceModes:
@@ -82,7 +83,7 @@ def temperature_modes(joint: Joint, history: History, steps: LoadSteps, paramete
         then, now = warm[step], warm[look.index[i]]
         left = np.clip(np.divide(now, then, out=np.ones_like(now), where=np.abs(then) > _COLD), 0.0, 1.0)
         tangent[i, :, 0], at[i] = released * (left if look.index[i] > step else 1.0), step
-    return _telling(tangent, at, steps, _DOUBT)
+    return _telling(temperature_of(joint.data).averaged(tangent), at, steps, _DOUBT)
 
 
 def _telling(tangent: np.ndarray, at: np.ndarray, steps: LoadSteps, doubt: float = 0.0) -> ForceModes:
@@ -117,7 +118,7 @@ def with_force_error(joint: Joint, history: History, parameters: Parameters) -> 
     steps = joint.steps.at(history.time)
     if steps.error is None or joint.study.force.drives != "force":
         return joint
-    found = {"u": displacement_modes(history, steps, joint.sampler_of("u"))}
+    found = {"u": displacement_modes(history, steps, joint.sampler_of("u"), joint.data.displacement)}
     if joint.data.temperature is not None:
         found["theta"] = temperature_modes(joint, history, steps, parameters)
     return replace(joint, force_error=found)

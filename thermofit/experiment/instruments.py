@@ -68,7 +68,8 @@ class Instruments:
         return View(here.operator.temperature(history.theta)[:, :, 0], scene, here.index)
 
     def predicted(self, name: str, history: History, parameters: Parameters) -> np.ndarray:
-        """What the instruments show of a history (n_t, n_s, n_c); a load cell shows the force less what effects say it shows too little."""
+        """What the instruments show of a history (n_t, n_s, n_c), as means over patches where the observation is one of those; a load cell
+        shows the force less what effects say it shows too little."""
         if name == "force":
             recorded = self.observations[name].value
             return (
@@ -76,9 +77,9 @@ class Instruments:
             )
         links = chain(SLOTS.get(name, ()), parameters)
         if not links:
-            return self.samplers[name].observed(name, history)
+            return self.observations[name].averaged(self.samplers[name].observed(name, history))
         view = self.view(name, history)
-        return view.taken(seen(view.field, view.scene, links, parameters))
+        return self.observations[name].averaged(view.taken(seen(view.field, view.scene, links, parameters)))
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class JointPrediction:
         for name, observation in self.instruments.observations.items():
             out = np.zeros((*observation.value.shape, len(names)))
             self._fill(name, history, parameters, (names, of_body, slopes.of(name)), out)
-            found[name] = out
+            found[name] = observation.averaged(out)
         return self.of(history, parameters), found
 
     def _fill(
@@ -121,7 +122,8 @@ class JointPrediction:
         asked: tuple[tuple[str, ...], tuple[str, ...], np.ndarray],
         out: np.ndarray,
     ) -> None:
-        """Derivatives of one observed field into out (n_t, n_s, n_c, n_p): those of the specimen as shown, those of the instruments."""
+        """Derivatives of one field at the observed points into out (n_t, n_s, n_c, n_p): those of the specimen as shown, those of the
+        instruments."""
         names, of_body, slopes = asked
         links = chain(SLOTS.get(name, ()), parameters)
         here = {n: tuple(e for e in effects(SLOTS.get(name, ())) if n in e.names or e in links) for n in names if n not in of_body}

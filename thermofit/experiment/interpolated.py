@@ -1,4 +1,4 @@
-"""Algorithms 2 and 3, from the instruments' points and pixels to material points of the mesh, with their noise.
+"""From the instruments' points and pixels to nodal values of the mesh, with their noise: by projection, or by algorithms 2 and 3.
 
 Also the force: smoothed to its noise level, and the times through which the solver must step.
 """
@@ -6,12 +6,13 @@ Also the force: smoothed to its noise level, and the times through which the sol
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
@@ -19,6 +20,8 @@ from thermofit.experiment.fields import TestPhase, field_datasets, specimen_dict
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import EndMotion, end_motion
+from thermofit.observe.face_quads import distance_to_edge, face_quads
+from thermofit.observe.fixed_pattern import fixed_pattern
 from thermofit.observe.force import SmoothForce, smooth_force, step_times
 from thermofit.observe.interpolation import (
     NodalDisplacement,
@@ -28,9 +31,27 @@ from thermofit.observe.interpolation import (
     interpolate_temperatures,
     pixel_map,
 )
-from thermofit.observe.noise import LEAST_AT_REST, LEAST_VALUES, NoiseEstimate, displacement_noise, temperature_noise
+from thermofit.observe.noise import (
+    LEAST_AT_REST,
+    LEAST_VALUES,
+    FieldNoise,
+    NoiseEstimate,
+    displacement_noise,
+    temperature_noise,
+    temporal_noise,
+)
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.observation_points import ObservationPoints, observation_points
+from thermofit.observe.projection import (
+    Patches,
+    Projected,
+    face_patches,
+    in_line,
+    project_displacements,
+    project_temperatures,
+    rests,
+    sight_of,
+)
 from thermofit.observe.selection import masked
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset, Record, read_record
@@ -81,18 +102,17 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     mesh = specimen_mesh(study.geometry, specimen, size, study.mesh_file)
     window = study.evaluation.window
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
-    nodal = interpolate_displacements(experiment.dic, points.xy)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     phases = label_phases(smooth)
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
     summary: dict[str, Any] = {"load_start_s": load_start, "remarks": []}
     mask = study.evaluation.mask
-    displacement = masked(_displacement(study, experiment.dic, nodal, points, summary), mask, "evaluation.mask")
-    fields, temperature = [displacement], None
-    if calibrated is not None:
-        record = read_current(calibrated, CALIBRATE, study.source.name)
-        temperature = masked(_temperature(study, record, nodal, (points, specimen), summary), mask, "evaluation.mask")
-        fields.append(temperature)
+    frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
+    tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
+    fields = [
+        masked(field, mask, "evaluation.mask") for field in tried(study, experiment.dic, frames, Face(mesh, specimen, points), summary)
+    ]
+    displacement, temperature = fields[0], fields[1] if len(fields) > 1 else None
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
     if study.force.drives == "dic":
         ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
@@ -112,15 +132,168 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     return Made(datasets, summary)
 
 
-def _displacement(
-    study: Study, dic: DicField, nodal: NodalDisplacement, points: ObservationPoints, summary: dict[str, Any]
-) -> FieldObservation:
-    """Displacements at the evaluation times with sigma from the raw noise through the interpolation weights.
+@dataclass(frozen=True)
+class Face:
+    """The face that the cameras see: mesh of the comparison, specimen, and the points that are compared."""
 
-    The summary holds the time in s at which loading starts; what is found is added to it.
+    mesh: Mesh
+    specimen: Specimen
+    points: ObservationPoints
+
+    def near_edge(self, xy: np.ndarray, margin: float, shape: str) -> np.ndarray:
+        """True (n,) for places (n, 2) mm nearer than `margin` mm to the free edges of the face, or beyond them."""
+        inside = edge_distance(self.specimen, xy) if shape in ("dogbone", "bar") else distance_to_edge(face_quads(self.mesh), xy)
+        return np.asarray(inside < margin)
+
+
+Fields = list[FieldObservation]
+Frames = Callable[[], Record]
+"""Reads the artefact of `calibrate-ir`."""
+
+
+def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, summary: dict[str, Any]) -> Fields:
+    """Displacements and, where the cameras saw them, temperatures as means over the patches of the nodes; the summary says what of the data
+    was used."""
+    noise, patches = _displacement_noise(study, dic, summary), face_patches(face.mesh, face.points)
+    wanted = study.evaluation.displacement_times
+    good = in_line(dic, noise)
+    at = project_displacements(dic, patches, good, None if wanted == "stages" else np.asarray(wanted, dtype=float))
+    u = _means("u", at, face, noise, "mm")
+    scatter = _scatter(u, study.noise.displacement is None, summary)
+    fields = [replace(u, sigma=scatter * u.sigma)]
+    summary["displacement"] |= {"nodes": len(patches.xy), **at.counts}
+    summary["nodal_values"] = [_used(at, "points", fields[0], scatter * float(noise.mean()))]
+    if frames is not None:
+        fields.append(_projected_temperature(study, frames(), dic, good, (face, patches), summary))
+    return fields
+
+
+def _projected_temperature(
+    study: Study, record: Record, dic: DicField, good: np.ndarray, where: tuple[Face, Patches], summary: dict[str, Any]
+) -> FieldObservation:
+    """Temperatures as means over the patches; `good` (n_t, n_s) are the DIC points that tell the motion."""
+    face, patches = where
+    infrared, camera = _infrared(record)
+    on_specimen = _on_specimen(record, face.specimen, study.ir.edge_margin)
+    raw = temperature_noise(infrared, on_specimen, summary["load_start_s"])
+    times = _frame_times(study, infrared, dic.time)
+    at_edge = face.near_edge(patches.raster().places, study.ir.edge_margin, study.geometry.shape)
+    sight = sight_of(pixel_map(camera), dic, patches, good, at_edge, infrared.time)
+    pattern = fixed_pattern(infrared, rests(infrared, sight), raw)
+    taken = replace(raw, sigma=float(np.hypot(raw.temporal.sigma, pattern.left)))
+    noise = _temperature_noise(study, taken, camera, summary)
+    if not np.array_equal(times, infrared.time):
+        sight = sight_of(pixel_map(camera), dic, patches, good, at_edge, times)
+    at = project_temperatures(infrared, sight, patches, pattern.value, study.ir.blur * camera.scale)
+    theta = _means("theta", at, face, np.array([noise]), "K")
+    scatter = _scatter(theta, study.noise.temperature is None, summary)
+    theta = replace(theta, sigma=scatter * theta.sigma)
+    summary["temperature"] |= {
+        "nodes": len(patches.xy),
+        "frames_beyond_dic": int(len(infrared.time) - len(times)) if study.evaluation.temperature_times == "frames" else 0,
+        "fixed_pattern_K": pattern.size,
+        "fixed_pattern_left_K": pattern.left,
+        "fixed_pattern_frames": pattern.frames,
+        "bad_pixels": pattern.bad,
+        **at.counts,
+    }
+    summary["nodal_values"].append(_used(at, "pixels", theta, scatter * noise))
+    return theta
+
+
+def _means(name: str, at: Projected, face: Face, noise: np.ndarray, unit: str) -> FieldObservation:
+    """Projected values of points with the `noise` (n_c,) as an observation."""
+    return FieldObservation(name, at.time, face.points.xy, at.value, at.sigma_factor[:, :, None] * noise, at.mask, unit, at.moments)
+
+
+_EXCESS = 1.1
+"""Scatter of the nodal values over what independent noise of the points makes, above which it counts: their noise hangs together."""
+
+
+def _scatter(field: FieldObservation, estimated: bool, summary: dict[str, Any]) -> float:
+    """Factor on the noise of nodal values where they scatter more than independent noise of their points explains, else one.
+
+    The scatter is that of `temporal_noise`, of the values themselves. Where the study declares the noise it is what it says.
     """
+    own = np.where(field.mask[:, :, None], field.sigma, np.nan)
+    said, found = summary["displacement" if field.name == "u" else "temperature"], []
+    said["scatter_over_noise"] = None
+    for k in range(field.value.shape[2]):
+        try:
+            seen = temporal_noise(field.time, field.value[:, :, k], field.mask, summary["load_start_s"], field.xy)
+        except DataError:  # too few nodes or times to tell
+            return 1.0
+        found.append(seen.sigma / float(np.sqrt(np.nanmean(own[:, :, k] ** 2))))
+    ratio = said["scatter_over_noise"] = float(np.median(found))
+    if not estimated or ratio <= _EXCESS:
+        return 1.0
+    summary["remarks"].append(
+        f"{field.name}: nodal values scatter {ratio:.2f} times what independent noise makes; their sigma is that much larger"
+    )
+    return ratio
+
+
+def _used(at: Projected, what: str, field: FieldObservation, noise: float) -> dict[str, Any]:
+    """What is told of a field: share of the data used, median standard error of a nodal value, and the one that all data of its patch would
+    give. `noise` is the standard error of one value."""
+    whole = noise / np.sqrt(np.maximum(at.there, 1.0))
+    return {
+        "field": field.name,
+        "nodes": at.mask.shape[1],
+        "data": what,
+        "used": at.counts[f"{what}_used"],
+        "in_window": at.counts[f"{what}_in_window"],
+        "share_used": at.counts[f"{what}_used"] / max(at.counts[f"{what}_in_window"], 1),
+        "standard_error": float(np.nanmedian(field.sigma)),
+        "best": float(np.median(whole[at.there > 0])) if (at.there > 0).any() else None,
+        "unit": field.unit,
+    }
+
+
+def _three_point(study: Study, dic: DicField, frames: Frames | None, face: Face, summary: dict[str, Any]) -> Fields:
+    """Displacements and, where the cameras saw them, temperatures linear between the three next points and pixels (algorithms 2 and 3)."""
+    nodal, points = interpolate_displacements(dic, face.points.xy), face.points
     wanted = study.evaluation.displacement_times
     at = nodal if wanted == "stages" else displacements_at(nodal, np.asarray(wanted, dtype=float))
+    noise = _displacement_noise(study, dic, summary)
+    summary["displacement"] |= {
+        "points_lost": int(at.counts.points_lost.sum()),
+        "nodes": len(points.xy),
+        "nodes_outside": at.counts.nodes_outside,
+        "retriangulated": at.counts.retriangulated,
+        "times_outside": at.counts.times_outside,
+        "masked": at.counts.masked,
+    }
+    sigma = at.sigma_factor[:, :, None] * noise
+    fields = [FieldObservation("u", at.time, points.xy, at.value[:, :, :2], sigma, at.mask, "mm")]
+    if frames is not None:
+        fields.append(_three_pixel(study, frames(), nodal, face, summary))
+    return fields
+
+
+def _three_pixel(study: Study, record: Record, nodal: NodalDisplacement, face: Face, summary: dict[str, Any]) -> FieldObservation:
+    """Temperatures at the evaluation times at the current positions of the material points."""
+    points, margin = face.points, study.ir.edge_margin
+    infrared, camera = _infrared(record)
+    times = _frame_times(study, infrared, nodal.time)
+    usable = edge_distance(face.specimen, points.xy) >= margin
+    at = interpolate_temperatures(infrared, pixel_map(camera), points.xy, displacements_at(nodal, times), usable)
+    raw = temperature_noise(infrared, _on_specimen(record, face.specimen, margin), summary["load_start_s"])
+    noise = _temperature_noise(study, raw, camera, summary)
+    summary["temperature"] |= {
+        "frames_beyond_dic": int(len(infrared.time) - len(times)) if study.evaluation.temperature_times == "frames" else 0,
+        "nodes_at_edge": at.counts.nodes_at_edge,
+        "times_outside": at.counts.times_outside,
+        "no_position": at.counts.no_position,
+        "outside_image": at.counts.outside_image,
+        "dead_pixel": at.counts.dead_pixel,
+        "masked": at.counts.masked,
+    }
+    return FieldObservation("theta", at.time, points.xy, at.value[:, :, None], (noise * at.sigma_factor)[:, :, None], at.mask, "K")
+
+
+def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) -> np.ndarray:
+    """Noise (2,) mm of u_x and u_y of one point, estimated or declared; what is found is added to the summary."""
     raw = displacement_noise(dic, summary["load_start_s"])
     if study.noise.displacement is None:
         summary["remarks"] += _floor_remark("displacement", "stages", raw[0].temporal, summary["load_start_s"])
@@ -131,33 +304,12 @@ def _displacement(
         "noise_method": raw[0].temporal.method,
         "noise_spatial_mm": [raw[0].spatial.sigma, raw[1].spatial.sigma],
         "correlation_length_mm": max(raw[0].correlation_length, raw[1].correlation_length),
-        "points_lost": int(at.counts.points_lost.sum()),
-        "nodes": len(points.xy),
-        "nodes_outside": at.counts.nodes_outside,
-        "retriangulated": at.counts.retriangulated,
-        "times_outside": at.counts.times_outside,
-        "masked": at.counts.masked,
     }
-    sigma = at.sigma_factor[:, :, None] * noise
-    return FieldObservation("u", at.time, points.xy, at.value[:, :, :2], sigma, at.mask, "mm")
+    return noise
 
 
-def _temperature(
-    study: Study, record: Record, nodal: NodalDisplacement, where: tuple[ObservationPoints, Specimen], summary: dict[str, Any]
-) -> FieldObservation:
-    """Temperatures at the evaluation times at the current positions of the material points; the summary as for `_displacement`."""
-    points, specimen = where
-    distance = edge_distance(specimen, points.xy)
-    infrared = InfraredSequence(record["time"].value, record["frames"].value)
-    pose = record.summary["pose"]
-    camera = CameraPose(
-        pose["scale_mm_per_px"], np.array(pose["origin_px"]), np.array(pose["axis_x"]), np.array(pose["axis_y"]), str(pose["side"])
-    )
-    wanted = study.evaluation.temperature_times
-    times = infrared.time if wanted == "frames" else np.asarray(wanted, dtype=float)
-    times = times[(times >= nodal.time[0]) & (times <= nodal.time[-1])] if wanted == "frames" else times
-    at = interpolate_temperatures(infrared, pixel_map(camera), points.xy, displacements_at(nodal, times), distance >= study.ir.edge_margin)
-    raw = temperature_noise(infrared, _on_specimen(record, specimen, study.ir.edge_margin), summary["load_start_s"])
+def _temperature_noise(study: Study, raw: FieldNoise, camera: CameraPose, summary: dict[str, Any]) -> float:
+    """Noise K of one pixel, estimated or declared; what is found is added to the summary."""
     if study.noise.temperature is None:
         summary["remarks"] += _floor_remark("temperature", "frames", raw.temporal, summary["load_start_s"])
     noise = max(raw.sigma if study.noise.temperature is None else study.noise.temperature, _LEAST_NOISE["K"])
@@ -167,15 +319,25 @@ def _temperature(
         "noise_spatial_K": raw.spatial.sigma,
         "correlation_length_px": raw.correlation_length,
         "correlation_length_mm": raw.correlation_length * camera.scale,
-        "frames_beyond_dic": int(len(infrared.time) - len(times)) if wanted == "frames" else 0,
-        "nodes_at_edge": at.counts.nodes_at_edge,
-        "times_outside": at.counts.times_outside,
-        "no_position": at.counts.no_position,
-        "outside_image": at.counts.outside_image,
-        "dead_pixel": at.counts.dead_pixel,
-        "masked": at.counts.masked,
     }
-    return FieldObservation("theta", at.time, points.xy, at.value[:, :, None], (noise * at.sigma_factor)[:, :, None], at.mask, "K")
+    return noise
+
+
+def _infrared(record: Record) -> tuple[InfraredSequence, CameraPose]:
+    """Calibrated frames and the pose of the camera."""
+    pose = record.summary["pose"]
+    camera = CameraPose(
+        pose["scale_mm_per_px"], np.array(pose["origin_px"]), np.array(pose["axis_x"]), np.array(pose["axis_y"]), str(pose["side"])
+    )
+    return InfraredSequence(record["time"].value, record["frames"].value), camera
+
+
+def _frame_times(study: Study, infrared: InfraredSequence, stages: np.ndarray) -> np.ndarray:
+    """Times s of the temperatures: those of the study, or the frames between the first and the last DIC stage."""
+    wanted = study.evaluation.temperature_times
+    if wanted != "frames":
+        return np.asarray(wanted, dtype=float)
+    return np.asarray(infrared.time[(infrared.time >= stages[0]) & (infrared.time <= stages[-1])])
 
 
 def _floor_remark(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
@@ -303,5 +465,7 @@ def _verdict(summary: dict[str, Any], fields: list[FieldObservation]) -> str:
         parts.append(f"theta at {len(fields[1].time)} times, noise {1e3 * summary['temperature']['noise_K']:.1f} mK")
     force = summary["force"]
     parts.append(f"force smoothed to {force['residual_rms_N']:.2f} N (noise {force['noise_N']:.2f} N)")
-    lost = [f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
+    size = {"mm": (1e3, "um"), "K": (1e3, "mK")}
+    each = [f"{size[f.unit][0] * float(np.nanmedian(f.sigma)):.2f} {size[f.unit][1]}" for f in fields]
+    lost = [f"standard error of a nodal value {', '.join(each)}", f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
     return "; ".join(parts + lost)

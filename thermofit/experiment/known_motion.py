@@ -54,9 +54,9 @@ def along(instruments: Instruments, run: Run, history: History, parameters: Para
         slopes[n] = look.operator.temperature(rates[:, : len(names)].T)[:, :, 0].T
 
     heat_run_rates(problem, parameters, names, collect, [others for _, others in directions])
-    links = chain(SLOTS["theta"], parameters)
+    links, seen = chain(SLOTS["theta"], parameters), instruments.observations["theta"]
     if not links:
-        return slopes[look.index][:, :, None, :]
+        return seen.averaged(slopes[look.index][:, :, None, :])
     view = instruments.view("theta", history)
     shown = [view.taken(seen_along(view.field, slope, view.scene, links, parameters)) for slope in np.moveaxis(slopes, -1, 0)]
-    return np.stack(shown, axis=-1)
+    return seen.averaged(np.stack(shown, axis=-1))

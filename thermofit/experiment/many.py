@@ -28,7 +28,7 @@ from thermofit.experiment.several import JointSeveral, free_in, joined, own_name
 from thermofit.experiment.verification import Checked, together
 from thermofit.records.artefact import Record
 from thermofit.study.section import MeshSize
-from thermofit.study.stages import StageSettings
+from thermofit.study.stages import Stages, StageSettings
 from thermofit.study.study import Study
 
 
@@ -136,8 +136,9 @@ class SeveralExperiments:
     def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
         """The models of all experiments as one; channels and fields are called du@first, u@first."""
         models = {}
+        key = next(name for name, field in Stages.model_fields.items() if field.annotation is type(settings))
         for test in self.tests:
-            own = next(s for s in _stages(test.study) if type(s) is type(settings))
+            own = getattr(test.study.stages, key)
             here = settings.model_copy(update={"free": tuple(free_in(settings.free, test.name).values()), "window": own.window})
             models[test.name] = test.model(here, seen_by(base, test.name).with_free(here.free), size)
         return joined(models)
@@ -235,7 +236,3 @@ class SeveralExperiments:
 
 _ALONE = {"elastic": {"beside": ()}}
 """What of the settings of a stage is of one experiment alone: other measures of the displacement side by side."""
-
-
-def _stages(study: Study) -> tuple[StageSettings, ...]:
-    return study.stages.elastic, study.stages.plastic, study.stages.thermal

@@ -114,7 +114,7 @@ class BodyMissing:
         if view is not None and full is not None:
             for k in range(len(chosen)):
                 out[..., k] = view.taken(seen_along(view.field, full[:, :, k], view.scene, links, parameters))
-        return out
+        return seen.averaged(out)
 
     def _marched(
         self, parameters: Parameters, history: History, grid: Grid, sources: tuple[np.ndarray, np.ndarray]
@@ -183,7 +183,7 @@ def _shown_directly(grid: Grid, seen: FieldObservation, chosen: np.ndarray) -> n
     for c in range(grid.components):
         own = np.flatnonzero(component == c)
         out[:, :, c, own] = in_time[:, None, own] * in_place[None, :, own]
-    return out
+    return seen.averaged(out)
 
 
 def _answered(body: Body, step: HeatStep, start: np.ndarray, heat: np.ndarray) -> np.ndarray:

@@ -11,23 +11,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import StudyError
-from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.forward import march_settings, run_of, sampler
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
-from thermofit.observe.observation_points import observation_points
+from thermofit.observe.observation_points import ObservationPoints, observation_points
+from thermofit.observe.projection import face_patches
 from thermofit.study.section import mesh_size
 from thermofit.study.study import Study
-from thermofit.study.virtual import Simulate
-from thermofit.virtual.machine import LoadHistory, Step, bar_of, load_history, uniaxial_law
-from thermofit.virtual.setup import VirtualInstruments, instrument_times, instruments_of, rigid_motion, solution_times
+from thermofit.study.virtual import Simulate, VirtualInstruments
+from thermofit.virtual.machine import CrossheadStep, LoadHistory, bar_of, load_history, uniaxial_law
+from thermofit.virtual.setup import instrument_times, rigid_motion, solution_times
 
 INTERPOLATED = 0.5**0.5
 """Noise of a value that is linear in a triangle of measured ones, in units of theirs: root of the mean of the squared weights."""
+
+
+def _kept_noise(study: Study, mesh: Mesh, points: ObservationPoints, spacing: float) -> np.ndarray:
+    """Noise (n_s,) of a nodal value over that of one of the measured values, which lie `spacing` mm apart."""
+    if study.evaluation.interpolation == "three-point":
+        return np.full(len(points.xy), INTERPOLATED)
+    return 1.0 / np.sqrt(np.maximum(face_patches(mesh, points).areas() / spacing**2, 1.0))
 
 
 @dataclass(frozen=True)
@@ -51,35 +59,36 @@ def simulated(study: Study) -> Simulate:
     return study.simulate
 
 
-def planned(study: Study, steps: tuple[Step, ...], assumed: Parameters) -> Planned:
+def planned(study: Study, steps: tuple[CrossheadStep, ...], assumed: Parameters) -> Planned:
     """Planned of a programme with the assumed material.
 
     StudyError where the section `simulate` is missing or the programme cannot be carried out; NumericsError where the run fails.
     """
     settings = simulated(study)
-    specimen, instruments = study.specimen_of(Specimen(**settings.specimen.model_dump())), instruments_of(settings)
+    specimen = study.specimen_of(settings.specimen.lengths())
     bar = bar_of(specimen, uniaxial_law(in_model_axes(assumed, study.material_axes.angle), study.hardening_law))
-    load = load_history(steps, bar, instruments.machine, instruments.force.rate)
-    dic_time, ir_time = instrument_times(load, instruments, settings.seed)
+    load = load_history(steps, bar, settings.machine, settings.force.rate)
+    dic_time, ir_time = instrument_times(load, settings, settings.seed)
     dic_time, ir_time = _wanted(study.evaluation.displacement_times, dic_time), _wanted(study.evaluation.temperature_times, ir_time)
     mesh = specimen_mesh(study.geometry, specimen, mesh_size(study.evaluation.nodes), study.mesh_file)
     window = study.evaluation.window
-    xy = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max).xy
+    points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     every = study.numerics.max_time_step
     load_steps = {
-        "displacement": _steps(load, instruments, solution_times(load, dic_time, dic_time, every)),
-        "temperature": _steps(load, instruments, solution_times(load, ir_time, ir_time, every)),
-        "all": _steps(load, instruments, solution_times(load, dic_time, ir_time, every)),
+        "displacement": _steps(load, settings, solution_times(load, dic_time, dic_time, every)),
+        "temperature": _steps(load, settings, solution_times(load, ir_time, ir_time, every)),
+        "all": _steps(load, settings, solution_times(load, dic_time, ir_time, every)),
     }
-    noise = (study.noise.displacement or instruments.dic.noise_in_plane, study.noise.temperature or instruments.ir.netd)
-    u = _blank("u", dic_time, xy, (2, INTERPOLATED * noise[0]), "mm")
-    theta = _blank("theta", ir_time, xy, (1, INTERPOLATED * noise[1]), "K")
-    force = force_observation(dic_time, load_steps["displacement"], instruments.force.noise)
+    noise = (study.noise.displacement or settings.dic.noise_in_plane, study.noise.temperature or settings.ir.netd)
+    kept = [_kept_noise(study, mesh, points, spacing) for spacing in (settings.dic.spacing, settings.ir.pixel_size)]
+    u = _blank("u", dic_time, points.xy, (2, kept[0] * noise[0]), "mm")
+    theta = _blank("theta", ir_time, points.xy, (1, kept[1] * noise[1]), "K")
+    force = force_observation(dic_time, load_steps["displacement"], settings.force.noise)
     begin = float(load.time[np.flatnonzero(load.force > 0.0)[0] - 1])
     phases = (TestPhase(float(load.time[0]), float(load.time[-1]), "loading"),)
     data = Measured(specimen, assumed["theta_air"], assumed["theta_clamp"], u, theta, force, load_steps, begin, phases)
     data = _filled(study, data, assumed)
-    return Planned(data, _motion(data, load, instruments, settings.seed), float(load.time[-1]), float(load.force.max()))
+    return Planned(data, _motion(data, load, settings, settings.seed), float(load.time[-1]), float(load.force.max()))
 
 
 def _wanted(choice: str | tuple[float, ...], times: np.ndarray) -> np.ndarray:
@@ -97,10 +106,11 @@ def _steps(load: LoadHistory, instruments: VirtualInstruments, time: np.ndarray)
     return LoadSteps(time, force, crosshead, crosshead - instruments.machine.compliance * force)
 
 
-def _blank(name: str, time: np.ndarray, xy: np.ndarray, what: tuple[int, float], unit: str) -> FieldObservation:
-    """A field of (components, sigma) whose values are still zero."""
+def _blank(name: str, time: np.ndarray, xy: np.ndarray, what: tuple[int, np.ndarray], unit: str) -> FieldObservation:
+    """A field of (components, sigma of every point) whose values are still zero."""
     shape = (len(time), len(xy), what[0])
-    return FieldObservation(name, time, xy, np.zeros(shape), np.full(shape, max(what[1], 1e-6)), np.ones(shape[:2], dtype=bool), unit)
+    sigma = np.broadcast_to(np.maximum(what[1], 1e-6)[None, :, None], shape).copy()
+    return FieldObservation(name, time, xy, np.zeros(shape), sigma, np.ones(shape[:2], dtype=bool), unit)
 
 
 def _filled(study: Study, data: Measured, assumed: Parameters) -> Measured:

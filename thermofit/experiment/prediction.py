@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
-from thermofit.body.solve.history import Watch
+from thermofit.body.solve.history import History, Watch
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.forward import Sampler
 from thermofit.experiment.held import AnyRun
@@ -30,8 +30,12 @@ class PlainPrediction:
 
     def errors(self, parameters: Parameters) -> Errors:
         """Error fields of the parameters."""
-        history = self.run(parameters)
-        return {name: sampler.observed(name, history) - self.observations[name].value for name, sampler in self.samplers.items()}
+        return self._of(self.run(parameters))
+
+    def _of(self, history: History) -> Errors:
+        """Error fields of a history."""
+        shown = {name: self.observations[name].averaged(sampler.observed(name, history)) for name, sampler in self.samplers.items()}
+        return {name: value - self.observations[name].value for name, value in shown.items()}
 
     def linearise(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
         """Error fields and their derivatives with respect to the named parameters."""
@@ -48,5 +52,4 @@ class PlainPrediction:
                     slopes[name][here] = value - resting[name]
 
         history = self.run(parameters, Watch(sensitivities=Sensitivities(names, collect)))
-        errors = {name: sampler.observed(name, history) - self.observations[name].value for name, sampler in self.samplers.items()}
-        return errors, slopes
+        return self._of(history), {name: self.observations[name].averaged(slope) for name, slope in slopes.items()}

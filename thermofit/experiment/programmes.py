@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from thermofit.core.errors import StudyError
 from thermofit.study.virtual import Simulate
-from thermofit.virtual.machine import Step, programme_of
+from thermofit.virtual.machine import CrossheadStep, programme_of
 
 OWN = "own"
 """The programme that the study itself describes."""
@@ -38,29 +38,29 @@ class Named:
 
     name: str
     words: str
-    steps: Callable[[Usual], tuple[Step, ...]]
+    steps: Callable[[Usual], tuple[CrossheadStep, ...]]
 
 
-def _pull(usual: Usual, share: float = 1.0, faster: float = 1.0) -> Step:
-    return Step("crosshead_to", share * usual.peak, faster * usual.rate)
+def _pull(usual: Usual, share: float = 1.0, faster: float = 1.0) -> CrossheadStep:
+    return CrossheadStep("crosshead_to", share * usual.peak, faster * usual.rate)
 
 
-def _unload(usual: Usual) -> Step:
-    return Step("force_to", 0.0, -usual.rate)
+def _unload(usual: Usual) -> CrossheadStep:
+    return CrossheadStep("force_to", 0.0, -usual.rate)
 
 
-def _stepped(usual: Usual) -> tuple[Step, ...]:
+def _stepped(usual: Usual) -> tuple[CrossheadStep, ...]:
     return tuple(_pull(usual, (n + 1) / 4.0, FASTER if n % 2 else 1.0) for n in range(4))
 
 
-def _cycles(usual: Usual) -> tuple[Step, ...]:
+def _cycles(usual: Usual) -> tuple[CrossheadStep, ...]:
     return tuple(step for n in range(3) for step in (_pull(usual, (n + 1) / 3.0), _unload(usual)))
 
 
 PROGRAMMES: tuple[Named, ...] = (
     Named("monotonic", "pull at one rate", lambda u: (_pull(u),)),
     Named("load-unload", "pull and unload", lambda u: (_pull(u), _unload(u))),
-    Named("load-unload-cool", "pull, unload, and cool without load", lambda u: (_pull(u), _unload(u), Step("hold", u.cooling))),
+    Named("load-unload-cool", "pull, unload, and cool without load", lambda u: (_pull(u), _unload(u), CrossheadStep("hold", u.cooling))),
     Named("stepped-rates", f"pull, the rate {FASTER:g} times larger in every second quarter", _stepped),
     Named("cycles", "pull in three parts, unloaded after each", _cycles),
 )
@@ -70,7 +70,7 @@ NAMES: tuple[str, ...] = tuple(p.name for p in PROGRAMMES)
 
 def usual_of(settings: Simulate) -> Usual:
     """Peak, rate and cooling of the study's own programme. StudyError where it never moves the crosshead to a position."""
-    steps = programme_of([item.model_dump() for item in settings.programme])
+    steps = programme_of(settings.programme)
     pulls = [step for step in steps if step.kind == "crosshead_to"]
     if not pulls:
         raise StudyError("simulate.programme: no item crosshead_to is found; programmes by name are made from the largest of them: add one")
@@ -78,13 +78,13 @@ def usual_of(settings: Simulate) -> Usual:
     return Usual(last.target, abs(last.rate), COOLING)
 
 
-def programme_named(name: str, settings: Simulate) -> tuple[Step, ...]:
+def programme_named(name: str, settings: Simulate) -> tuple[CrossheadStep, ...]:
     """Steps of the programme of that name, `own` being that of the study. StudyError for an unknown name."""
     if name == OWN:
-        return programme_of([item.model_dump() for item in settings.programme])
+        return programme_of(settings.programme)
     for known in PROGRAMMES:
         if known.name == name:
-            return (Step("hold", REST), *known.steps(usual_of(settings)))
+            return (CrossheadStep("hold", REST), *known.steps(usual_of(settings)))
     raise StudyError(f"test programme '{name}' is not known; expected some of {', '.join((OWN, *NAMES))}")
 
 

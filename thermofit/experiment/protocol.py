@@ -7,7 +7,7 @@ several specimens that share their material (`many`). `forms.experiment_of` make
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -59,6 +59,8 @@ class JointProblem:
     """At which rates and temperatures the material flows; None where that varies over the specimen."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
+    told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Lower and upper end within which an earlier stage has told parameters: what is missing does not draw them farther off."""
 
     @property
     def each(self) -> Mapping[str, StageModel]:

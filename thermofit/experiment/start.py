@@ -28,11 +28,11 @@ _POINTS = 2001
 
 def mean_strain(observation: FieldObservation, component: int) -> np.ndarray:
     """Mean du_i/dx_i over the window (n_t,): least squares of the displacement over its own coordinate."""
-    out = np.full(len(observation.time), np.nan)
+    out, place = np.full(len(observation.time), np.nan), observation.place
     for n in range(len(observation.time)):
         used = observation.mask[n]
         if used.sum() >= 3:
-            x = observation.xy[used, component]
+            x = place[n, used, component]
             x = x - x.mean()
             out[n] = x @ observation.value[n, used, component] / (x @ x)
     return out

@@ -16,7 +16,7 @@ from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.experiment.fields import field_datasets, specimen_dict
 from thermofit.observe.face_quads import FaceQuads, distance_to_edge, face_quads
-from thermofit.observe.local_scatter import local_scatter
+from thermofit.observe.noise import local_scatter
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import masked
 from thermofit.read.static_points import static_points

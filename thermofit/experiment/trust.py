@@ -1,20 +1,22 @@
 """One rule for verdict and exit code: when the answer of `verify`, `validate`, `diagnose`, `close-loop` and so of `run` is trusted.
 
 An answer is trusted where nothing speaks against it: every compared channel is at its floor, as a whole and in every phase of the test, no
-declared reading is farther off than its error explains, the fit has settled, and every candidate could be judged. The floor of a channel is
-its noise and what the error of mesh and steps that may be left would make, where that is known.
+declared reading is farther off than its error explains, the fit has settled, every fitted parameter has a value of its own, and every
+candidate could be judged. The floor of a channel is its noise and what the error of mesh and steps that may be left would make, where that
+is known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.experiment.model import Prior
 from thermofit.experiment.priors import off_declared
+from thermofit.fit.result import FitResult
 
 WHOLE = 1.25
 """Times its floor from which the rms of a channel over the whole test is more than noise."""
@@ -24,6 +26,11 @@ CHANCE = 4.0
 """Standard deviations of the rms of so few values of white noise that a phase has to exceed as well."""
 READING = 3.0
 """Standard errors off its reading from which a declared value speaks against the answer."""
+AT_BOUND = 0.01
+"""Part of the way from neutral to a bound, and of the range between both, within which a value is at that bound."""
+
+Bounds = Callable[[str], tuple[float, float]]
+"""Lower and upper bound of a parameter by its name."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +67,42 @@ def above_floor(levels: Iterable[Level]) -> list[Level]:
     return list(worst.values())
 
 
+def physical(name: str) -> tuple[float, float]:
+    """Physical bounds of a parameter, where no study narrows them."""
+    return param(name).lower, param(name).upper
+
+
+def at_bound(value: float, bounds: tuple[float, float], neutral: float = 0.0) -> bool:
+    """True within AT_BOUND of the way from neutral to a bound, or of the range where that is shorter; a bound that is neutral itself is no
+    such end: there the mechanism is off."""
+    ends = [(bound, min(abs(bound - neutral), bounds[1] - bounds[0])) for bound in bounds]
+    return any(np.isfinite(way) and way > 0.0 and abs(value - bound) <= AT_BOUND * way for bound, way in ends)
+
+
+def undetermined(parameters: Parameters, fit: FitResult, bounds: Bounds = physical) -> dict[str, str]:
+    """Fitted parameters that have no value of their own, each in words: at a bound, or without a standard error."""
+    out = {}
+    for k, name in enumerate(fit.names):
+        p, value, own = param(name), parameters[name], bounds(name)
+        is_amplitude = "." in bare_name(name) and not p.scan
+        if at_bound(value, own, p.neutral if is_amplitude else 0.0):
+            out[name] = f"{name} ends at its bound: {value:.4g} {p.unit}, bounds {own[0]:g} to {own[1]:g}"
+        elif fit.sigma is None or not (np.isfinite(fit.sigma[k]) or fit.at_bound[k]):
+            out[name] = f"{name} = {value:.4g} {p.unit} has no standard error: the data do not determine it"
+    return out
+
+
 def doubts(
     levels: Iterable[Level],
     readings: tuple[Sequence[Prior], Parameters] | None = None,
     unjudged: Mapping[str, str] | None = None,
     unsettled: str = "",
+    ends: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Sentences that speak against an answer, none where it is trusted. `readings` = (declared values, the parameters beside them),
-    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end."""
+    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end, `ends` what is `undetermined`."""
     out = [f"{one.words}: more than noise is left" for one in above_floor(levels)]
     out += [] if readings is None else off_declared(*readings, READING)
+    out += list((ends or {}).values())
     out += [f"{name} could not be judged, and may be what is missing: {why}" for name, why in (unjudged or {}).items()]
     return out + ([f"the last fit has not settled: {unsettled}"] if unsettled else [])

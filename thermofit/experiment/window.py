@@ -30,12 +30,13 @@ class ElasticWindow:
 
 def axial_strain(observation: FieldObservation) -> tuple[np.ndarray, np.ndarray]:
     """Mean du_y/dy over the window and its standard error at every time, each (n_t,): least squares of u_y over y."""
+    place = observation.place
     strain, error = np.full(len(observation.time), np.nan), np.full(len(observation.time), np.nan)
     for n in range(len(observation.time)):
         used = observation.mask[n]
         if used.sum() < 3:
             continue
-        y = observation.xy[used, 1]
+        y = place[n, used, 1]
         y = y - y.mean()
         spread = float(y @ y)
         strain[n] = y @ observation.value[n, used, 1] / spread

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.errors import UntrustworthyError
-
 NoiseOperator = Callable[[np.ndarray], np.ndarray]
 
 PARTICIPATION = 0.1
@@ -63,16 +61,3 @@ def correlation(matrix: np.ndarray) -> np.ndarray:
     result = matrix / np.outer(root, root)
     np.fill_diagonal(result, 1.0)
     return np.asarray(np.clip(result, -1.0, 1.0))
-
-
-def require_identifiable(result: Covariance) -> None:
-    """UntrustworthyError that names the parameters which the data do not determine."""
-    if result.identifiable:
-        return
-    parts = []
-    for direction in result.null:
-        if len(direction.names) == 1:
-            parts.append(f"'{direction.names[0]}' has no effect on the residual")
-        else:
-            parts.append(f"{' and '.join(repr(name) for name in direction.names)} can only be told apart up to one combination")
-    raise UntrustworthyError(f"the data do not determine all parameters: {'; '.join(parts)}; fix one of each or add data")

@@ -102,7 +102,7 @@ def spectrum(info: Information, reference: str | None = None, freedom: float = F
     smallest = float(values.min(initial=np.inf))
     open_ = sigma > freedom
     flat = tuple(
-        _flat(info, vector, (values, vectors_t.T, open_), reference)
+        _flat(info, vector, values, vectors_t.T, open_, reference)
         for vector in _plain_basis(vectors_t[open_])
     )  # fmt: skip
     condition = largest / smallest if smallest > 0.0 else float("inf")
@@ -120,8 +120,8 @@ def _plain_basis(basis: np.ndarray) -> np.ndarray:
     return out
 
 
-def _flat(info: Information, v: np.ndarray, whole: tuple[np.ndarray, np.ndarray, np.ndarray], reference: str | None) -> Flat:
-    values, vectors, open_ = whole
+def _flat(info: Information, v: np.ndarray, values: np.ndarray, vectors: np.ndarray, open_: np.ndarray, reference: str | None) -> Flat:
+    """The open direction v (n_p,) in words; singular values (n_p,) and vectors (n_p, n_p) of the whole, `open_` (n_p,) where it is open."""
     members = [i for i in range(len(v)) if abs(v[i]) > MEMBER * np.abs(v).max()]
     names = [info.names[i] for i in members]
     lead = info.names.index(reference) if reference in names else int(np.argmax(np.abs(v)))
@@ -200,7 +200,7 @@ def _worst(info: Information) -> float:
 
 
 @dataclass(frozen=True)
-class Criteria:
+class DesignCriteria:
     """How good a test is for its parameters together, in relative standard errors: `d` the geometric mean of the axes of the confidence
     ellipsoid, det(G)^(-1/(2 p)); `a` the root mean square of the standard errors, sqrt(tr(G^-1)/p); `e` the longest axis. inf: open."""
 
@@ -209,11 +209,11 @@ class Criteria:
     e: float
 
 
-def criteria(info: Information) -> Criteria:
+def criteria(info: Information) -> DesignCriteria:
     """D-, A- and E-criterion of an information; smaller is better."""
     p = len(info.names)
     values = np.linalg.svd(info.root, compute_uv=False)
     floor = 1e-14 * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
     if len(values) < p or values.min() <= floor:
-        return Criteria(float("inf"), float("inf"), float("inf"))
-    return Criteria(float(np.exp(-np.mean(np.log(values)))), float(np.sqrt(np.mean(values**-2.0))), float(1.0 / values.min()))
+        return DesignCriteria(float("inf"), float("inf"), float("inf"))
+    return DesignCriteria(float(np.exp(-np.mean(np.log(values)))), float(np.sqrt(np.mean(values**-2.0))), float(1.0 / values.min()))

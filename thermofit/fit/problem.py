@@ -47,11 +47,10 @@ class Problem:
             value.setflags(write=False)
             object.__setattr__(self, key, value)
         for name, x, low, up, scale in zip(self.names, self.start, self.lower, self.upper, self.scale, strict=True):
-            _check(name, (float(x), float(low), float(up), float(scale)))
+            _check(name, float(x), float(low), float(up), float(scale))
 
 
-def _check(name: str, numbers: tuple[float, float, float, float]) -> None:
-    x, low, up, scale = numbers
+def _check(name: str, x: float, low: float, up: float, scale: float) -> None:
     if not low < up:
         raise StudyError(f"bounds of '{name}' are [{low:g}, {up:g}], expected lower < upper: widen them or fix the parameter")
     if not (np.isfinite(x) and low <= x <= up):

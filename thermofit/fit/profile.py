@@ -17,7 +17,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.fit.evaluate import Counts
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
-from thermofit.fit.problem import Problem, to_scaled
+from thermofit.fit.problem import Problem
 from thermofit.fit.settings import Hooks, Settings, Store
 
 NEAR = 0.02
@@ -108,7 +108,7 @@ def profile_side(
             break
         low = max(low, step) if q < 1.0 else low
         step = _next_step(tried, optimum, i, rise, reach if remark else room)
-    return _side(tried, optimum, (i, sign), rise, (bound, remark), (forward, replayed))
+    return _side(tried, optimum, i, sign, rise, bound, remark, (forward, replayed))
 
 
 def _first_step(optimum: Optimum, i: int, rise: float) -> float:
@@ -130,8 +130,9 @@ def _next_step(tried: list[_Point], optimum: Optimum, i: int, rise: float, reach
     return float(below[0] + (1.0 - below[1]) * (above[0] - below[0]) / (above[1] - below[1]))
 
 
-def _side(tried: list[_Point], optimum: Optimum, at: tuple[int, int], rise: float, stop: tuple[float, str], runs: tuple[int, int]) -> Side:
-    (i, sign), (bound, remark) = at, stop
+def _side(tried: list[_Point], optimum: Optimum, i: int, sign: int, rise: float, bound: float, remark: str, runs: tuple[int, int]) -> Side:
+    """One side (`sign`) of the profile of parameter i from the points that were tried: where the objective has risen by `rise`, else where
+    the search ended, with the remark why, or the bound; `runs`: forward, replayed."""
     tried = sorted(tried, key=lambda p: abs(p.value - optimum.x[i]))
     away = np.array([0.0] + [abs(p.value - optimum.x[i]) for p in tried])
     q = np.array([0.0] + [float(np.sqrt(max(p.f - optimum.f, 0.0) / rise)) for p in tried])
@@ -198,8 +199,3 @@ def held(problem: Problem, i: int, value: float, guess: np.ndarray) -> Problem:
         linearise=None if exact is None else linearise,
         first_jacobian=None,
     )
-
-
-def scaled_distance(problem: Problem, a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference of two points in units of the scale."""
-    return float(np.max(np.abs(to_scaled(problem, a) - to_scaled(problem, b))))

@@ -1,10 +1,16 @@
 """Bounded Gauss-Newton that saves forward runs: without exact derivatives the Jacobian is updated by Broyden and recomputed only where
-that fails; with them they also tell the second derivatives that matter where the model lacks something (`curvature`).
+that fails; with them they also tell the second derivatives that matter where the model lacks something (`Curvature`).
 
 Secant version of the damped Gauss-Newton method (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares
 Problems, 2nd ed., IMM, DTU, 2004, section 3.5) with a box as trust region: box and bounds are then one set of bounds of a
 small linear least-squares problem that is solved exactly. Convergence is declared only on a Jacobian computed at the final
 point; the covariance needs that one anyway.
+
+That part of the Hessian of r.r is learnt from derivatives that the trials of a search give anyway. Half the Hessian of f = r.r is J^T J +
+S with S = sum_i r_i d2r_i/dz2. Where the model fits the data, S is small against J^T J. Where it lacks something, the residual is large, S
+may outweigh J^T J along a parameter that the data hardly tell, and the full Gauss-Newton step is too long by (J^T J + S)/(J^T J): the
+search crawls with shorter and shorter steps. S is kept by secant updates as in NL2SOL (J. E. Dennis, D. M. Gay, R. E. Welsch, ACM Trans.
+Math. Softw. 7, 1981, 348-368), and used only where it has predicted f better.
 """
 
 from __future__ import annotations
@@ -13,7 +19,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.fit.curvature import Curvature, augmented, learnt
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
 from thermofit.fit.gauss_newton import AT_NOISE, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
@@ -21,6 +26,71 @@ from thermofit.fit.least_squares import Ending
 from thermofit.fit.linear_model import LinearModel, Step
 from thermofit.fit.problem import Problem, from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings
+
+_GOOD = 0.5
+"""Gauss-Newton is left as it is while a trial achieves between this share and its inverse of the drop that it predicts."""
+_SMALLEST = 1e-12
+"""Share of the largest curvature below which a direction has none that a step could be based on."""
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """S (n_p, n_p) with respect to the scaled variables z, and whether the steps are based on J^T J + S (`used`) or on J^T J."""
+
+    S: np.ndarray
+    used: bool = False
+
+
+def augmented(here: LinearModel, S: np.ndarray) -> LinearModel:
+    """The quadratic model of f with J^T J + S in the form of a linear least-squares problem: R^T R = J^T J + S, R^T c = J^T r.
+
+    A direction of negative curvature counts by its magnitude: a step goes down along it, as far as for a valley of that curvature.
+    """
+    norms = here.size
+    values, vectors = np.linalg.eigh((here.columns.T @ here.columns + S) / np.outer(norms, norms))
+    values = np.abs(values)
+    root = np.sqrt(np.maximum(values, _SMALLEST * values.max()))
+    R = root[:, None] * vectors.T * norms
+    return LinearModel(vectors.T @ (here.columns.T @ here.residual / norms) / root, R)
+
+
+def learnt(known: Curvature, here: LinearModel, there: LinearModel, d: np.ndarray, moved: bool) -> Curvature:
+    """S after a trial from `here` to `there` = here + d (n_p,), for the point that the search goes on from: `there` if `moved`.
+
+    Of the two predictions of f the better one is used next; that of Gauss-Newton is kept while it is good by itself.
+    """
+    achieved = here.f - there.f
+    plain = _promised(here, d)
+    errors = abs(achieved - plain), abs(achieved - (plain - float(d @ known.S @ d)))
+    wrong = not _GOOD * plain <= achieved <= plain / _GOOD
+    used = errors[1] < errors[0] and (known.used or wrong)
+    weights = there.residual if moved else here.residual
+    curving = there.columns.T @ weights - here.columns.T @ weights
+    turning = there.columns.T @ there.residual - here.columns.T @ here.residual
+    return Curvature(updated(known.S, d, curving, turning), used)
+
+
+def updated(S: np.ndarray, d: np.ndarray, curving: np.ndarray, turning: np.ndarray) -> np.ndarray:
+    """Secant update of Dennis, Gay and Welsch: the result, symmetric (n_p, n_p), maps the step d to `curving`.
+
+    `curving`: (J(z + d) - J(z))^T r, `turning`: change of the gradient J^T r; all (n_p,). S is first sized, so that what was learnt
+    where the residual was larger does not outlive it. Unlike there, S is kept where the gradient does not rise along the step.
+    """
+    slope = float(turning @ d)
+    if slope <= _SMALLEST * float(np.linalg.norm(turning) * np.linalg.norm(d)):
+        return S
+    known = float(d @ S @ d)
+    S = S * (min(1.0, abs(float(d @ curving)) / abs(known)) if known != 0.0 else 1.0)
+    miss = curving - S @ d
+    mixed = np.outer(miss, turning)
+    return np.asarray(S + (mixed + mixed.T) / slope - float(d @ miss) * np.outer(turning, turning) / slope**2)
+
+
+def _promised(here: LinearModel, d: np.ndarray) -> float:
+    """Drop of f along d by the linear model of the residual."""
+    change = here.columns @ d
+    return -float(2.0 * here.residual @ change + change @ change)
+
 
 FIRST_RADIUS = 0.3
 """Half width of the first trust box in units of the scale."""
@@ -31,7 +101,7 @@ BELIEVED = 0.5
 
 
 @dataclass(frozen=True)
-class State:
+class SearchState:
     """Point z (n_p,), its residual (n,) and Jacobian (n, n_p) with respect to z, half width `radius` of the trust box.
 
     `fresh`: the Jacobian was computed at z, not updated; `rejected`: trials in a row that did not lower f; `failed`: the last
@@ -82,35 +152,35 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
 
 
-def _first(evaluations: Evaluations, settings: Settings) -> State:
+def _first(evaluations: Evaluations, settings: Settings) -> SearchState:
     problem = evaluations.problem
     if problem.linearise is not None:
         return _exact(problem, problem.start, *evaluations.linearised(problem.start))
     residual = evaluations.residual(problem.start)
     given = problem.first_jacobian
     if given is not None and given.shape == (residual.size, len(problem.names)):
-        return State(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
+        return SearchState(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
     jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
-    return State(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
+    return SearchState(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
 
 
-def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> State:
+def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> SearchState:
     """The state at a point with an exact dr/dx (n, n_p)."""
     scaled = jacobian * problem.scale
     matrix = pinned(scaled, residual)
     told = matrix is scaled and residual.size >= 2 * (x.size + 1)
     curvature = Curvature(np.zeros((x.size, x.size))) if told else None
-    return State(to_scaled(problem, x), residual, matrix, FIRST_RADIUS_EXACT, curvature=curvature)
+    return SearchState(to_scaled(problem, x), residual, matrix, FIRST_RADIUS_EXACT, curvature=curvature)
 
 
-def _refresh(evaluations: Evaluations, state: State, settings: Settings) -> State:
+def _refresh(evaluations: Evaluations, state: SearchState, settings: Settings) -> SearchState:
     """The Jacobian computed at z. A box that shrank on account of an outdated one gets room again."""
     problem = evaluations.problem
     jacobian = jacobian_at(evaluations, from_scaled(problem, state.z), settings) * problem.scale
     return replace(state, jacobian=jacobian, fresh=True, rejected=0, radius=max(state.radius, 10.0 * settings.x_tolerance))
 
 
-def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
+def _step(evaluations: Evaluations, state: SearchState, radius: float) -> Step:
     """Minimum within bounds and box of the linear model, or of the quadratic one where that has proved better."""
     lower, upper = scaled_bounds(evaluations.problem)
     room = np.maximum(lower - state.z, -radius), np.minimum(upper - state.z, radius)
@@ -120,7 +190,7 @@ def _step(evaluations: Evaluations, state: State, radius: float) -> Step:
     return replace(state.local, bounds=room).step
 
 
-def _full(evaluations: Evaluations, state: State) -> Step:
+def _full(evaluations: Evaluations, state: SearchState) -> Step:
     """The step without a box, by which a search ends. Where steps are based on second derivatives, which are learnt from few trials, the
     linear model must agree that nothing is left: the longer step and the larger drop of both."""
     plain = _step(evaluations, replace(state, curvature=None), np.inf)
@@ -130,7 +200,7 @@ def _full(evaluations: Evaluations, state: State) -> Step:
     return Step(max(plain.d, curved.d, key=lambda d: float(np.max(np.abs(d)))), max(plain.drop, curved.drop))
 
 
-def _advance(evaluations: Evaluations, state: State, settings: Settings) -> State:
+def _advance(evaluations: Evaluations, state: SearchState, settings: Settings) -> SearchState:
     """One trial step and the state after it."""
     problem = evaluations.problem
     step = _step(evaluations, state, state.radius)
@@ -157,7 +227,7 @@ def _advance(evaluations: Evaluations, state: State, settings: Settings) -> Stat
     z = to_scaled(problem, x)
     jacobian = _update(state, z - state.z, outcome.residual)
     if accepted:
-        moved = State(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
+        moved = SearchState(z, outcome.residual, jacobian, _radius(state.radius, length, ratio), fresh=False)
         return moved if ratio >= BELIEVED else _refresh(evaluations, moved, settings)
     if state.fresh:
         return replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
@@ -176,7 +246,7 @@ def _radius(radius: float, length: float, ratio: float) -> float:
     return (0.5 if ratio > 0.1 else 0.25) * length
 
 
-def _update(state: State, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
+def _update(state: SearchState, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Broyden's rank-one update: the smallest change of J that explains the residual after the step d."""
     square = float(d @ d)
     if square == 0.0:
@@ -185,7 +255,7 @@ def _update(state: State, d: np.ndarray, residual: np.ndarray) -> np.ndarray:
     return np.asarray(state.jacobian + np.outer(miss, d / square))
 
 
-def _stuck(evaluations: Evaluations, state: State, settings: Settings) -> Ending:
+def _stuck(evaluations: Evaluations, state: SearchState, settings: Settings) -> Ending:
     """No step lowers f, down to the shortest. Where second derivatives outweigh J^T J, the linear model takes the noise of the residual
     for many times the drop that the quadratic one does: that one decides."""
     curvature = None if state.curvature is None else replace(state.curvature, used=True)

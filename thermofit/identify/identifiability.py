@@ -12,7 +12,7 @@ from thermofit.core.parameters import param
 from thermofit.fit.covariance import Covariance
 from thermofit.fit.information import (
     FREEDOM,
-    Criteria,
+    DesignCriteria,
     Flat,
     Invariant,
     Spectrum,
@@ -46,7 +46,7 @@ class Analysis:
     relative: np.ndarray
     detectability: np.ndarray
     spectrum: Spectrum
-    criteria: Criteria
+    criteria: DesignCriteria
     fixing: tuple[tuple[str, ...], ...]
     covariance: Covariance
     sigma: np.ndarray

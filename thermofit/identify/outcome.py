@@ -119,7 +119,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
     return Made(datasets, summary, parameter_results(study, start, solved))
 
 
-def nothing_identified(study: Study, base: Parameters, remarks: tuple[str, ...]) -> Made:
+def nothing_identified(base: Parameters, remarks: tuple[str, ...]) -> Made:
     """The record of an identification stage that has nothing to identify: all parameters as they were, and the remarks say why."""
     results = {
         name: ParameterResult(
@@ -129,8 +129,8 @@ def nothing_identified(study: Study, base: Parameters, remarks: tuple[str, ...])
             free=False,
             at_bound=False,
             start=base[name],
-            lower=study.bounds(name)[0],
-            upper=study.bounds(name)[1],
+            lower=physical_bounds(name)[0],
+            upper=physical_bounds(name)[1],
         )
         for name in base.given()
     }

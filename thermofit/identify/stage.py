@@ -23,6 +23,7 @@ from thermofit.identify.solve import Solved, discard_checkpoints, model_on, solv
 from thermofit.law.bounds import beta_warning
 from thermofit.records.key import stage_key
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.study.reading import reading
 from thermofit.study.stages import ElasticStage, StageSettings
 from thermofit.study.study import Study
 
@@ -61,11 +62,13 @@ class Ready:
 
 def ready(study: Study, key: str) -> Ready:
     """The stage of that key. StudyError where an artefact is missing (names the command that makes it)."""
-    experiment = experiment_of(study)
-    settings, kept = experiment.stage(key)
-    base, _ = with_identified(study, experiment.start(), EARLIER[key])
-    inputs = {**experiment.inputs, **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
-    return Ready(settings, experiment, base.with_free(settings.free), stage_key(study, key), inputs, kept)
+    config = stage_key(study, key)
+    with reading(config):
+        experiment = experiment_of(study)
+        settings, kept = experiment.stage(key)
+        base, _ = with_identified(study, experiment.start(), EARLIER[key])
+        inputs = {**experiment.inputs, **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
+    return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept)
 
 
 def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
@@ -87,7 +90,7 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     is free leaves a record that says so, and the chain goes on."""
     kept = _kept(stage)
     if not stage.settings.free:
-        return nothing_identified(study, stage.base, kept or ("nothing is free: E is prescribed by the study (a number without a start)",))
+        return nothing_identified(stage.base, kept or ("nothing is free: E is prescribed by the study (a number without a start)",))
     experiment = stage.experiment
     start, replaced = experiment.feasible(stage.base)
     solved = solve(study, stage.settings, start, model_on(experiment, stage.settings), task, scalable=experiment.scalable)

@@ -33,15 +33,15 @@ _OFF = {"yield_stress": 0.0, "yield_factor": 1.0, "dissipation": 1.0, "free_ener
 
 
 def state_of(slot: str) -> tuple[float, ...]:
-    """What an effect of the law is called with before the law and its Params: Lambda, its rate 1/s and theta K, or less."""
-    return {"free_energy": (0.01,), "asymmetry": (-1.0,)}.get(slot, (0.01, 1e-3, 300.0))
+    """What an effect of the law is called with before the law and its Params: Lambda, its rate 1/s and theta K, or less, or the sense of
+    flow."""
+    return {"free_energy": (0.01,), "asymmetry": (-0.7,)}.get(slot, (0.01, 1e-3, 300.0))
 
 
 def in_the_law(slot: str) -> Trial:
-    """The trial of a slot of the law; the sense of flow is one or the other, and nothing is differentiated by it."""
+    """The trial of a slot of the law."""
     state = state_of(slot)
-    slopes = {} if slot == "asymmetry" else {k: 0.01 * x for k, x in enumerate(state)}
-    return Trial(state, slopes, np.array(_OFF[slot]))
+    return Trial(state, {k: 0.01 * x for k, x in enumerate(state)}, np.array(_OFF[slot]))
 
 
 def _try_in_the_law(found: Effect, path: Path) -> None:
@@ -57,8 +57,7 @@ def _try_in_the_law(found: Effect, path: Path) -> None:
     def act(arguments: Sequence[Any], numbers: Sequence[Any]) -> Any:
         """Kernels see real numbers only, or complex ones only."""
         if any(np.iscomplexobj(v) for v in (*arguments, *numbers)):
-            given = arguments if found.slot == "asymmetry" else [complex(x) for x in arguments]
-            return function(*given, moved_law(law, -1), *(complex(x) for x in numbers))
+            return function(*(complex(x) for x in arguments), moved_law(law, -1), *(complex(x) for x in numbers))
         return function(*(float(x) for x in arguments), law, *(float(x) for x in numbers))
 
     _compile(found, path, act, state)

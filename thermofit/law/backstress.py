@@ -9,9 +9,14 @@ law in one dimension, whatever the Hill tensor. The energy stored is |X_i|_G^2 /
 
 Over a step along one direction, z = gamma dLambda, phi(z) = (1 - exp(-z)) / z, psi(z) = (1 - phi(z)) / z:
 
-    X = exp(-z) X_n + C dLambda phi S/|S|_G,      mean of X = phi X_n + C dLambda psi S/|S|_G.
+    X = exp(-z) X_n + C dLambda phi S/|S|_G,      mean of X = phi X_n + C dLambda psi S/|S|_G,
+
+so that the work of X over the step is X_n : G : (X - exp(-z) X_n) / C + C dLambda^2 psi.
 
 S is parallel to T = mu dev C_el - sum exp(-z_i) X_n,i, and |S|_G = |T|_G - sum C_i dLambda phi_i: the backstresses need no unknowns.
+
+A modulus that changes with temperature or flow (an effect file may say so) acts on the strain-like Y = X / C, dY = S/|S|_G dLambda -
+gamma Y dLambda, which is the variable of the free energy C |Y|_G^2 / 2: X_n above then stands for C Y_n, C that of the end of the step.
 """
 
 from __future__ import annotations
@@ -27,19 +32,23 @@ _SMALL_PHI, _SMALL_PSI = 1e-2, 0.1
 
 
 class Recall(NamedTuple):
-    """X = kept X_n + gained S/|S|_G, mean of X over the step = mean_kept X_n + mean_gained S/|S|_G; gains in MPa."""
+    """X = kept X_n + gained S/|S|_G; gained in MPa."""
 
     kept: float
     gained: float
-    mean_kept: float
-    mean_gained: float
+
+
+@kernel(forceinline=True)
+def decay_series(z: float) -> float:
+    """phi(z) for |z| < 1e-2."""
+    return 1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0)))))
 
 
 @kernel(forceinline=True)
 def decay_share(z: float) -> float:
     """phi(z) = (1 - exp(-z)) / z, the mean of exp(-z s) over 0 < s < 1; by its series for small z."""
     if abs(z.real) < _SMALL_PHI:
-        return 1.0 - z / 2.0 * (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0)))))
+        return decay_series(z)
     return (1.0 - np.exp(-z)) / z
 
 
@@ -56,5 +65,15 @@ def gain_share(z: float) -> float:
 def recall_over(d_lambda: float, modulus: float, recall: float) -> Recall:
     """Recall of a backstress with modulus C in MPa and recall gamma over d_lambda."""
     z = recall * d_lambda
-    share, straight = decay_share(z), modulus * d_lambda
-    return Recall(np.exp(-z), straight * share, share, straight * gain_share(z))
+    return Recall(np.exp(-z), modulus * d_lambda * decay_share(z))
+
+
+@kernel(forceinline=True)
+def recalled_energy(before: float, across: float, after: float, d_lambda: float, modulus: float, recall: float) -> float:
+    """Heat of the recall of one backstress over d_lambda, mJ/mm^3: the work X : D less what is stored, C |Y|_G^2 / 2.
+
+    before = |Y_n|_G^2, across = Y_n : G : Y and after = |Y|_G^2 tell how the direction of flow lies to Y_n. Not negative where C >= 0.
+    """
+    z = recall * d_lambda
+    work = across - np.exp(-z) * before + d_lambda * d_lambda * gain_share(z)
+    return modulus * (work - 0.5 * (after - before))

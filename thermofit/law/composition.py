@@ -8,6 +8,7 @@ written beside the compiled kernels, so that it is cached with them:
     yield_factor       = product of the effects of slot yield_factor,   dissipation_factor = product of those of slot dissipation
     modulus_factor     = product of the effects of slot free_energy, factors on the elastic moduli that Lambda moves
     backstress_terms   = ((C, gamma), ...) of the effects of slot backstress, each with a backstress of its own; C = 0 where it is off
+    restructured       = whether an effect is on that changes the local update itself (slots backstress, free_energy, asymmetry)
     asymmetry_factor   = product of the effects of slot asymmetry, factors on the yield stress that know the sense of flow
     capacity_factor    = product of those of slot capacity, factors on c0; compiled for a point, the body calls them as they stand
 
@@ -46,8 +47,8 @@ from thermofit.law.hardening.catalogue import SHARED, Hardening, hardening, hard
 
 SUMS = ("yield_stress",)
 FACTORS = ("yield_factor", "dissipation")
-POINT_ONLY = ("backstress", "free_energy", "asymmetry")
-"""Slots that the point driver has and the finite element body has not."""
+STRUCTURE = ("backstress", "free_energy", "asymmetry")
+"""Slots whose effects change the local update itself, not only numbers in it."""
 _HEAD = '''"""Joined formulas of effects; written by thermofit.law.composition."""
 from thermofit.core.jit import kernel
 from thermofit.effects.catalogue import effect
@@ -60,14 +61,9 @@ def number_of(param_name: str) -> str:
     return param_name.replace(".", "__")
 
 
-def body_effects() -> tuple[Effect, ...]:
-    """Effects of the law that the finite element body has as well, in a fixed order."""
-    return effects((*SUMS, *FACTORS))
-
-
 def law_effects() -> tuple[Effect, ...]:
-    """Effects that act in the law of a point, in a fixed order."""
-    return effects((*SUMS, *FACTORS, *POINT_ONLY))
+    """Effects that act in the law of a material point, of a coupon and of a body alike, in a fixed order."""
+    return effects((*SUMS, *FACTORS, *STRUCTURE))
 
 
 def capacity_effects() -> tuple[Effect, ...]:
@@ -81,6 +77,8 @@ CAPACITIES: tuple[str, ...] = tuple(p.name for e in capacity_effects() for p in 
 """Names of those that change the heat capacity of a point."""
 BACKSTRESSES: tuple[str, ...] = tuple(e.name for e in effects(("backstress",)))
 """Names of the effects that have a backstress each, in the order of `backstress_terms`."""
+STRUCTURAL: tuple[str, ...] = tuple(p.name for e in effects(STRUCTURE) for p in e.params)
+"""Names of all Params of effects that change the local update."""
 AMPLITUDES: tuple[str, ...] = tuple(p.name for e in law_effects() for p in e.amplitudes)
 """Names of those Params that switch an effect of the mechanics."""
 EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAMS)
@@ -120,14 +118,14 @@ def _function(name: str, members: list[Effect], product: bool) -> str:
 
 
 def _terms(members: list[Effect]) -> str:
-    """Source of `backstress_terms`."""
+    """Source of `backstress_terms`. A term that is off recalls all the same: what it would hold is known, and so is its influence."""
     lines = ["@kernel(forceinline=True)", "def backstress_terms(accumulated, rate, theta, law):", "    zero = 0.0 * accumulated * law.mu"]
     for k, e in enumerate(members):
         lines += [
-            f"    modulus_{k}, recall_{k} = zero, zero",
+            f"    given = {_call(e)}",
+            f"    modulus_{k}, recall_{k} = zero, zero + given[1]",
             f"    if {_is_on(e)}:",
-            f"        given = {_call(e)}",
-            f"        modulus_{k}, recall_{k} = zero + given[0], zero + given[1]",
+            f"        modulus_{k} = zero + given[0]",
         ]
     pairs = "".join(f"(modulus_{k}, recall_{k}), " for k in range(len(members)))
     return "\n".join([*lines, f"    return ({pairs})", "", ""])
@@ -224,6 +222,8 @@ def source() -> str:
     parts.append(_function("capacity_factor", [e for e in members if e.slot == "capacity"], True))
     parts.append(_as_tuples())
     parts.append(_terms([e for e in members if e.slot == "backstress"]))
+    on = " or ".join(_is_on(e) for e in members if e.slot in STRUCTURE)
+    parts.append(f"@kernel(forceinline=True)\ndef restructured(law):\n    return {on}\n")
     return "".join(parts)
 
 
@@ -252,6 +252,7 @@ yield_factor = _module.yield_factor
 dissipation_factor = _module.dissipation_factor
 modulus_factor = _module.modulus_factor
 backstress_terms = _module.backstress_terms
+restructured = _module.restructured
 effect_numbers = _module.effect_numbers
 no_effects = _module.no_effects
 asymmetry_factor = _module.asymmetry_factor

@@ -40,6 +40,7 @@ from thermofit.law.composition import (
     yield_factor,
 )
 from thermofit.law.hardening.catalogue import SHARED, hardening
+from thermofit.law.tensor import Symmetric
 
 
 class BaseLaw(NamedTuple):
@@ -226,6 +227,13 @@ def hill_gradient(a11: float, a22: float, a33: float, law: Law) -> tuple[float, 
     g = law.G * (a33 - a11)
     h = law.H * (a22 - a33)
     return f - g, h - f, g - h
+
+
+@kernel(forceinline=True)
+def hill(a: Symmetric, law: Law) -> Symmetric:
+    """G : A for the Hill tensor of (4.19), (D.7)."""
+    g11, g22, g33 = hill_gradient(a[0], a[1], a[2], law)
+    return (g11, g22, g33, law.L * a[3], law.M * a[4], law.N * a[5])
 
 
 @kernel(inline="always")

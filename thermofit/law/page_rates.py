@@ -17,7 +17,15 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
-from thermofit.law.composition import EFFECT_NUMBERS
+from thermofit.law.composition import (
+    AMPLITUDES,
+    BACKSTRESSES,
+    EFFECT_NUMBERS,
+    STRUCTURAL,
+    asymmetry_factor,
+    backstress_terms,
+    modulus_factor,
+)
 from thermofit.law.page import AnyLaw, Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
 
 LANES = 8
@@ -40,13 +48,17 @@ class Directions(NamedTuple):
     """Rates of the law's numbers and of parameters outside it, for n directions filled up to m, a multiple of LANES.
 
     `numbers` (N_NUMBERS, m); `in_yield`, `in_heat`, `in_pressure`: which numbers the yield stress with its hardening variable, the
-    dissipation and the pressure factor depend on.
+    dissipation and the pressure factor depend on. `in_structure`, `in_sense`: those of the effects that change the local update itself, in
+    `structure_gradients` and `sense_gradients`; `structured` where one of these effects is on or asked for.
     """
 
     numbers: np.ndarray
     in_yield: np.ndarray
     in_heat: np.ndarray
     in_pressure: np.ndarray
+    in_structure: np.ndarray
+    in_sense: np.ndarray
+    structured: bool
 
 
 def padded(n: int) -> int:
@@ -70,12 +82,21 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     numbers = np.zeros((N_NUMBERS, padded(len(names))))
     numbers[:, : len(names)] = number_rates(parameters, names, law)
     moved = np.any(numbers != 0.0, axis=1)
+    structured = is_structured(parameters, names)
     return Directions(
         numbers,
         _felt(yield_gradients, (0.031, 0.017, 0.007, 297.3), law, moved),
         _felt(dissipation_gradients, (0.031, 0.036, 0.007, 0.017, 297.3), law, moved),
         _felt(pressure_gradients, (0.003, 297.3), law, moved),
+        _felt(_structure_slopes, (0.017, 0.007, 297.3), law, moved & structured),
+        _felt(_sense_slopes, (-0.3,), law, moved & structured),
+        structured,
     )
+
+
+def is_structured(parameters: Parameters, names: Sequence[str] = ()) -> bool:
+    """Whether an effect that changes the local update itself is on, or one of its Params is among `names`."""
+    return bool(set(names) & set(STRUCTURAL)) or any(parameters[name] != param(name).neutral for name in STRUCTURAL if name in AMPLITUDES)
 
 
 def moved_law(law: Law, which: int) -> Law:
@@ -99,6 +120,8 @@ Gradients = Callable[[tuple[np.ndarray, ...], Law, np.ndarray], np.ndarray]
 def _felt(gradients: Gradients, arguments: tuple[float, ...], law: Law, moved: np.ndarray) -> np.ndarray:
     """Numbers that a function of the law page depends on at a general point, of those that any direction moves."""
     generic = law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == arguments[-1] else law.theta_ref, per_second=0.3)
+    if not np.any(moved):
+        return np.empty(0, dtype=np.int64)
     found = gradients(tuple(np.array([x]) for x in arguments), generic, np.arange(N_NUMBERS))
     felt = np.any(found[..., len(arguments) :, 0].reshape(-1, N_NUMBERS) != 0.0, axis=0)
     return np.flatnonzero(moved & felt).astype(np.int64)
@@ -158,6 +181,63 @@ def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.n
     for k, (h, moved) in enumerate(_moves(5, law, active)):
         _dissipation_derivative(arguments, h, moved, out[k])
     return out
+
+
+N_STRUCTURE = 1 + 2 * len(BACKSTRESSES)
+"""Numbers that the effects which change the local update give a point: the factor m on its moduli, then C and gamma of each backstress."""
+
+
+def structure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """m, then C_i and gamma_i of each backstress, (N_STRUCTURE, n), and their gradients (N_STRUCTURE, 3 + n_active, n): by Lambda_n,
+    dLambda, theta (= points, each (n,)), then by `active`. C is zero where a backstress is off."""
+    n = len(points[0])
+    values, out = np.empty((N_STRUCTURE, n)), np.empty((N_STRUCTURE, 3 + len(active), n))
+    arguments = (points[0], points[1], points[2])
+    for k, (h, moved) in enumerate(_moves(3, law, active)):
+        _structure_derivative(arguments, h, moved, values, out[:, k])
+    return values, out
+
+
+def sense_gradients(sense: np.ndarray, law: Law, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factor on the yield stress at the senses of flow (n,), and its gradient (1 + n_active, n) by them, then by `active`."""
+    values, out = np.empty(len(sense)), np.empty((1 + len(active), len(sense)))
+    for k, (h, moved) in enumerate(_moves(1, law, active)):
+        _sense_derivative(sense, h[0], moved, values, out[k])
+    return values, out
+
+
+def _structure_slopes(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    return structure_gradients(points, law, active)[1]
+
+
+def _sense_slopes(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
+    return sense_gradients(points[0], law, active)[1]
+
+
+@kernel
+def _structure_derivative(
+    points: tuple[np.ndarray, np.ndarray, np.ndarray], h: tuple[float, float, float], law: Law, values: np.ndarray, out: np.ndarray
+) -> None:
+    for i in range(len(points[0])):
+        gamma: Complex = complex(points[1][i], h[1])
+        total: Complex = complex(points[0][i], h[0]) + gamma
+        warm: Complex = complex(points[2][i], h[2])
+        stiff: Complex = modulus_factor(total, law)
+        values[0, i], out[0, i] = stiff.real, stiff.imag / STEP
+        terms = backstress_terms(total, gamma * law.per_second, warm, law)
+        for k in range(len(terms)):
+            modulus: Complex = terms[k][0]
+            recall: Complex = terms[k][1]
+            values[1 + 2 * k, i], out[1 + 2 * k, i] = modulus.real, modulus.imag / STEP
+            values[2 + 2 * k, i], out[2 + 2 * k, i] = recall.real, recall.imag / STEP
+
+
+@kernel
+def _sense_derivative(sense: np.ndarray, h: float, law: Law, values: np.ndarray, out: np.ndarray) -> None:
+    for i in range(len(sense)):
+        there: Complex = complex(sense[i], h)
+        factor: Complex = asymmetry_factor(there, law)
+        values[i], out[i] = factor.real, factor.imag / STEP
 
 
 @kernel

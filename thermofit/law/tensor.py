@@ -1,4 +1,4 @@
-"""Second-order tensors in three dimensions: products, inverse, exponential of a small symmetric tensor.
+"""Second-order tensors in three dimensions: products and inverse.
 
 A general tensor is a (3, 3) array. A symmetric tensor is a tuple of its six components 11, 22, 33, 12, 23, 13, which the
 compiler keeps in registers. A linear map between symmetric tensors is a (6, 6) array over these components; an off-diagonal
@@ -18,8 +18,6 @@ ROW = np.array([0, 1, 2, 0, 1, 0])
 """First index of the six components of a symmetric tensor."""
 COLUMN = np.array([0, 1, 2, 1, 2, 2])
 """Second index of the six components of a symmetric tensor."""
-MAX_TERMS = 26
-_NEGLIGIBLE = 1e-17
 
 
 @kernel(forceinline=True)
@@ -45,37 +43,6 @@ def inverse_transpose(a: np.ndarray, det: float, out: np.ndarray) -> None:
     out[2, 0] = (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) * r
     out[2, 1] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) * r
     out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * r
-
-
-@kernel(forceinline=True)
-def multiply(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """out = a . b."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-
-
-@kernel(forceinline=True)
-def multiply_symmetric(a: np.ndarray, s: Symmetric, out: np.ndarray) -> None:
-    """out = a . s for a symmetric s."""
-    for i in range(3):
-        x, y, z = a[i, 0], a[i, 1], a[i, 2]
-        out[i, 0] = x * s[0] + y * s[3] + z * s[5]
-        out[i, 1] = x * s[3] + y * s[1] + z * s[4]
-        out[i, 2] = x * s[5] + y * s[4] + z * s[2]
-
-
-@kernel(forceinline=True)
-def gram(a: np.ndarray) -> Symmetric:
-    """a^T . a."""
-    return (
-        a[0, 0] * a[0, 0] + a[1, 0] * a[1, 0] + a[2, 0] * a[2, 0],
-        a[0, 1] * a[0, 1] + a[1, 1] * a[1, 1] + a[2, 1] * a[2, 1],
-        a[0, 2] * a[0, 2] + a[1, 2] * a[1, 2] + a[2, 2] * a[2, 2],
-        a[0, 0] * a[0, 1] + a[1, 0] * a[1, 1] + a[2, 0] * a[2, 1],
-        a[0, 1] * a[0, 2] + a[1, 1] * a[1, 2] + a[2, 1] * a[2, 2],
-        a[0, 0] * a[0, 2] + a[1, 0] * a[1, 2] + a[2, 0] * a[2, 2],
-    )
 
 
 @kernel(forceinline=True)
@@ -136,62 +103,3 @@ def added(a: Symmetric, b: Symmetric, factor: float) -> Symmetric:
 def scaled(a: Symmetric, factor: float) -> Symmetric:
     """factor a."""
     return (factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4], factor * a[5])
-
-
-@kernel(forceinline=True)
-def largest(a: Symmetric) -> float:
-    """Largest absolute component."""
-    return max(abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5]))
-
-
-@kernel(forceinline=True)
-def exponential(x: Symmetric) -> tuple[Symmetric, int]:
-    """exp(x) by its power series, and the number of terms; 0 terms where the series did not converge.
-
-    Meant for plastic increments (norm well below 1), for which the series ends after 4 to 8 terms at full precision.
-    """
-    term = x
-    out = (1.0 + x[0], 1.0 + x[1], 1.0 + x[2], x[3], x[4], x[5])
-    for order in range(2, MAX_TERMS):
-        term = scaled(commuting_product(term, x), 1.0 / order)
-        out = added(out, term, 1.0)
-        if largest(term) < _NEGLIGIBLE:
-            return out, order
-    return out, 0
-
-
-@kernel(forceinline=True)
-def exponential_derivative(x: Symmetric, dx: Symmetric, n_terms: int) -> Symmetric:
-    """d exp(x)[dx]: the derivative of the power series of `exponential` with the same number of terms.
-
-    T_k = x^k / k!, dT_k = (dT_(k-1) . x + T_(k-1) . dx) / k; dT_k is symmetric, so six components suffice.
-    """
-    term, d_term, out = x, dx, dx
-    for order in range(2, n_terms + 1):
-        r = 1.0 / order
-        d_term = scaled(added(commuting_product(d_term, x), commuting_product(term, dx), 1.0), r)
-        term = scaled(commuting_product(term, x), r)
-        out = added(out, d_term, 1.0)
-    return out
-
-
-@kernel(forceinline=True)
-def solve_in_place(a: np.ndarray, b: np.ndarray) -> None:
-    """b := a^-1 . b for a small dense system without pivoting; a (n, n) close to the identity, b (n, m)."""
-    n = a.shape[0]
-    m = b.shape[1]
-    for k in range(n):
-        r = 1.0 / a[k, k]
-        for i in range(k + 1, n):
-            factor = a[i, k] * r
-            for j in range(k + 1, n):
-                a[i, j] -= factor * a[k, j]
-            for j in range(m):
-                b[i, j] -= factor * b[k, j]
-    for k in range(n - 1, -1, -1):
-        r = 1.0 / a[k, k]
-        for j in range(m):
-            s = b[k, j]
-            for i in range(k + 1, n):
-                s -= a[k, i] * b[i, j]
-            b[k, j] = s * r

@@ -139,7 +139,7 @@ def rigid_free(observation: FieldObservation, choice: Weight = "sigma", *, scale
     take = tuple(rows.T)
     sigma = observation.sigma[take]
     root = np.sqrt(weights(choice, observation.value[take], sigma, rows[:, 2]))
-    bounds = np.searchsorted(rows[:, 0], np.arange(len(observation.time) + 1))
+    bounds, place = np.searchsorted(rows[:, 0], np.arange(len(observation.time) + 1)), observation.place
     bases = []
     for n in range(len(observation.time)):
         part = slice(bounds[n], bounds[n + 1])
@@ -150,7 +150,7 @@ def rigid_free(observation: FieldObservation, choice: Weight = "sigma", *, scale
             raise DataError(
                 f"{observation.name}: fewer than 3 points are measured at {observation.time[n]:g} s; leave this stage out of the window"
             )
-        current = observation.xy[rows[part, 1]] + observation.value[n, rows[part, 1]]
+        current = place[n, rows[part, 1]] + observation.value[n, rows[part, 1]]
         x_row = rows[part, 2] == 0
         generators = np.stack([x_row * 1.0, ~x_row * 1.0, np.where(x_row, -current[:, 1], current[:, 0])], axis=1)
         if scale:
@@ -192,11 +192,35 @@ def of_stencil(observation: FieldObservation, stencil: Stencil, channel: str, ch
     w = weights(choice, value, sigma, kind[number])
     root = np.sqrt(w)
 
+    turned = _turned_about_nodes(observation)
+
     def residual(error: np.ndarray) -> np.ndarray:
-        return np.asarray(root * stencil.at(filled(observation, error))[time, number])
+        return np.asarray(root * stencil.at(turned(filled(observation, error)))[time, number])
 
     rows = np.stack([time, stencil.point[number], stencil.component[number]], axis=1)
     return Comparison(channel, residual, lambda v: spread @ (spread.T @ v), rows, sigma, w, stencil.unit)
+
+
+def _turned_about_nodes(observation: FieldObservation) -> Callable[[np.ndarray], np.ndarray]:
+    """What makes of an error field (n_t, n_s, 2) of means over patches one that a small rotation reaches as it would at the nodes.
+
+    A rotation omega moves the mean of a patch whose centre is at d from its node by omega (-d_y, d_x) more than the node; differences
+    between nodes would see that. omega is that of the best rigid motion of the error at every time.
+    """
+    if observation.moments is None:
+        return lambda error: error
+    away, mask = observation.moments[:, :, :2], observation.mask
+    number = np.maximum(mask.sum(axis=1), 1)[:, None, None]
+    place = np.where(mask[:, :, None], observation.place, 0.0)
+    arm = np.where(mask[:, :, None], place - place.sum(axis=1, keepdims=True) / number, 0.0)
+    inertia = np.maximum((arm**2).sum(axis=(1, 2)), np.finfo(float).tiny)
+
+    def turned(error: np.ndarray) -> np.ndarray:
+        omega = (arm[:, :, 0] * error[:, :, 1] - arm[:, :, 1] * error[:, :, 0]).sum(axis=1) / inertia
+        shift = omega[:, None, None] * np.stack([-away[:, :, 1], away[:, :, 0]], axis=-1)
+        return np.asarray(error - np.where(mask[:, :, None], shift, 0.0))
+
+    return turned
 
 
 def filled(observation: FieldObservation, field: np.ndarray) -> np.ndarray:

@@ -119,7 +119,7 @@ def interpolate_displacements(dic: DicField, targets: np.ndarray, max_distance: 
     value = np.full((len(u), len(base.inside), 3), np.nan)
     factor = np.full(value.shape[:2], np.nan)
     retriangulated = 0
-    for stage, (weights, changed) in enumerate(_stage_weights(points, targets, present, (base, longest))):
+    for stage, (weights, changed) in enumerate(_stage_weights(points, targets, present, base, longest)):
         ok = weights.inside
         value[stage, ok] = np.einsum("mk,mkj->mj", weights.weight[ok], u[stage][weights.index[ok]])
         factor[stage, ok] = np.linalg.norm(weights.weight[ok], axis=1)
@@ -136,10 +136,9 @@ def interpolate_displacements(dic: DicField, targets: np.ndarray, max_distance: 
 
 
 def _stage_weights(
-    points: np.ndarray, targets: np.ndarray, present: np.ndarray, start: tuple[Weights, float]
+    points: np.ndarray, targets: np.ndarray, present: np.ndarray, base: Weights, longest: float
 ) -> Iterator[tuple[Weights, int]]:
     """Weights of every stage and the number of targets whose triangle had to change; equal sets of points are done once."""
-    base, longest = start
     known: dict[bytes, tuple[Weights, int]] = {}
     for here in present:
         key = np.packbits(here).tobytes()

@@ -28,6 +28,9 @@ LEAST_VALUES = 30
 _MAD = float(norm.ppf(0.75))
 _DEGREE = 3
 _NEIGHBOURS = 8
+NEIGHBOURS = 12
+"""Points of a plane of `local_scatter` besides the one that is judged: a patch of about four spacings, over which an elastic field is
+nearly linear."""
 _LAGS = 6.0
 _BLOCK = 64
 _FIELDS = 60
@@ -218,19 +221,20 @@ def _fixed_pattern(residual: np.ndarray, sigma: float) -> float:
     return float(np.sqrt(max(scatter**2 - 0.5 * np.pi * sigma**2 / len(residual), 0.0))) if n else 0.0
 
 
-def _plane_residual(xy: np.ndarray) -> csr_array:
-    """Sparse operator (n_s, n_s): value minus the plane fitted to its neighbours, over the norm of the weights."""
+def _plane_residual(xy: np.ndarray, neighbours: int = _NEIGHBOURS) -> csr_array:
+    """Sparse operator (n_s, n_s): value minus the plane fitted to its neighbours alone, over the norm of the weights, so that white noise
+    keeps its standard deviation."""
     n = len(xy)
     if n < _NEIGHBOURS + 2:
         raise DataError(f"noise: {n} points found, at least {_NEIGHBOURS + 2} are needed for a noise estimate; give the noise in the study")
-    _, near = cKDTree(xy).query(xy, k=_NEIGHBOURS + 1)
+    _, near = cKDTree(xy).query(xy, k=neighbours + 1)
     near = np.where(near[:, :1] == np.arange(n)[:, None], near, np.roll(near, 1, axis=1))[:, 1:]
     away = xy[near] - xy[:, None, :]
-    design = np.concatenate([np.ones((n, _NEIGHBOURS, 1)), away], axis=2)
+    design = np.concatenate([np.ones((n, neighbours, 1)), away], axis=2)
     # The plane's value at the point itself is its constant term: the first row of the pseudo-inverse.
     weight = np.linalg.pinv(design)[:, 0, :]
     gain = np.sqrt(1.0 + np.sum(weight**2, axis=1))
-    row = np.concatenate([np.arange(n), np.repeat(np.arange(n), _NEIGHBOURS)])
+    row = np.concatenate([np.arange(n), np.repeat(np.arange(n), neighbours)])
     column = np.concatenate([np.arange(n), near.ravel()])
     return csr_array((np.concatenate([1.0 / gain, (-weight / gain[:, None]).ravel()]), (row, column)), shape=(n, n))
 
@@ -321,3 +325,9 @@ def _field_noise(time: np.ndarray, value: np.ndarray, xy: np.ndarray, load_start
     spatial = spatial_noise(xy, value, np.isfinite(value))
     pattern = _fixed_pattern(_spatial_residual(xy, value), temporal.sigma)
     return FieldNoise(temporal.sigma, temporal, spatial, pattern, correlation_length(xy, fields))
+
+
+def local_scatter(xy: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Robust standard deviation (n_c,) of one field u (n, n_c) about local planes over xy (n, 2) mm. DataError for fewer than 10 points."""
+    residual = _plane_residual(xy, min(NEIGHBOURS, len(xy) - 1)) @ u
+    return np.asarray(np.median(np.abs(residual - np.median(residual, axis=0)), axis=0) / _MAD)

@@ -10,6 +10,8 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.core.errors import DataError
 from thermofit.observe.face import face_grid, is_face_grid, locate
 from thermofit.observe.face_quads import face_quads, quad_weights
+from thermofit.observe.interpolation import time_weights
+from thermofit.observe.patches import averaged
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,8 @@ class FieldObservation:
     """One measured field: `time` s (n_t,), `xy` mm (n_s, 2) reference positions, `value` and `sigma` (n_t, n_s, n_c), `mask` (n_t, n_s).
 
     n_c is 2 for displacements (x, y) in mm and 1 for temperatures in K. `mask` is True where the value is measured; elsewhere value
-    and sigma are nan and never used.
+    and sigma are nan and never used. `moments` (n_t, n_s, 5) mm, mm^2: values are means over patches with these moments (`patches`); None:
+    they are values at xy.
     """
 
     name: str
@@ -27,6 +30,25 @@ class FieldObservation:
     sigma: np.ndarray
     mask: np.ndarray
     unit: str
+    moments: np.ndarray | None = None
+
+    @property
+    def place(self) -> np.ndarray:
+        """Material position (n_t, n_s, 2) mm that a value of a linear field belongs to: the centre of the measured points of its patch."""
+        where = np.broadcast_to(self.xy, (*self.mask.shape, 2))
+        return where if self.moments is None else where + self.moments[:, :, :2]
+
+    def averaged(self, field: np.ndarray) -> np.ndarray:
+        """What the values are of a field (n_t, n_s, ...) at its points: the field itself, or its means over the patches."""
+        return field if self.moments is None else averaged(field, self.moments, self.xy)
+
+    def averaged_at(self, time: np.ndarray, field: np.ndarray) -> np.ndarray:
+        """The same of a field (k, n_s, ...) at other times (k,) s, with patches as they are at the observed time before and after."""
+        if self.moments is None:
+            return field
+        w = time_weights(self.time, time)
+        share = w.share[:, None, None]
+        return averaged(field, (1.0 - share) * self.moments[w.left] + share * self.moments[w.right], self.xy)
 
     def between(self, t0: float, t1: float) -> FieldObservation:
         """The observations at t0 <= t <= t1; DataError where none is left."""
@@ -36,7 +58,8 @@ class FieldObservation:
                 f"{self.name}: no observation between {t0:g} s and {t1:g} s; the measured times run from {self.time[0]:g} s to "
                 f"{self.time[-1]:g} s, check the window of the stage"
             )
-        return replace(self, time=self.time[keep], value=self.value[keep], sigma=self.sigma[keep], mask=self.mask[keep])
+        moments = None if self.moments is None else self.moments[keep]
+        return replace(self, time=self.time[keep], value=self.value[keep], sigma=self.sigma[keep], mask=self.mask[keep], moments=moments)
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class _Kinks:
 
 
 def check_record(record: ForceRecord) -> None:
-    """Refuse a record that cannot be smoothed: DataError for too few samples, NaN, times that do not increase."""
+    """Refuse a record that cannot be smoothed: DataError for too few samples, NaN, times that do not increase, a constant force."""
     time, force, crosshead = record.time, record.force, record.crosshead
     if time.size < LEAST_SAMPLES:
         raise DataError(f"force record: found {time.size} samples, expected at least {LEAST_SAMPLES}; export the whole test")
@@ -88,6 +88,10 @@ def check_record(record: ForceRecord) -> None:
         raise DataError(
             f"force record: time goes from {time[i]:g} s to {time[i + 1]:g} s at sample {i + 2} ({back.size} such places), "
             "expected increasing times; sort or remove these rows"
+        )
+    if np.ptp(force) == 0.0:
+        raise DataError(
+            f"force record: the force is {force[0]:g} N throughout; expected a test under load, check which column holds the force"
         )
 
 
@@ -179,12 +183,12 @@ def _find_kinks(time: np.ndarray, value: np.ndarray, sigma: float) -> _Kinks:
             i = int(np.argmax(z))
             if z[i] <= ALARM:
                 break
-            found.append(_locate(time, value, time[i], (np.array(found), max(2, h) + 1)))
+            found.append(_locate(time, value, time[i], np.array(found), max(2, h) + 1))
             z *= _clear(time, np.array(found[-1:]), h)
             z[i] = 0.0
     times = np.sort(np.array(found))
     for _ in range(2):
-        times = np.sort([_locate(time, value, t, (times[times != t], _REACH)) for t in times])
+        times = np.sort([_locate(time, value, t, times[times != t], _REACH) for t in times])
     return _with_slopes(time, value, times, sigma)
 
 
@@ -224,9 +228,9 @@ def _line(time: np.ndarray, value: np.ndarray, part: slice, origin: float) -> tu
     return float(f.mean()) - slope * mean, slope, 1.0 / t.size + mean**2 / spread
 
 
-def _locate(time: np.ndarray, value: np.ndarray, guess: float, known: tuple[np.ndarray, int]) -> float:
+def _locate(time: np.ndarray, value: np.ndarray, guess: float, known: np.ndarray, reach: int) -> float:
     """Intersection of the lines of both sides, kept within one sample of the guess; the guess if a side is too short."""
-    left, right = _sides(time, guess, *known)
+    left, right = _sides(time, guess, known, reach)
     if left.stop - left.start < 2 or right.stop - right.start < 2:
         return guess
     f0, slope0, _ = _line(time, value, left, guess)

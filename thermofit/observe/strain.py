@@ -49,7 +49,7 @@ def _green_lagrange(observation: FieldObservation, scheme: StrainScheme, choice:
         raise DataError("strain: no point has measured neighbours within the window; widen it, or stages.<stage>.strain.radius")
     take = (time, kind, point)
     value = _measure(seen)[:, number][take]
-    sigma, spread = _tangent_noise(observation, stencil, (seen, number, take))
+    sigma, spread = _tangent_noise(observation, stencil, seen, number, take)
     root = np.sqrt(w := weights(choice, value, sigma, kind))
 
     def residual(error: np.ndarray) -> np.ndarray:
@@ -79,10 +79,10 @@ def _measure_slope(h: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 
 def _tangent_noise(
-    observation: FieldObservation, stencil: Stencil, where: tuple[np.ndarray, list[int], tuple[np.ndarray, ...]]
+    observation: FieldObservation, stencil: Stencil, seen: np.ndarray, number: list[int], take: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, csr_array]:
     """Sigma (n,) of the strains at the observed state, and the map from unit noise of the displacements to unit noise of the strains."""
-    seen, number, (time, kind, point) = where
+    time, kind, point = take
     m = seen.shape[2]
     rows: csr_array | None = None
     for k in range(4):

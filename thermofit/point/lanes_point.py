@@ -1,7 +1,15 @@
-"""Eight points at once: the update, the stress and the tangent of `point` in lanes.
+"""Eight points at once, in lanes: implicit plastic update with the exponential map, stress, and the consistent tangent.
 
-The equations, their solution and the tolerances are those of `point`, which is the page to read. Here the stress is Kirchhoff's,
-tau = P F^T, and the tangent a_ijkl = F_jJ F_lL dP_iJ/dF_kL = delta_ik tau_jl + c_ijkl, whose c is symmetric in ij and in kl:
+With F_p(n+1) = exp(D) F_p(n), D = dLambda N, N = G : C_el / |C_el|_G (4.14), and C_tr = F_p(n)^-T C F_p(n)^-1:
+
+    C_el = exp(-D) C_tr exp(-D),    F_p^-1 = F_p(n)^-1 exp(-D),    mu |C_el|_G = sigma_y or D = 0 (4.18).
+
+The map preserves det F_p = 1 because tr N = 0 (errata 3), and makes the tangent symmetric where N and C_el are coaxial (von Mises; Hill
+along its axes). Elsewhere it is so to 4e-4 dLambda: enough for a Newton matrix, not for an exact derivative. Effects that change the
+update itself are on the page `lanes_relative`; where none is on nothing of it is called.
+
+The stress is Kirchhoff's, tau = P F^T, and the tangent a_ijkl = F_jJ F_lL dP_iJ/dF_kL = delta_ik tau_jl + c_ijkl, whose c is symmetric in
+ij and in kl:
 
     tau = mu F_el F_el^T + k 1,   F_el = F F_p^-1,
     c_ijkl = k' delta_ij delta_kl - k (delta_ik delta_jl + delta_il delta_jk) + mu [F_tr dZ(E_kl) F_tr^T]_ij,   Z = exp(-2 D),
@@ -17,9 +25,40 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, Mask, all_lanes, any_lane, spread, where
-from thermofit.law.page import Law, flow_stress, hardening_variable, pressure_factor
+from thermofit.law.composition import restructured
+from thermofit.law.page import Law, flow_stress, hardening_variable, hill, pressure_factor
 from thermofit.law.tensor import COLUMN, ROW, Symmetric, added, congruence, double_contraction, scaled
 from thermofit.point.lanes_memory import column, row, set_column, set_row
+from thermofit.point.lanes_relative import set_relative_part, set_structure, update_relative
+from thermofit.point.lanes_rows import (
+    ALONG_E,
+    ALONG_S,
+    C_TRIAL,
+    EQUATIONS,
+    EXPONENTIAL,
+    F_ELASTIC,
+    F_TRIAL,
+    FLOW,
+    FLOW_ACCURACY,
+    FLOW_TOLERANCE,
+    GAMMA,
+    INCREMENT,
+    K_FACTOR,
+    K_SLOPE,
+    MAX_ITERATIONS,
+    NORM,
+    PUSHED,
+    SHEAR,
+    SLOPE,
+    STATE,
+    STIFFNESS,
+    STRESS_TOLERANCE,
+    add_to_row,
+    eliminate,
+    flow_direction,
+    set_equation_column,
+    stress_of_rows,
+)
 from thermofit.point.lanes_tensor import (
     Tensor,
     chosen,
@@ -29,7 +68,6 @@ from thermofit.point.lanes_tensor import (
     full,
     inner_gram,
     largest_component,
-    outer_gram,
     product,
     set_symmetric_rows,
     set_tensor_rows,
@@ -37,44 +75,7 @@ from thermofit.point.lanes_tensor import (
     symmetric_sum,
     tensor_rows,
 )
-from thermofit.point.update import (
-    ALPHA,
-    ELASTIC,
-    FLOW_ACCURACY,
-    FLOW_TOLERANCE,
-    INVERTED,
-    LAMBDA,
-    MAX_ITERATIONS,
-    N_STATE,
-    NO_CONVERGENCE,
-    STRESS_TOLERANCE,
-    YIELD_TOLERANCE,
-    hill,
-)
-
-# Rows of the workspace of a point.
-F_ELASTIC, F_TRIAL = 0, 9
-"""F_el and F_tr, nine each."""
-STATE = 18
-"""The state, eleven: before the update the old, then the new one."""
-C_TRIAL, FLOW, INCREMENT, EXPONENTIAL = 29, 35, 41, 47
-"""C_tr, N, D and exp(-D), six each."""
-GAMMA, NORM, SLOPE, K_FACTOR, K_SLOPE = 53, 54, 55, 56, 57
-"""dLambda, |C_el|_G, d sigma_y / d dLambda, k and k'."""
-STIFFNESS = 58
-"""c, 36: row by row over 11, 22, 33, 12, 23, 13."""
-_EQUATIONS, _PUSHED, _ALONG_S, _ALONG_E = 94, 154, 184, 189
-"""Scratch of the plastic tangent: equations (5, 12), F_tr dZ F_tr^T (5, 6), N : S (5), N : E_kl (6)."""
-POINT_ROWS = 195
-
-
-@kernel(forceinline=True)
-def _flow_direction(c_elastic: Symmetric, law: Law) -> tuple[Symmetric, Lanes]:
-    """N = G : C_el / |C_el|_G and |C_el|_G (4.14), (4.19)."""
-    g = hill(c_elastic, law)
-    squared = double_contraction(g, c_elastic)
-    norm = math.sqrt(where(squared > 0.0, squared, 0.0))
-    return scaled(g, where(norm > 0.0, 1.0 / norm, 0.0)), norm
+from thermofit.point.state import ALPHA, ELASTIC, INVERTED, LAMBDA, N_STATE, NO_CONVERGENCE, YIELD_TOLERANCE
 
 
 @kernel(forceinline=True)
@@ -104,9 +105,11 @@ def _apply_inverse(v: Symmetric, w: Symmetric, k: Lanes, law: Law) -> tuple[Symm
 
 @kernel(forceinline=True)
 def _return_map(c_trial: Symmetric, theta: Lanes, plastic: Mask, law: Law, w: np.ndarray) -> int:
-    """`point._return_map` of the lanes `plastic`, the old state in w. Other lanes, and each one once it has converged, keep their D.
+    """Solve D = dLambda N(C_el(D)), mu |C_el|_G = sigma_y (4.18) for D and dLambda in the lanes `plastic`, the old state in w. Other
+    lanes, and each one once it has converged, keep their D.
 
-    Leaves the solution in w and returns the number of terms of exp(-D), or NO_CONVERGENCE.
+    Newton with dC_el replaced by -2 c dD, c = tr C_tr / 3: exact up to the elastic strain, so that an iteration gains two to three
+    digits; the converged answer is exact. Leaves the solution in w and returns the number of terms of exp(-D), or NO_CONVERGENCE.
     """
     alpha_n, lambda_n = row(w, STATE + ALPHA), row(w, STATE + LAMBDA)
     c = (c_trial[0] + c_trial[1] + c_trial[2]) * (1.0 / 3.0)
@@ -116,7 +119,7 @@ def _return_map(c_trial: Symmetric, theta: Lanes, plastic: Mask, law: Law, w: np
     y = (one, one, one, zero, zero, zero)
     c_elastic = c_trial
     for _ in range(MAX_ITERATIONS):
-        flow, norm = _flow_direction(c_elastic, law)
+        flow, norm = flow_direction(c_elastic, law)
         alpha, d_alpha = hardening_variable(alpha_n, gamma, law)
         sigma_y, by_alpha, by_lambda = flow_stress(alpha, lambda_n + gamma, gamma, theta, law)
         slope = by_alpha * d_alpha + by_lambda
@@ -152,10 +155,10 @@ def _return_map(c_trial: Symmetric, theta: Lanes, plastic: Mask, law: Law, w: np
 
 @kernel(forceinline=True)
 def update_lanes(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: np.ndarray, state: np.ndarray) -> int:
-    """`point.local_update` of eight points: their new state and, in the workspace w, all that stress and tangent need.
+    """Update eight points: their new state and, in the workspace w, all that stress and tangent need.
 
-    f deformation gradient, theta K, state_n and state (8, 11). Returns ELASTIC, or the number of terms of exp(-D) where at least one
-    point flows, or NO_CONVERGENCE or INVERTED where at least one fails.
+    f deformation gradient, theta K, state_n and state (8, n), n = N_STATE or N_FULL. Returns ELASTIC, or the number of terms of exp(-D)
+    where at least one point flows, or NO_CONVERGENCE or INVERTED where at least one fails.
     """
     j, _ = determinant_and_cofactor(f)
     if not all_lanes(j > 0.0):
@@ -163,12 +166,15 @@ def update_lanes(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: np.n
     k, k_slope = pressure_factor(math.log(j), j, theta, law)
     set_row(w, K_FACTOR, k)
     set_row(w, K_SLOPE, k_slope)
+    set_row(w, SHEAR, law.mu)
     for m in range(N_STATE):
         set_row(w, STATE + m, column(state_n, m))
+    if law.effective == 1 and restructured(law):
+        return update_relative(f, theta, state_n, law, w, state)
     fp_inv, alpha_n, lambda_n = tensor_rows(w, STATE), row(w, STATE + ALPHA), row(w, STATE + LAMBDA)
     f_trial = product(f, fp_inv)
     c_trial = inner_gram(f_trial)
-    _, norm = _flow_direction(c_trial, law)
+    _, norm = flow_direction(c_trial, law)
     sigma_y, _, _ = flow_stress(alpha_n, lambda_n, spread(0.0), theta, law)
     plastic = law.mu * norm > sigma_y * (1.0 + YIELD_TOLERANCE)
     status, f_elastic = ELASTIC, f_trial
@@ -186,20 +192,15 @@ def update_lanes(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: np.n
     set_tensor_rows(w, F_ELASTIC, f_elastic)
     for m in range(N_STATE):
         set_column(state, m, row(w, STATE + m))
+    if state.shape[1] > N_STATE:
+        set_structure(status, theta, state_n, law, w, state)
     return status
 
 
 @kernel(forceinline=True)
 def kirchhoff_stress(law: Law, w: np.ndarray) -> Symmetric:
     """tau = mu F_el F_el^T + k 1 in MPa, after `update_lanes`."""
-    b, k = scaled(outer_gram(tensor_rows(w, F_ELASTIC)), law.mu), row(w, K_FACTOR)
-    return (b[0] + k, b[1] + k, b[2] + k, b[3], b[4], b[5])
-
-
-@kernel(forceinline=True)
-def add_to_row(w: np.ndarray, n: int, value: Lanes) -> None:
-    """Row n += value."""
-    set_row(w, n, row(w, n) + value)
+    return stress_of_rows(w)
 
 
 @kernel(forceinline=True)
@@ -208,6 +209,8 @@ def set_spatial_stiffness(status: int, law: Law, w: np.ndarray) -> None:
     if status == ELASTIC:
         for m in range(36):
             set_row(w, STIFFNESS + m, 0.0)
+    elif law.effective == 1 and restructured(law):
+        set_relative_part(status, law, w)
     else:
         _set_plastic_part(status, law, w)
     k, k_slope = row(w, K_FACTOR), row(w, K_SLOPE)
@@ -222,8 +225,7 @@ def set_spatial_stiffness(status: int, law: Law, w: np.ndarray) -> None:
 def _set_plastic_part(terms: int, law: Law, w: np.ndarray) -> None:
     """mu F_tr dZ(E_kl) F_tr^T into the rows STIFFNESS, by the implicit function theorem.
 
-    With x = -D, S = dC_el/dx at a fixed C_tr, r = dLambda/|C_el|_G and eta = (1 - r sigma_y'/mu) d dLambda, `point._plastic_response`
-    reads
+    With x = -D, S = dC_el/dx at a fixed C_tr, r = dLambda/|C_el|_G and eta = (1 - r sigma_y'/mu) d dLambda:
 
         dx + r G : S dx = -N eta - r G : E,   N : (E + S dx) = sigma_y' eta / (mu - r sigma_y').
     """
@@ -232,16 +234,16 @@ def _set_plastic_part(terms: int, law: Law, w: np.ndarray) -> None:
     r = where(flows, gamma / row(w, NORM), 0.0)
     _set_unknowns(terms, r, flow, law, w)
     _set_right_sides(r, flow, law, w)
-    _eliminate(w)
+    eliminate(w, 12)
     share = law.mu - r * slope
     factor = where(flows, share / (slope + share * _along(w, 5)), 0.0)
     o = spread(0.0)
     for m in range(6):
-        eta = factor * (row(w, _ALONG_E + m) - _along(w, 6 + m))
+        eta = factor * (row(w, ALONG_E + m) - _along(w, 6 + m))
         response = (o, o, o, o, o, o)
         for n in range(5):
-            dx = row(w, _EQUATIONS + 12 * n + 6 + m) + eta * row(w, _EQUATIONS + 12 * n + 5)
-            response = added(response, symmetric_rows(w, _PUSHED + 6 * n), -law.mu * dx)
+            dx = row(w, EQUATIONS + 12 * n + 6 + m) + eta * row(w, EQUATIONS + 12 * n + 5)
+            response = added(response, symmetric_rows(w, PUSHED + 6 * n), -law.mu * dx)
         for n in range(6):
             set_row(w, STIFFNESS + 6 * n + m, response[n])
 
@@ -249,9 +251,9 @@ def _set_plastic_part(terms: int, law: Law, w: np.ndarray) -> None:
 @kernel(forceinline=True)
 def _along(w: np.ndarray, n: int) -> Lanes:
     """N : S x of column n of the solutions."""
-    value = row(w, _ALONG_S) * row(w, _EQUATIONS + n)
+    value = row(w, ALONG_S) * row(w, EQUATIONS + n)
     for m in range(1, 5):
-        value = value + row(w, _ALONG_S + m) * row(w, _EQUATIONS + 12 * m + n)
+        value = value + row(w, ALONG_S + m) * row(w, EQUATIONS + 12 * m + n)
     return value
 
 
@@ -264,54 +266,28 @@ def _set_unknowns(terms: int, r: Lanes, flow: Symmetric, law: Law, w: np.ndarray
     f, f_trial = tensor_rows(w, F_ELASTIC), tensor_rows(w, F_TRIAL)
     y_c = product(full(symmetric_rows(w, EXPONENTIAL)), full(symmetric_rows(w, C_TRIAL)))
     slopes = exponential_slopes(scaled(symmetric_rows(w, INCREMENT), -1.0), terms)
-    set_symmetric_rows(w, _PUSHED, slopes[0])
-    set_symmetric_rows(w, _PUSHED + 6, slopes[1])
-    set_symmetric_rows(w, _PUSHED + 12, slopes[2])
-    set_symmetric_rows(w, _PUSHED + 18, slopes[3])
-    set_symmetric_rows(w, _PUSHED + 24, slopes[4])
+    set_symmetric_rows(w, PUSHED, slopes[0])
+    set_symmetric_rows(w, PUSHED + 6, slopes[1])
+    set_symmetric_rows(w, PUSHED + 12, slopes[2])
+    set_symmetric_rows(w, PUSHED + 18, slopes[3])
+    set_symmetric_rows(w, PUSHED + 24, slopes[4])
     for m in range(5):
-        dy = full(symmetric_rows(w, _PUSHED + 6 * m))
+        dy = full(symmetric_rows(w, PUSHED + 6 * m))
         s = symmetric_sum(dy, y_c)
-        set_row(w, _ALONG_S + m, double_contraction(flow, s))
-        _set_equation_column(w, m, scaled(hill(s, law), r))
-        add_to_row(w, _EQUATIONS + 13 * m, spread(1.0))
-        set_symmetric_rows(w, _PUSHED + 6 * m, symmetric_sum(product(f_trial, dy), f))
+        set_row(w, ALONG_S + m, double_contraction(flow, s))
+        set_equation_column(w, m, scaled(hill(s, law), r))
+        add_to_row(w, EQUATIONS + 13 * m, spread(1.0))
+        set_symmetric_rows(w, PUSHED + 6 * m, symmetric_sum(product(f_trial, dy), f))
 
 
 @kernel(forceinline=True)
 def _set_right_sides(r: Lanes, flow: Symmetric, law: Law, w: np.ndarray) -> None:
     """N and r G : E_kl as right-hand sides, and N : E_kl."""
-    _set_equation_column(w, 5, flow)
+    set_equation_column(w, 5, flow)
     for m in range(6):
         k, n = F_ELASTIC + 3 * ROW[m], F_ELASTIC + 3 * COLUMN[m]
         a0, a1, a2 = row(w, k), row(w, k + 1), row(w, k + 2)
         b0, b1, b2 = row(w, n), row(w, n + 1), row(w, n + 2)
         e = (2.0 * a0 * b0, 2.0 * a1 * b1, 2.0 * a2 * b2, a0 * b1 + a1 * b0, a1 * b2 + a2 * b1, a0 * b2 + a2 * b0)
-        set_row(w, _ALONG_E + m, double_contraction(flow, e))
-        _set_equation_column(w, 6 + m, scaled(hill(e, law), r))
-
-
-@kernel(forceinline=True)
-def _set_equation_column(w: np.ndarray, n: int, s: Symmetric) -> None:
-    """Components 11, 22, 12, 23, 13 of a traceless tensor as column n of the equations."""
-    set_row(w, _EQUATIONS + n, s[0])
-    set_row(w, _EQUATIONS + 12 + n, s[1])
-    set_row(w, _EQUATIONS + 24 + n, s[3])
-    set_row(w, _EQUATIONS + 36 + n, s[4])
-    set_row(w, _EQUATIONS + 48 + n, s[5])
-
-
-@kernel(forceinline=True)
-def _eliminate(w: np.ndarray) -> None:
-    """Gauss-Jordan elimination of the five equations; without pivoting, since 1 + r G : S is 1 + 2 r G up to the elastic strain."""
-    for k in range(5):
-        pivot = _EQUATIONS + 12 * k
-        r = 1.0 / row(w, pivot + k)
-        for j in range(k + 1, 12):
-            set_row(w, pivot + j, r * row(w, pivot + j))
-        for i in range(5):
-            if i != k:
-                other = _EQUATIONS + 12 * i
-                factor = row(w, other + k)
-                for j in range(k + 1, 12):
-                    set_row(w, other + j, row(w, other + j) - factor * row(w, pivot + j))
+        set_row(w, ALONG_E + m, double_contraction(flow, e))
+        set_equation_column(w, 6 + m, scaled(hill(e, law), r))

@@ -12,10 +12,11 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, Mask, all_lanes, larger, spread, where
-from thermofit.law.tensor import MAX_TERMS, Symmetric, added, commuting_product, double_contraction, scaled
+from thermofit.law.tensor import Symmetric, added, commuting_product, double_contraction, scaled
 from thermofit.point.lanes_memory import row, set_row
 
 Tensor = tuple[float, float, float, float, float, float, float, float, float]
+MAX_TERMS = 26
 _NEGLIGIBLE = 1e-17
 
 

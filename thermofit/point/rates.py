@@ -1,7 +1,7 @@
 """Rates of the local update: how stress and state of a point change along many directions at once (direct differentiation).
 
 A rate, written x', is the derivative of x along a direction, for example by one parameter. With D = gamma N, y = exp(-D),
-C_tr = F_tr^T F_tr, C = y C_tr y (point.update), n = |C|_G, r = gamma / n, differentiation of the converged update gives
+C_tr = F_tr^T F_tr, C = y C_tr y (point.lanes_point), n = |C|_G, r = gamma / n, differentiation of the converged update gives
 
     C_tr' = X + X^T + F_tr^T (l + l^T) F_tr,    X = F_tr^T F (F_p(n)^-1)',    l = F' F^-1
     D'    = gamma' N + r [(G - N N) : C' + e'],    e' = G' : C - N h',    h' = C : G' : C / (2 n)
@@ -26,7 +26,7 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, any_lane, multiply_add, spread, where
-from thermofit.law.page import Law
+from thermofit.law.page import Law, hill
 from thermofit.law.page_rates import HILL, MU, N_NUMBERS
 from thermofit.law.tensor import Symmetric, scaled
 from thermofit.point.lanes_fused import (
@@ -50,22 +50,24 @@ from thermofit.point.lanes_tensor import (
     set_tensor_rows,
     transposed,
 )
-from thermofit.point.update import LAMBDA, hill
+from thermofit.point.state import LAMBDA, N_BACK
 
 # Rows of the response of an element: one number of all its points each.
 IS_PLASTIC, PRESSURE, K_LOG_J, K_THETA = range(4)
 """1 where the point flows, k and its derivatives by ln J and theta."""
-_F_EL = 4
+F_EL = 4
 """F_el (nine)."""
 NORM, RATIO, SHARE, DENOMINATOR = 13, 14, 15, 16
 """n, r, s and the denominator of eta."""
 BY_ALPHA, BY_LAMBDA, BY_GAMMA, BY_THETA, ALPHA_BY_ALPHA, ALPHA_BY_GAMMA = 17, 18, 19, 20, 21, 22
 """Derivatives of the yield stress by alpha_n, Lambda_n, gamma and theta, of alpha by alpha_n and gamma."""
-_FLOW, _C, _EXP, _F_TRIAL, _X = 23, 29, 35, 41, 50
+FLOW, C_ELASTIC, EXPONENTIAL, F_TRIAL, PULLED = 23, 29, 35, 41, 50
 """N, C, y (six each), F_tr, F_tr^T F (nine each)."""
-_VB, _YBN, _YB = 59, 64, 70
+VB, YBN, YB = 59, 64, 70
 """r v B (five), Y B N (six) and r Y B, six for each component of q (5, 6)."""
-GRADIENTS = 100
+SHEAR = 100
+"""Shear modulus at the point."""
+GRADIENTS = 101
 """Gradients by the active numbers: of the pressure factor, the yield stress and alpha."""
 
 # Rows of the workspace of one thread.
@@ -73,13 +75,15 @@ NUMBER_RATES = 0
 """Rates of the numbers of the law."""
 THETA_RATE = N_NUMBERS
 """theta' at the point that `flow_rates` is called for."""
-_SYSTEM, _WIDTH = N_NUMBERS + 1, 12
+SYSTEM, WIDTH = N_NUMBERS + 1, 12
 """Scratch of `responses_of_points`: [(1 - r G S)^T | Y^T | v^T] (5, 12)."""
-ROWS = N_NUMBERS + 61
+SLOPES, ALONG, RESULT = N_NUMBERS + 61, N_NUMBERS + 91, N_NUMBERS + 96
+"""Scratch of `relative_rates`: derivatives of exp(-D) (5, 6), W : S (5), and the rates of tr C_el, xi and all Y."""
+ROWS = RESULT + 2 + 6 * N_BACK
 
 
 @kernel(forceinline=True)
-def _five(s: Symmetric) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+def five(s: Symmetric) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
     return (s[0], s[1], s[3], s[4], s[5])
 
 
@@ -99,7 +103,7 @@ def nine(c: np.ndarray, at: int, q: int) -> Tensor:
 
 
 @kernel(forceinline=True)
-def _columns(a: np.ndarray) -> Tensor:
+def columns(a: np.ndarray) -> Tensor:
     """The first nine columns of (8, m) as a tensor of eight points."""
     return (
         column(a, 0), column(a, 1), column(a, 2), column(a, 3), column(a, 4), column(a, 5), column(a, 6), column(a, 7), column(a, 8),
@@ -107,7 +111,7 @@ def _columns(a: np.ndarray) -> Tensor:
 
 
 @kernel(forceinline=True)
-def _set_six(c: np.ndarray, at: int, s: Symmetric) -> None:
+def set_six(c: np.ndarray, at: int, s: Symmetric) -> None:
     set_row(c, at, s[0])
     set_row(c, at + 1, s[1])
     set_row(c, at + 2, s[2])
@@ -123,16 +127,17 @@ def responses_of_points(f: Tensor, state_n: np.ndarray, state: np.ndarray, law: 
     f (lanes: points) deformation gradient F_bar, state_n and state (8, 11) before and after. The derivatives of the law page must stand
     in `out` already (K_LOG_J to ALPHA_BY_GAMMA, GRADIENTS).
     """
-    f_el = product(f, _columns(state))
-    set_tensor_rows(out, _F_EL, f_el)
+    f_el = product(f, columns(state))
+    set_tensor_rows(out, F_EL, f_el)
     gamma = column(state, LAMBDA) - column(state_n, LAMBDA)
     flows = gamma > 0.0
     set_row(out, IS_PLASTIC, where(flows, 1.0, 0.0))
+    set_row(out, SHEAR, law.mu)
     if not any_lane(flows):
         return
-    f_trial = product(f, _columns(state_n))
-    set_tensor_rows(out, _F_TRIAL, f_trial)
-    set_tensor_rows(out, _X, product(transposed(f_trial), f))
+    f_trial = product(f, columns(state_n))
+    set_tensor_rows(out, F_TRIAL, f_trial)
+    set_tensor_rows(out, PULLED, product(transposed(f_trial), f))
     c_trial, c = inner_gram(f_trial), inner_gram(f_el)
     g = hill(c, law)
     norm = math.sqrt(double_contraction(g, c))
@@ -147,10 +152,10 @@ def responses_of_points(f: Tensor, state_n: np.ndarray, state: np.ndarray, law: 
     _set_equation(w, 2, slopes[2], y_c, r, flow, law)
     _set_equation(w, 3, slopes[3], y_c, r, flow, law)
     _set_equation(w, 4, slopes[4], y_c, r, flow, law)
-    _eliminate(w)
-    _set_six(out, _FLOW, flow)
-    _set_six(out, _C, c)
-    _set_six(out, _EXP, y)
+    eliminate(w)
+    set_six(out, FLOW, flow)
+    set_six(out, C_ELASTIC, c)
+    set_six(out, EXPONENTIAL, y)
     slope = row(out, BY_GAMMA)
     share = 1.0 - r * slope / law.mu
     set_row(out, NORM, norm)
@@ -164,52 +169,52 @@ def _set_equation(w: np.ndarray, m: int, slope: Symmetric, y_c: Tensor, r: Lanes
     """Row m of [(1 - r G S)^T | Y^T | v^T], that of component m of D; y = exp(-D)."""
     dy = scaled(slope, -1.0)
     s = symmetric_sum(full(dy), y_c)
-    g, at = hill(s, law), _SYSTEM + _WIDTH * m
+    g, at = hill(s, law), SYSTEM + WIDTH * m
     set_row(w, at, (1.0 if m == 0 else 0.0) - r * g[0])
     set_row(w, at + 1, (1.0 if m == 1 else 0.0) - r * g[1])
     set_row(w, at + 2, (1.0 if m == 2 else 0.0) - r * g[3])
     set_row(w, at + 3, (1.0 if m == 3 else 0.0) - r * g[4])
     set_row(w, at + 4, (1.0 if m == 4 else 0.0) - r * g[5])
-    _set_six(w, at + 5, dy)
+    set_six(w, at + 5, dy)
     set_row(w, at + 11, double_contraction(flow, s))
 
 
 @kernel(forceinline=True)
-def _eliminate(w: np.ndarray) -> None:
+def eliminate(w: np.ndarray) -> None:
     """Gauss-Jordan elimination, which leaves [1 | (Y B)^T | (v B)^T]; without pivoting, since 1 - r G S is 1 + 2 r G up to the elastic
     strain."""
     for k in range(5):
-        pivot = _SYSTEM + _WIDTH * k
+        pivot = SYSTEM + WIDTH * k
         factor = 1.0 / row(w, pivot + k)
-        for j in range(k + 1, _WIDTH):
+        for j in range(k + 1, WIDTH):
             set_row(w, pivot + j, factor * row(w, pivot + j))
         for i in range(5):
             if i != k:
-                other = _SYSTEM + _WIDTH * i
+                other = SYSTEM + WIDTH * i
                 factor = -row(w, other + k)
-                for j in range(k + 1, _WIDTH):
+                for j in range(k + 1, WIDTH):
                     set_row(w, other + j, multiply_add(factor, row(w, pivot + j), row(w, other + j)))
 
 
 @kernel(forceinline=True)
 def _set_solution(w: np.ndarray, flow: Symmetric, r: Lanes, out: np.ndarray) -> Lanes:
     """Y B N, r Y B and r v B into the response; returns v . B N."""
-    n, o, v_b_n = _five(flow), spread(0.0), spread(0.0)
+    n, o, v_b_n = five(flow), spread(0.0), spread(0.0)
     y_b_n = (o, o, o, o, o, o)
     for m in range(5):
-        at = _SYSTEM + _WIDTH * m + 5
+        at = SYSTEM + WIDTH * m + 5
         y_b, v_b = (row(w, at), row(w, at + 1), row(w, at + 2), row(w, at + 3), row(w, at + 4), row(w, at + 5)), row(w, at + 6)
         y_b_n, v_b_n = added(y_b_n, y_b, n[m]), multiply_add(n[m], v_b, v_b_n)
-        _set_six(out, _YB + 6 * m, scaled(y_b, r))
-        set_row(out, _VB + m, r * v_b)
-    _set_six(out, _YBN, y_b_n)
+        set_six(out, YB + 6 * m, scaled(y_b, r))
+        set_row(out, VB + m, r * v_b)
+    set_six(out, YBN, y_b_n)
     return v_b_n
 
 
 @kernel(forceinline=True)
 def _hill_rates(c: np.ndarray, q: int, w: np.ndarray) -> tuple[Symmetric, Lanes]:
     """e' = G' : C - N h' and h' = C : G' : C / (2 n)."""
-    a, flow, at = six(c, _C, q), six(c, _FLOW, q), NUMBER_RATES + HILL
+    a, flow, at = six(c, C_ELASTIC, q), six(c, FLOW, q), NUMBER_RATES + HILL
     f, g, h = row(w, at) * (a[0] - a[1]), row(w, at + 1) * (a[2] - a[0]), row(w, at + 2) * (a[1] - a[2])
     e = (f - g, h - f, g - h, row(w, at + 3) * a[3], row(w, at + 4) * a[4], row(w, at + 5) * a[5])
     h_rate = double_contraction(a, e) * (0.5 / number(c, NORM, q))
@@ -217,7 +222,7 @@ def _hill_rates(c: np.ndarray, q: int, w: np.ndarray) -> tuple[Symmetric, Lanes]
 
 
 @kernel(forceinline=True)
-def _summed(c: np.ndarray, q: int, at: int, active: np.ndarray, w: np.ndarray) -> Lanes:
+def summed(c: np.ndarray, q: int, at: int, active: np.ndarray, w: np.ndarray) -> Lanes:
     """Rate through the active numbers of the law, whose gradient stands in c from `at` on."""
     value = spread(0.0)
     for i in range(active.shape[0]):
@@ -243,13 +248,13 @@ def flow_rates(
     active = numbers felt by pressure and yield stress, whose rates stand in the rows NUMBER_RATES; theta' stands in the row THETA_RATE.
     """
     in_pressure, in_yield = active
-    flow, r, mu_rate = six(c, _FLOW, q), number(c, RATIO, q), row(w, NUMBER_RATES + MU)
+    flow, r, mu_rate = six(c, FLOW, q), number(c, RATIO, q), row(w, NUMBER_RATES + MU)
     e, h = _hill_rates(c, q, w)
     at = GRADIENTS + in_pressure.shape[0]
-    sigma = multiply_add(number(c, BY_ALPHA, q), alpha_n, _summed(c, q, at, in_yield, w))
+    sigma = multiply_add(number(c, BY_ALPHA, q), alpha_n, summed(c, q, at, in_yield, w))
     sigma = multiply_add(number(c, BY_THETA, q), row(w, THETA_RATE), multiply_add(number(c, BY_LAMBDA, q), lambda_n, sigma))
-    x = product(nine(c, _X, q), fp_rate)
-    moved = pulled_back(nine(c, _F_TRIAL, q), strain)
+    x = product(nine(c, PULLED, q), fp_rate)
+    moved = pulled_back(nine(c, F_TRIAL, q), strain)
     c_rate = (
         2.0 * x[0] + moved[0],
         2.0 * x[4] + moved[1],
@@ -258,42 +263,42 @@ def flow_rates(
         x[5] + x[7] + moved[4],
         x[2] + x[6] + moved[5],
     )
-    b = congruence(six(c, _EXP, q), c_rate)
-    driven = _five(added(hill(b, law), e, 1.0))
+    b = congruence(six(c, EXPONENTIAL, q), c_rate)
+    driven = five(added(hill(b, law), e, 1.0))
     norm_rate = mu_rate * number(c, NORM, q)
     t = r * ((sigma - norm_rate) * (1.0 / law.mu) - h)
-    bent = multiply_add(number(c, _VB + 1, q), driven[1], number(c, _VB, q) * driven[0])
-    bent = dot(number(c, _VB + 2, q), driven[2], number(c, _VB + 3, q), driven[3], number(c, _VB + 4, q), driven[4]) + bent
+    bent = multiply_add(number(c, VB + 1, q), driven[1], number(c, VB, q) * driven[0])
+    bent = dot(number(c, VB + 2, q), driven[2], number(c, VB + 3, q), driven[3], number(c, VB + 4, q), driven[4]) + bent
     share = 1.0 / number(c, SHARE, q)
     eta = law.mu * (double_contraction(flow, b) + h + bent) + norm_rate - sigma - (number(c, BY_GAMMA, q) * share) * t
     eta = eta * (1.0 / number(c, DENOMINATOR, q))
     gamma = (eta + t) * share
-    y = scaled(six(c, _YBN, q), eta)
-    y = added(y, six(c, _YB, q), driven[0])
-    y = added(y, six(c, _YB + 6, q), driven[1])
-    y = added(y, six(c, _YB + 12, q), driven[2])
-    y = added(y, six(c, _YB + 18, q), driven[3])
-    y = added(y, six(c, _YB + 24, q), driven[4])
+    y = scaled(six(c, YBN, q), eta)
+    y = added(y, six(c, YB, q), driven[0])
+    y = added(y, six(c, YB + 6, q), driven[1])
+    y = added(y, six(c, YB + 12, q), driven[2])
+    y = added(y, six(c, YB + 18, q), driven[3])
+    y = added(y, six(c, YB + 24, q), driven[4])
     alpha = number(c, ALPHA_BY_ALPHA, q) * alpha_n + number(c, ALPHA_BY_GAMMA, q) * gamma
-    return y, alpha + _summed(c, q, at + in_yield.shape[0], in_yield, w), lambda_n + gamma
+    return y, alpha + summed(c, q, at + in_yield.shape[0], in_yield, w), lambda_n + gamma
 
 
 @kernel(forceinline=True)
 def plastic_part_rates(c: np.ndarray, q: int, fp_n: Tensor, fp_rate: Tensor, y_rate: Symmetric) -> Tensor:
     """(F_p^-1)' = (F_p(n)^-1)' y + F_p(n)^-1 y'."""
-    return product_added(product(fp_rate, full(six(c, _EXP, q))), fp_n, full(y_rate))
+    return product_added(product(fp_rate, full(six(c, EXPONENTIAL, q))), fp_n, full(y_rate))
 
 
 @kernel(forceinline=True)
 def pressure_rates(c: np.ndarray, q: int, theta: Lanes, log_j: Lanes, in_pressure: np.ndarray, w: np.ndarray) -> Lanes:
     """k' through theta', (ln J)' and the numbers of the law."""
-    return number(c, K_THETA, q) * theta + number(c, K_LOG_J, q) * log_j + _summed(c, q, GRADIENTS, in_pressure, w)
+    return number(c, K_THETA, q) * theta + number(c, K_LOG_J, q) * log_j + summed(c, q, GRADIENTS, in_pressure, w)
 
 
 @kernel(forceinline=True)
 def stress_rates(c: np.ndarray, q: int, f_el_rate: Tensor, k_rate: Lanes, law: Law, w: np.ndarray) -> Symmetric:
     """tau' of tau = mu F_el F_el^T + k 1."""
-    f_el = nine(c, _F_EL, q)
+    f_el = nine(c, F_EL, q)
     tau = added(scaled(symmetric_sum(f_el_rate, f_el), law.mu), scaled(outer_gram(f_el), row(w, NUMBER_RATES + MU)), 1.0)
     return (tau[0] + k_rate, tau[1] + k_rate, tau[2] + k_rate, tau[3], tau[4], tau[5])
 
@@ -301,14 +306,14 @@ def stress_rates(c: np.ndarray, q: int, f_el_rate: Tensor, k_rate: Lanes, law: L
 @kernel(forceinline=True)
 def virgin_stress_rates(c: np.ndarray, q: int, k_rate: Lanes, w: np.ndarray) -> Symmetric:
     """tau' at fixed F of a point that never yielded: mu' b_el + k' 1."""
-    tau = scaled(outer_gram(nine(c, _F_EL, q)), row(w, NUMBER_RATES + MU))
+    tau = scaled(outer_gram(nine(c, F_EL, q)), row(w, NUMBER_RATES + MU))
     return (tau[0] + k_rate, tau[1] + k_rate, tau[2] + k_rate, tau[3], tau[4], tau[5])
 
 
 @kernel(forceinline=True)
-def kirchhoff(c: np.ndarray, q: int, law: Law) -> Symmetric:
+def kirchhoff(c: np.ndarray, q: int) -> Symmetric:
     """tau = mu F_el F_el^T + k 1."""
-    tau = scaled(outer_gram(nine(c, _F_EL, q)), law.mu)
+    tau = scaled(outer_gram(nine(c, F_EL, q)), number(c, SHEAR, q))
     k = number(c, PRESSURE, q)
     return (tau[0] + k, tau[1] + k, tau[2] + k, tau[3], tau[4], tau[5])
 
@@ -316,9 +321,10 @@ def kirchhoff(c: np.ndarray, q: int, law: Law) -> Symmetric:
 @kernel(forceinline=True)
 def elastic_part(c: np.ndarray, q: int) -> Tensor:
     """F_el."""
-    return nine(c, _F_EL, q)
+    return nine(c, F_EL, q)
 
 
+@kernel(forceinline=True)
 def response_size(n_pressure: int, n_yield: int) -> int:
     """Length of a point's response for so many active numbers in pressure and yield stress."""
     return GRADIENTS + n_pressure + 2 * n_yield

@@ -17,6 +17,7 @@ from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, hardening_
 from thermofit.law.hardening.catalogue import SHARED
 from thermofit.law.page import AnyLaw, Law
 from thermofit.law.page_rates import N_NUMBERS, STEP, Complex
+from thermofit.point.state import YIELD_TOLERANCE
 from thermofit.point.step import (
     ACROSS,
     ALONG,
@@ -59,8 +60,6 @@ FARTHEST = 5.0
 """Logarithmic stretch and plastic increment beyond which an iteration is lost."""
 MAX_RETREATS = 6
 """How often an iteration may come back from a negative plastic increment, where effects are on."""
-YIELD_TOLERANCE = 1e-9
-"""Relative excess over the yield stress that still counts as elastic, as in `point.update`."""
 CONVERGED, FAILED = 0, -1
 
 

@@ -3,7 +3,7 @@
 The load acts along y, axis 2 of the law; lateral contraction is free, and all tensors are diagonal in these axes. Elasticity is
 isotropic, so that free lateral faces make both lateral elastic stretches equal. Unknowns of a step are the logarithms a and b of the
 elastic stretch across and along the load, the plastic increment dLambda, and theta; with D = dLambda N at the end of the step
-(`point.update`):
+(`point.lanes_point`):
 
     mu C_el,x + k = 0                                              free lateral faces (4.8)
     lambda_y = lambda_rest + strain,  or  (mu C_el,y + k) / lambda_y = stress
@@ -24,18 +24,16 @@ from typing import NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.law.backstress import decay_share, recall_over
+from thermofit.law.backstress import decay_share, recall_over, recalled_energy
 from thermofit.law.composition import (
     BACKSTRESSES,
     asymmetry_factor,
     backstress_terms,
     capacity_factor,
-    dissipation_factor,
     modulus_factor,
 )
 from thermofit.law.page import (
     Law,
-    elastic_energy,
     hardening_variable,
     hill_gradient,
     pressure_factor,
@@ -43,6 +41,7 @@ from thermofit.law.page import (
     thermoelastic_heat,
     yield_stress_at_rate,
 )
+from thermofit.law.structure import asymmetry_heat, degradation_heat
 
 STATE: tuple[str, ...] = (
     "plastic_x",
@@ -131,38 +130,45 @@ class End(NamedTuple):
 def recalled(s: np.ndarray, gamma: float, rate: float, theta: float, law: Law) -> tuple[float, float]:
     """What a step leaves of all backstresses in state s, X_yy - X_xx in MPa, and what it adds to them, |.|_G in MPa."""
     left = gained = 0.0 * gamma
-    terms = backstress_terms(s[LAMBDA] + gamma, rate, theta, law)
+    terms, before = backstress_terms(s[LAMBDA] + gamma, rate, theta, law), backstress_terms(s[LAMBDA], rate, s[THETA], law)
     for k in range(N_BACKSTRESSES):
         if terms[k][0] != 0.0:
             over = recall_over(gamma, terms[k][0], terms[k][1])
-            left += over.kept * s[BACKSTRESS + k]
+            left += over.kept * carried(s[BACKSTRESS + k], before[k][0], terms[k][0])
             gained += over.gained
     return left, gained
 
 
 @kernel(forceinline=True)
+def carried(backstress: float, modulus_n: float, modulus: float) -> float:
+    """C Y_n of a backstress X_n = C_n Y_n whose modulus has become C."""
+    return backstress * (modulus / modulus_n) if modulus_n != 0.0 else backstress
+
+
+@kernel(forceinline=True)
 def recalled_heat(s: np.ndarray, gamma: float, theta: float, along: float, law: Law) -> float:
-    """Heat of the recall of all backstresses, mJ/mm^3: the work X : D of each less what is stored in it, |X|_G^2 / (2 C)."""
-    heat = 0.0 * gamma
+    """Heat of the recall of all backstresses, mJ/mm^3, at the mean temperature of the step; theta is that of its end."""
+    heat, rate = 0.0 * gamma, gamma * law.per_second
     weight = hill_gradient(0.0 * gamma, 0.0 * gamma + 1.0, 0.0 * gamma, law)[1]
-    terms = backstress_terms(s[LAMBDA] + gamma, gamma * law.per_second, theta, law)
+    terms, middle = backstress_terms(s[LAMBDA] + gamma, rate, theta, law), 0.5 * (s[THETA] + theta)
+    start, between = backstress_terms(s[LAMBDA], rate, s[THETA], law), backstress_terms(s[LAMBDA] + gamma, rate, middle, law)
     for k in range(N_BACKSTRESSES):
-        modulus = terms[k][0]
-        if modulus != 0.0:
-            over, before = recall_over(gamma, modulus, terms[k][1]), s[BACKSTRESS + k]
-            after = over.kept * before + over.gained * along
-            work = gamma * (over.mean_kept * before * weight * along + over.mean_gained)
-            heat += work - weight * (after - before) * (after + before) / (2.0 * modulus)
+        if terms[k][0] != 0.0 and start[k][0] != 0.0:
+            over, before = recall_over(gamma, terms[k][0], terms[k][1]), s[BACKSTRESS + k] / start[k][0]
+            after = over.kept * before + over.gained / terms[k][0] * along
+            before_2, across, after_2 = weight * before * before, weight * before * after, weight * after * after
+            heat += recalled_energy(before_2, across, after_2, gamma, between[k][0], between[k][1])
     return heat
 
 
 @kernel
 def set_backstresses(s: np.ndarray, gamma: float, theta: float, along: float, law: Law, out: np.ndarray) -> None:
     """The backstresses at the end of a step into out, from those in s."""
-    terms = backstress_terms(s[LAMBDA] + gamma, gamma * law.per_second, theta, law)
+    rate = gamma * law.per_second
+    terms, before = backstress_terms(s[LAMBDA] + gamma, rate, theta, law), backstress_terms(s[LAMBDA], rate, s[THETA], law)
     for k in range(N_BACKSTRESSES):
         over = recall_over(gamma, terms[k][0], terms[k][1])
-        out[BACKSTRESS + k] = over.kept * s[BACKSTRESS + k] + over.gained * along
+        out[BACKSTRESS + k] = over.kept * carried(s[BACKSTRESS + k], before[k][0], terms[k][0]) + over.gained * along
 
 
 @kernel(forceinline=True)
@@ -206,8 +212,7 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
             if factor != 1.0:
                 excess -= (factor - 1.0) * sigma_y / law.mu
                 sigma_y = sigma_y * factor
-                plain = yield_stress_at_rate(alpha, accumulated, rate, middle, law)
-                dissipated += (factor - 1.0) * plain * gamma * dissipation_factor(accumulated, rate, middle, law)
+                dissipated += asymmetry_heat(factor, alpha, accumulated, gamma, middle, law)
     log_j, log_j_n = 2.0 * a + b, 2.0 * s[ACROSS] + s[ALONG]
     j, j_n = np.exp(log_j), np.exp(log_j_n)
     k = pressure_factor(log_j, j, theta, law)[0]
@@ -215,8 +220,7 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
     g_n, g, stress = log_j_n / j_n, log_j / j, (law.mu * c_y + k) / stretch
     if law.effective == 1:
         lost = modulus_factor(s[LAMBDA], law) - stiff
-        coupling = thermoelastic_heat(theta - law.theta_ref, zero, g, law)
-        dissipated += lost * (elastic_energy(2.0 * c_x + c_y, log_j, law) + coupling)
+        dissipated += degradation_heat(lost, 2.0 * c_x + c_y, log_j, g, middle, law)
         g_n, g, stress = (stiff + lost) * g_n, stiff * g, stiff * stress
     heat = thermoelastic_heat(middle, g_n, g, law)
     lateral = c_x + k / law.mu

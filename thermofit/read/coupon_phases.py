@@ -39,7 +39,7 @@ def coupon_phases(time: np.ndarray, strain: np.ndarray, stress: np.ndarray) -> t
         if kind == "hold" and phases and phases[-1][2].startswith("hold"):
             phase = (phases.pop()[0], phase[1], phase[2])
         phases.append(phase)
-    return tuple(_with_elastic(phases, (time, strain, stress)))
+    return tuple(_with_elastic(phases, time, strain, stress))
 
 
 def phase_edges(time: np.ndarray, strain: np.ndarray) -> np.ndarray:
@@ -116,9 +116,8 @@ def _splits(log: np.ndarray, a: int, b: int) -> list[int]:
     return [*_splits(log, a, k), k, *_splits(log, k, b)]
 
 
-def _with_elastic(phases: list[Phase], record: tuple[np.ndarray, np.ndarray, np.ndarray]) -> list[Phase]:
+def _with_elastic(phases: list[Phase], time: np.ndarray, strain: np.ndarray, stress: np.ndarray) -> list[Phase]:
     """Phases with the elastic part of the loading before the first reversal named."""
-    time, strain, stress = record
     reversal = next((t0 for t0, _, label in phases if label.startswith("unloading")), float(time[-1]))
     first = time <= reversal
     end = _linear_until(time[first], strain[first], stress[first])

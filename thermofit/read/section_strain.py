@@ -20,7 +20,7 @@ NORMAL = 1.4826
 
 
 @dataclass(frozen=True)
-class Grid:
+class PointGrid:
     """Reference positions `along` (n_row,) the load and `across` (n_col,), positions `place` (n_frame, n_row, n_col, 2) along and across
     in every frame (NaN: not correlated), frame numbers `frame` (n_frame,) and the unit of lengths."""
 
@@ -50,7 +50,7 @@ class SectionStrain:
     lost: int
 
 
-def read_grid(path: Path, load_axis: Literal["x", "y"]) -> Grid:
+def read_grid(path: Path, load_axis: Literal["x", "y"]) -> PointGrid:
     """Grid of points of a file of frames. DataError where the file holds one state only or its points are no grid."""
     content = read_native(path)
     if not isinstance(content, DicSequence) or len(content.stages) < 2:
@@ -72,7 +72,7 @@ def read_grid(path: Path, load_axis: Literal["x", "y"]) -> Grid:
             raise DataError(f"{path}: the points of frame {stage.stage} are not those of frame {first.stage}, expected the same grid")
         place[k, row, column] = (at + u)[:, [a, 1 - a]]
     frames = np.array([k if stage.stage is None else stage.stage for k, stage in enumerate(content.stages)])
-    return Grid(path, along, across, place, frames, first.length_unit)
+    return PointGrid(path, along, across, place, frames, first.length_unit)
 
 
 def _known(stage: DicStage, path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -81,7 +81,7 @@ def _known(stage: DicStage, path: Path) -> tuple[np.ndarray, np.ndarray]:
     return stage.reference[:, :2], stage.displacement[:, :2]
 
 
-def section_strain(grid: Grid, first: int, rows: tuple[int, int], per_section: int, noise: float | None) -> SectionStrain:
+def section_strain(grid: PointGrid, first: int, rows: tuple[int, int], per_section: int, noise: float | None) -> SectionStrain:
     """Strains from frame `first` on, of sections of `per_section` rows of elements between two rows of points.
 
     A column with a lost point is left out and counted. DataError where fewer than two columns or three sections are left, or where a

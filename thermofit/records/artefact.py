@@ -33,6 +33,7 @@ from thermofit import __version__
 from thermofit.core.atomic import remove_partial, replacing
 from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
+from thermofit.core.files import check_regular
 from thermofit.core.jsonable import json_text, jsonable
 
 SCHEMA = "thermofit"
@@ -65,7 +66,7 @@ class Dataset:
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """What a dataset is without its values: unit, names of the axes, shape, type, and units along the axes called `parameter`."""
 
     unit: str
@@ -188,11 +189,14 @@ def _is_hdf5(path: Path) -> bool:
         return stream.read(len(_HDF5)) == _HDF5
 
 
-def layout(record: Record) -> dict[str, Layout]:
+def layout(record: Record) -> dict[str, DatasetLayout]:
     """Unit, dims, shape and type of every dataset, without reading the values (fields may be large)."""
     with _reading(record.path) as file:
         stored = ((name, file[name]) for name in record.names)
-        return {name: Layout(*_labels(data, record.path), data.shape, _type_name(data), _units(data, record.path)) for name, data in stored}
+        return {
+            name: DatasetLayout(*_labels(data, record.path), data.shape, _type_name(data), _units(data, record.path))
+            for name, data in stored
+        }
 
 
 def _type_name(stored: h5py.Dataset) -> str:
@@ -317,6 +321,7 @@ def storage_of(value: np.ndarray) -> dict[str, Any]:
 def _reading(path: Path) -> Iterator[h5py.File]:
     """Open for reading; what HDF5 says of a damaged file becomes a DataError."""
     try:
+        check_regular(path)
         with h5py.File(path, "r", locking=False) as file:
             yield file
     except (OSError, RuntimeError, KeyError) as error:

@@ -17,13 +17,14 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import active_children, get_context, parent_process
 from typing import TYPE_CHECKING, Any, Protocol
 
 from thermofit.core.digest import source_digest
 from thermofit.core.errors import NumericsError, StudyError, ThermofitError
 from thermofit.records.progress import mute
+from thermofit.study.reading import Key, read_by, reading
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
@@ -56,6 +57,13 @@ class Task:
     label: str
     function: Callable[..., Any]
     arguments: tuple[Any, ...] = ()
+    reading: Key | None = None
+    """The key of the record that it is for, by which the study may be read; set where the tasks are begun."""
+
+    def answer(self) -> Any:
+        """What the function gives."""
+        with reading(self.reading):
+            return self.function(*self.arguments)
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,7 @@ def run_all(tasks: Sequence[Task], where: Executor = SERIAL, on_done: OnDone | N
         for index, task in enumerate(tasks):
             done(index, task.function(*task.arguments))
     else:
+        tasks = [replace(task, reading=read_by()) for task in tasks]
         with _processes(where) if where.scheduler is None else _scheduler(where.scheduler, where.threads) as pool:
             _collect(tasks, pool, done)
     return [answers[index] for index in range(len(tasks))]
@@ -151,7 +160,7 @@ def answer_of(task: Task, threads: int) -> Answer:
 
     try:
         set_threads(threads)
-        return True, task.function(*task.arguments)
+        return True, task.answer()
     except ThermofitError as error:
         return False, error
     except Exception:
@@ -196,6 +205,7 @@ class _Processes:
         self.busy: dict[Future[Answer], _Worker] = {}
 
     def submit(self, task: Task) -> Future[Answer] | None:
+        """Give the task to an idle process, or to a new one; None where all `jobs` of them are busy."""
         for future in [future for future in self.busy if future.done()]:
             self.idle.append(self.busy.pop(future))
         if len(self.busy) == self.where.jobs:
@@ -209,6 +219,8 @@ class _Processes:
         return future
 
     def lost(self, future: Future[Answer], task: Task, error: Exception) -> None:
+        """End the process of a task without an answer. NumericsError where its process has died `LOSSES` times; else the task may be given
+        again. Any other error of the pool is raised as it is."""
         worker = self.busy.pop(future)
         worker.dismiss()
         if not isinstance(error, BrokenProcessPool):
@@ -269,10 +281,12 @@ class _Scheduler:
         self.alone_since: float | None = None
 
     def submit(self, task: Task) -> Future[Answer]:
+        """Give the task to the scheduler."""
         future: Future[Answer] = self.pool.submit(remote_answer, task, self.threads, self.digest)
         return future
 
     def lost(self, future: Future[Answer], task: Task, error: Exception) -> None:
+        """NumericsError that says why the scheduler gives no answer to a task."""
         from distributed import KilledWorker
 
         if isinstance(error, KilledWorker):
@@ -284,6 +298,7 @@ class _Scheduler:
         raise self.failed(f"{task.label} was given up by Dask ({found})", "see to scheduler and workers") from error
 
     def look(self, quiet: bool) -> None:
+        """Asked now and then; `quiet`: nothing arrives. NumericsError where the connection is lost, or all workers for NO_WORKER_S."""
         if self.client.status not in ("running", "connecting"):
             raise self.failed("the connection was lost", "start scheduler and workers")
         if not quiet or self.client.status == "connecting" or self.client.scheduler_info()["workers"]:

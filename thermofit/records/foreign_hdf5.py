@@ -37,6 +37,7 @@ class Budget:
     values: int = MAX_BYTES
 
     def take(self, item: h5py.HLObject, depth: int) -> None:
+        """Count one object at that depth before it is read. DataError where the file claims more than is left, or than it has room for."""
         size = int(item.size or 0) * int(item.dtype.itemsize) if isinstance(item, h5py.Dataset) else 0
         self.objects -= 1
         self.values -= size

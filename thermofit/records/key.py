@@ -12,14 +12,22 @@ from typing import Any
 from thermofit.core.parameters import AT, bare_name
 from thermofit.records.artefact import Record
 from thermofit.study.models import bounds_of, start_of
+from thermofit.study.reading import reading
 from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 
-SOLVED = ("model", "hardening", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics", "coupon")
+SOLVED = (
+    *("model", "hardening", "material_axes", "mesh", "geometry", "static", "parameters", "evaluation", "force", "numerics", "coupon"),
+    "diagnosis.priors",
+)
 """Sections that whatever runs the model reads."""
+BESIDES = {"plastic": ("stages.elastic.window",)}
+"""What an identification stage reads besides its own section: was any point plastic within the elastic window?"""
 
 
 _THREADS = "threads"
+_ALONE = "parameters."
+"""Before the name of one parameter that is read where the study prescribes it."""
 
 
 def read_of(study: Study, *keys: str, free: Collection[str] | None = None) -> dict[str, Any]:
@@ -27,7 +35,16 @@ def read_of(study: Study, *keys: str, free: Collection[str] | None = None) -> di
 
     `free`: names of the parameters that the stage frees; None: it may free any, and reads the bounds of all.
     """
-    config = study.config_of(*keys)
+    with reading(None):  # a key may be asked for while a record is made by another
+        return _read_of(study, keys, free)
+
+
+def _read_of(study: Study, keys: Collection[str], free: Collection[str] | None) -> dict[str, Any]:
+    """`read_of`, whatever may be read."""
+    config = study.config_of(*(key for key in keys if not key.startswith(_ALONE)))
+    for key in (key for key in keys if key.startswith(_ALONE)):
+        setting = study.parameters.get(key.removeprefix(_ALONE))
+        config[key] = setting if isinstance(setting, float) else None
     if "numerics" in config:
         config["numerics"] = {key: value for key, value in config["numerics"].items() if key != _THREADS}
     if free is None:
@@ -45,7 +62,8 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
     StudyError where a parameter that the stage frees has no start.
     """
     if stage == "interpolate":
-        return read_of(study, *study.measured_in)
+        with reading(None):
+            return read_of(study, *study.measured_in)
     if stage == "verify":
         return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
     return stage_key(study, stage.removeprefix("identify-"))
@@ -54,7 +72,8 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
 def stage_key(study: Study, key: str) -> dict[str, Any]:
     """The key of the identification stage of that name under `stages`. StudyError where a free parameter has no start."""
     several = ("experiments", "shared") if study.fitted else ()
-    return read_of(study, *SOLVED, *several, f"stages.{key}", free=study.stage(key).free)
+    with reading(None):
+        return read_of(study, *SOLVED, *several, f"stages.{key}", *BESIDES.get(key, ()), free=study.stage(key).free)
 
 
 def differences(config: Mapping[str, Any], now: Mapping[str, Any], lead: str = "") -> tuple[str, ...]:

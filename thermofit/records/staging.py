@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from thermofit.records.artefact import Dataset, ParameterResult, Record, RecordContent, fresh, open_record, write_record
+from thermofit.study.reading import reading
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,14 @@ def artefact_path(run_dir: Path, stage: str) -> Path:
 
 
 def produce(task: Job, make: Callable[[], Made], *, force: bool = False) -> Outcome:
-    """The record of a job: the one on disk where config, inputs and sources are unchanged, else a new one."""
+    """The record of a job: the one on disk where config, inputs and sources are unchanged, else a new one.
+
+    While it is made only those sections of the study can be read that its config holds (`study.reading`).
+    """
     if not force and fresh(task.path, task.stage, task.config, task.inputs):
         return Outcome(open_record(task.path), True)
-    made = make()
+    with reading(task.config):
+        made = make()
     content = RecordContent(
         stage=task.stage,
         config=task.config,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -92,6 +92,19 @@ def shade_phases(axes: Sequence[Axes], spans: Sequence[Span]) -> list[Patch]:
 def legend_below(figure: Figure, handles: Sequence[Any], columns: int) -> None:
     """One legend for the whole figure, under its panels."""
     figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False)
+
+
+def draw_matrix(
+    ax: Axes, matrix: np.ndarray, rows: Sequence[str], columns: Sequence[str], aspect: Literal["auto", "equal"] = "auto"
+) -> Any:
+    """Numbers (n_r, n_c) from -1 to 1, such as correlations, in colour and as text; a dash where there is none. Returns the image."""
+    image = ax.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect=aspect)
+    ax.set_xticks(range(len(columns)), columns, rotation=40, ha="right", rotation_mode="anchor")
+    ax.set_yticks(range(len(rows)), rows)
+    for (i, j), r in np.ndenumerate(matrix):
+        text = f"{r:.2f}" if np.isfinite(r) else "-"
+        ax.text(j, i, text, ha="center", va="center", fontsize=7.5, color="white" if abs(r) > 0.65 else "black")
+    return image
 
 
 def symmetric_limit(values: np.ndarray, at_least: float) -> float:

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from thermofit.fit.information import FREEDOM
 from thermofit.identify.identifiability import Analysis
 from thermofit.identify.intervals import Interval
 from thermofit.identify.linear import Linear
-from thermofit.report.figures import new_figure
+from thermofit.report.figures import draw_matrix, new_figure
 
 _ALLOWED = 3.84
 """Rise of the objective, in units of its variance, at the end of a 95 % interval."""
@@ -30,21 +29,10 @@ def correlations_figure(analysis: Analysis) -> Figure:
         ("sensitivities $C^S$", "parameters $C^P$"),
         strict=True,
     ):
-        image = _matrix(ax, matrix, names, names)
+        image = draw_matrix(ax, matrix, names, names)
         ax.set_title(title)
     figure.colorbar(image, ax=list(axes), label="correlation", shrink=0.9)
     return figure
-
-
-def _matrix(ax: Axes, matrix: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> Any:
-    image = ax.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
-    ax.set_xticks(range(len(columns)), columns, rotation=40, ha="right", rotation_mode="anchor")
-    ax.set_yticks(range(len(rows)), rows)
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            r = float(matrix[i, j])
-            ax.text(j, i, f"{r:.2f}", ha="center", va="center", fontsize=7.5, color="white" if abs(r) > 0.65 else "black")
-    return image
 
 
 def spectrum_figure(analysis: Analysis) -> Figure | None:
@@ -62,7 +50,7 @@ def spectrum_figure(analysis: Analysis) -> Figure | None:
     upper.set_xticks(range(p), [])
     upper.set_xlim(-0.5, p - 0.5)
     upper.set_ylabel("relative standard error")
-    _matrix(lower, s.vectors, analysis.names, [f"direction {k + 1}" for k in range(p)])
+    draw_matrix(lower, s.vectors, analysis.names, [f"direction {k + 1}" for k in range(p)])
     return figure
 
 

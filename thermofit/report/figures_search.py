@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from thermofit.records.artefact import Record
-from thermofit.report.figures import new_figure
+from thermofit.report.figures import draw_matrix, new_figure
 
 _COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple")
 
@@ -66,17 +66,10 @@ def correlation_figure(records: Sequence[Record]) -> Figure | None:
     figure = new_figure(0.62 * sum(sizes) + 1.3 * len(shown) + 1.0, 0.62 * max(sizes) + 1.9)
     axes = figure.subplots(1, len(shown), squeeze=False, width_ratios=sizes)[0]
     for ax, record in zip(axes, shown, strict=True):
-        names, matrix = record["evaluations/names"].value, record["correlation"].value
-        image = ax.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-        ax.set_xticks(range(len(names)), names, rotation=40, ha="right", rotation_mode="anchor")
-        ax.set_yticks(range(len(names)), names)
+        names, matrix = record["evaluations/names"].value.tolist(), record["correlation"].value
+        image = draw_matrix(ax, matrix, names, names, aspect="equal")
         ax.set_title(record.stage)
         ax.set_anchor("N")
-        for row in range(len(names)):
-            for column in range(len(names)):
-                r = float(matrix[row, column])
-                text = f"{r:.2f}" if np.isfinite(r) else "-"
-                ax.text(column, row, text, ha="center", va="center", fontsize=7.5, color="white" if abs(r) > 0.65 else "black")
     figure.colorbar(image, ax=list(axes), label="correlation", shrink=0.9, panchor=False)
     figure.draw_without_rendering()  # squares change their place in the first layout, and their labels need a second one
     return figure

@@ -20,7 +20,7 @@ from thermofit.diagnose.trial import Trial
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.residuals import lag_ones
-from thermofit.experiment.trust import Level, doubts, level
+from thermofit.experiment.trust import Level, doubts, level, undetermined
 from thermofit.fit.result import FitResult
 from thermofit.identify.solve import merged_counts
 from thermofit.records.artefact import Dataset, ParameterResult
@@ -109,13 +109,21 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
         line = f"the residual points to {names}"
     else:
         line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
-    against = doubts(_levels(here, found.numerical), (here.case.model.priors, here.case.parameters), here.unjudged)
+    against = doubts(
+        _levels(here, found.numerical), (here.case.model.priors, here.case.parameters), here.unjudged, ends=_ends(here, found.fit)
+    )
     return {
         **_common(found, here, against),
         "verdict": _with_doubts(line, against),
         "ranking": ranking_rows(here),
         "undecided": _undecided(here),
     }
+
+
+def _ends(here: Traced, fit: FitResult) -> dict[str, str]:
+    """What is at a bound, or without a standard error, at an optimum; nothing where the trace is not where the fit has ended."""
+    same = fit.names == here.case.parameters.free and np.allclose(fit.x, here.case.parameters.vector(), rtol=1e-9)
+    return undetermined(here.case.parameters, fit, here.case.bounds) if same else {}
 
 
 def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
@@ -204,7 +212,9 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
     here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
-    against = doubts(_levels(here, found.numerical), (here.case.model.priors, here.case.parameters), closed.unjudged, unsettled)
+    against = doubts(
+        _levels(here, found.numerical), (here.case.model.priors, here.case.parameters), closed.unjudged, unsettled, _ends(here, closed.fit)
+    )
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
     common = _common(found, here, against)

@@ -12,7 +12,7 @@ from thermofit.core.experiment import CELSIUS, Experiment, InfraredSequence, Lan
 from thermofit.observe.camera import CameraPose, landmark_checks, make_pose, pixel_coordinates, pose_from_landmarks, pose_uncertainty
 from thermofit.observe.camera_edges import EdgeRefinement, pixel_noise, refine_pose
 from thermofit.observe.check_picture import draw_check_picture
-from thermofit.observe.force import find_phases
+from thermofit.observe.phases import find_phases
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset
 from thermofit.records.each import each

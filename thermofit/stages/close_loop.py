@@ -30,6 +30,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     task, stages = diagnosis_job(study, NAME)
 
     def make() -> Made:
+        """All rounds, what remains unlisted, and the study with what was added."""
         set_threads(study.numerics.threads)
         known = None if force else known_fit(diagnosis_job(study, DIAGNOSE)[0])
         found = prepared(study, task, stages, known)

@@ -26,6 +26,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     task, stages = diagnosis_job(study, NAME)
 
     def make() -> Made:
+        """The joint fit, the ranking of its residual, what remains unlisted."""
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         failures = tuple(found.refit.failures)

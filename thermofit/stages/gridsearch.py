@@ -39,7 +39,7 @@ def run(study: Study, *, force: bool = False, where: Executor = SERIAL) -> Outco
     stage, optimum = with_optimum(study, settings, ready(study, settings.stage))
     starts = (*settings.starts, *(drawn_starts(study, settings.draw, stage.base) if settings.draw is not None else ()))
     task = job(study.run_dir, NAME, {**stage.config, **study.config_of("gridsearch")}, stage.inputs)
-    outcome = produce(task, lambda: _make(study, (stage, optimum), starts, task, where), force=force)
+    outcome = produce(task, lambda: _make(study, stage, optimum, starts, task, where), force=force)
     discard_checkpoints(task)
     drawn(study.run_dir, {FIGURE: lambda: basin_figure(outcome.record)}, anew=not outcome.fresh)
     return outcome
@@ -69,8 +69,7 @@ def settings_of(study: Study) -> GridSearch:
     return settings
 
 
-def _make(study: Study, on: tuple[Ready, Parameters], starts: tuple[Mapping[str, float], ...], task: Job, where: Executor) -> Made:
-    stage, optimum = on
+def _make(study: Study, stage: Ready, optimum: Parameters, starts: tuple[Mapping[str, float], ...], task: Job, where: Executor) -> Made:
     labels = [str(number) for number in range(1, len(starts) + 1)]
     trials = run_trials(setup(study, stage, task, optimum), starts, labels, where)
     names = stage.settings.free

@@ -46,8 +46,8 @@ from thermofit.study.study import Study
 
 NAME = "identifiability"
 _SECTIONS = (
-    *("model", "hardening", "material_axes", "mesh", "geometry", "specimen", "parameters", "evaluation", "force", "noise", "numerics"),
-    *("simulate", "coupon"),
+    *("model", "hardening", "material_axes", "mesh", "geometry", "specimen", "static", "parameters", "evaluation", "force", "noise"),
+    *("numerics", "simulate", "coupon", "diagnosis.priors"),
 )
 WIDER = 1.5
 """Bootstrap intervals wider than Laplace's by this factor: the residual is correlated beyond what the noise model knows."""
@@ -85,8 +85,8 @@ def run(study: Study, options: Options | None = None, *, force: bool = False, wh
     def make() -> Made:
         set_threads(study.numerics.threads)
         if options.compare is not None:
-            return _compared(study, key, options, (task, where))
-        return _analysis(study, key, options, (task, where))
+            return _compared(study, key, options, task, where)
+        return _analysis(study, key, options, task, where)
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)
@@ -116,12 +116,12 @@ def _job(study: Study, options: Options, key: str) -> Job:
         inputs = {**optimum_of(study, key)[1]}
     else:
         inputs = experiment_of(study).plan_inputs
-    config = {**read_of(study, *_SECTIONS, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
+    several = ("experiments", "shared") if study.fitted else ()
+    config = {**read_of(study, *_SECTIONS, *several, f"stages.{key}"), "options": {**asdict(options), "stage": key}}
     return job(study.run_dir, name, config, inputs)
 
 
-def _analysis(study: Study, key: str, options: Options, how: tuple[Job, Executor]) -> Made:
-    task, where = how
+def _analysis(study: Study, key: str, options: Options, task: Job, where: Executor) -> Made:
     subject = Subject(study, key, options.programme if options.before else None)
     ready = prepared(subject)
     kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, ready.base))
@@ -243,9 +243,8 @@ def _saved(study: Study, stage: str, figures: Mapping[str, Figure | None]) -> li
         raise StudyError(f"'{folder}' cannot be written ({error}): expected a writable folder with free space") from error
 
 
-def _compared(study: Study, key: str, options: Options, how: tuple[Job, Executor]) -> Made:
+def _compared(study: Study, key: str, options: Options, task: Job, where: Executor) -> Made:
     """Programmes ranked by the intervals that they would give."""
-    task, where = how
     assert options.compare is not None
     names = options.compare or experiment_of(study).programmes
     kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, Parameters.of({})))

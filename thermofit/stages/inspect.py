@@ -12,9 +12,7 @@ from thermofit.read.file_groups import UNKNOWN, FileGroup, group_files, visible_
 from thermofit.read.findings import Part
 from thermofit.read.formats.registry import head_of, read_native
 from thermofit.read.formats.text import SEPARATOR_WORDS
-from thermofit.read.look import look_at
-from thermofit.read.look_group import look_at_group
-from thermofit.read.look_raw import look_at_raw
+from thermofit.read.look import look_at, look_at_group, look_at_raw
 from thermofit.read.own_files import ARTEFACT, Known, own_file
 from thermofit.read.raw_description import DESCRIPTION
 from thermofit.read.study_lines import field_lines, joined_lines

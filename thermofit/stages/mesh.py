@@ -33,7 +33,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     inputs: dict[str, Path] = {} if study.mesh_file is None else {"mesh": study.mesh_file}
     if study.static is None and not study.virtual:
         inputs["experiment"] = study.experiment / "experiment.yaml"
-    task = job(study.run_dir, NAME, study.config_of("mesh", "geometry", "specimen", "simulate"), inputs)
+    task = job(study.run_dir, NAME, study.config_of("mesh", "geometry", "specimen", "static", "simulate"), inputs)
     outcome = produce(task, lambda: _make(study), force=force)
     if outcome.fresh and not Path(str(outcome.record.summary["picture"])).exists():
         outcome = produce(task, lambda: _make(study), force=True)
@@ -45,7 +45,7 @@ def specimen_of(study: Study) -> Specimen:
     if study.static is not None:
         return static_specimen(study)
     if study.simulate is not None and study.virtual:
-        return study.specimen_of(Specimen(**study.simulate.specimen.model_dump()))
+        return study.specimen_of(study.simulate.specimen.lengths())
     return study.specimen_of(read_description(study.experiment).specimen.lengths())
 
 

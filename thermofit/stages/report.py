@@ -43,10 +43,11 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         pages.append((test.study, {**records, **own}))
         if not alone:
             doubts += [f"{test.name}: {text}" for text in _doubts(test.study, {INTERPOLATE: own[INTERPOLATE]})]
-    config = study.config_of("name", "stages", "simulate", "coupon", "experiments")
+    config = study.config_of("name", "model", "hardening", "stages", "simulate", "coupon", "experiments")
     task = job(study.run_dir, NAME, {**config, "stale": doubts}, paths)
 
     def make() -> Made:
+        """The pages of all tests and the paths of what they show."""
         made = [_page(one, of, doubts) for one, of in pages]
         figures, texts = [path for paths, _ in made for path in paths], [text for _, text in made]
         what = f"{TEXT} written to" if alone else f"{len(texts)} reports written to the folders of the experiments in"

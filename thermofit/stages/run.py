@@ -44,7 +44,7 @@ class Selection:
 
 
 @dataclass(frozen=True)
-class Step:
+class ChainStep:
     """What became of one stage: its outcome and wall time in s, or why it was left out."""
 
     name: str
@@ -88,7 +88,7 @@ def selected(names: Sequence[str], selection: Selection) -> tuple[str, ...]:
 
 def chain(
     study: Study, links: Sequence[Link], selection: Selection, force: bool = False, report: Callable[[dict[str, Any]], None] | None = None
-) -> tuple[Step, ...]:
+) -> tuple[ChainStep, ...]:
     """Run the chosen stages one after another; `report` is told of each as soon as it is done.
 
     A stage whose answer is not trustworthy does not end the chain, so that verify and report can say why; an error does.
@@ -102,7 +102,7 @@ def chain(
         reason = _does_not_apply(study, name)
         begin = time.perf_counter()
         outcome = None if reason else functions[name](study, force=force)
-        steps.append(Step(name, outcome, time.perf_counter() - begin, reason))
+        steps.append(ChainStep(name, outcome, time.perf_counter() - begin, reason))
         if report is not None:
             report(step_result(steps[-1]))
     return tuple(steps)
@@ -119,7 +119,7 @@ def _does_not_apply(study: Study, name: str) -> str:
     return ""
 
 
-def step_result(step: Step) -> dict[str, Any]:
+def step_result(step: ChainStep) -> dict[str, Any]:
     """A step as plain types: the JSON of its stage with `fresh` and `wall_s`, or the reason why it was left out."""
     if step.outcome is None:
         return {"stage": step.name, "skipped": step.skipped, "wall_s": 0.0}
@@ -146,7 +146,7 @@ def _row(name: str, result: ParameterResult, true: float | None, stage: str) -> 
     return Row(name, result.unit, true, result.start, result.value, result.sigma, deviation, result.at_bound, stage)
 
 
-def _records(study: Study, steps: Sequence[Step]) -> list[Record]:
+def _records(study: Study, steps: Sequence[ChainStep]) -> list[Record]:
     """Records of the identification up to the last stage of this run; those before its first stage are on disk."""
     reached = [step.name for step in steps]
     made = {step.name: step.outcome.record for step in steps if step.outcome is not None}
@@ -166,7 +166,7 @@ def _records(study: Study, steps: Sequence[Step]) -> list[Record]:
     return records
 
 
-def summary_of(study: Study, steps: Sequence[Step]) -> dict[str, Any]:
+def summary_of(study: Study, steps: Sequence[ChainStep]) -> dict[str, Any]:
     """The result of the chain in the form of a stage's JSON, with the steps, the final table and the figures."""
     done = {step.name: step.outcome.record for step in steps if step.outcome is not None}
     records = _records(study, steps)
@@ -209,7 +209,7 @@ def _figures(done: Mapping[str, Record]) -> list[str]:
     return pictures
 
 
-def verdict(steps: Sequence[Step]) -> tuple[str, bool]:
+def verdict(steps: Sequence[ChainStep]) -> tuple[str, bool]:
     """One line on the whole chain, and whether every stage of it trusts its answer."""
     done = [step for step in steps if step.outcome is not None]
     doubtful = [step for step in done if step.outcome is not None and not is_trustworthy(step.outcome.record)]
@@ -222,5 +222,5 @@ def verdict(steps: Sequence[Step]) -> tuple[str, bool]:
     return f"{len(done)} stages done ({work}); {last.name}: {_line(last)}", True
 
 
-def _line(step: Step) -> str:
+def _line(step: ChainStep) -> str:
     return "" if step.outcome is None else str(step.outcome.record.summary.get("verdict", ""))

@@ -26,7 +26,7 @@ from thermofit.study.study import Study
 from thermofit.study.virtual import Simulate
 from thermofit.virtual.laboratory import RawSummary, write_raw
 from thermofit.virtual.machine import LoadHistory, bar_of, describe_programme, load_history, programme_of, uniaxial_law
-from thermofit.virtual.setup import VirtualFields, instrument_times, instruments_of, solution_times
+from thermofit.virtual.setup import VirtualFields, instrument_times, solution_times
 
 NAME = "simulate"
 _FORCES = np.concatenate([[0.0], np.geomspace(1.0, 1e7, 36)])
@@ -61,14 +61,13 @@ def _settings(study: Study) -> Simulate:
 def _make(study: Study, settings: Simulate) -> Made:
     set_threads(study.numerics.threads)
     truth = study.truth_parameters()
-    specimen = Specimen(**settings.specimen.model_dump())
-    instruments = instruments_of(settings)
-    steps = programme_of([item.model_dump() for item in settings.programme])
+    specimen = settings.specimen.lengths()
+    steps = programme_of(settings.programme)
     law = uniaxial_law(in_model_axes(truth, study.material_axes.angle), study.hardening_law)
-    load = load_history(steps, bar_of(specimen, law), instruments.machine, instruments.force.rate)
-    dic_time, ir_time = instrument_times(load, instruments, settings.seed)
+    load = load_history(steps, bar_of(specimen, law), settings.machine, settings.force.rate)
+    dic_time, ir_time = instrument_times(load, settings, settings.seed)
     times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step)
-    body, history = _solve(study, truth, (specimen, mesh_size(settings.mesh)), load, times)
+    body, history = _solve(study, truth, specimen, mesh_size(settings.mesh), load, times)
     face = body.mesh.node_sets["face"]
     fields = VirtualFields(
         specimen=specimen,
@@ -85,7 +84,7 @@ def _make(study: Study, settings: Simulate) -> Made:
         programme=describe_programme(steps),
     )
     raw = study.run_dir / "raw"
-    summary = write_raw(raw, fields, instruments, settings.seed)
+    summary = write_raw(raw, fields, settings, settings.seed)
     return _made(study, truth, history, summary, path_digest(raw))
 
 
@@ -104,8 +103,9 @@ def refuse_unseen(study: Study) -> None:
             )
 
 
-def _solve(study: Study, truth: Parameters, what: tuple[Specimen, MeshSize], load: LoadHistory, times: np.ndarray) -> tuple[Body, History]:
-    specimen, size = what
+def _solve(
+    study: Study, truth: Parameters, specimen: Specimen, size: MeshSize, load: LoadHistory, times: np.ndarray
+) -> tuple[Body, History]:
     body = tension_body(dogbone_mesh(specimen, size.n_x, size.n_y, size.n_z))
     numerics = study.numerics
     settings = MarchSettings(

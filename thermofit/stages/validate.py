@@ -42,7 +42,7 @@ def run(study: Study, *, force: bool = False, prepare: Prepare | None = None) ->
         **{name: path for test in experiment.unseen for name, path in test.experiment.inputs.items()},
         **identified,
     }
-    task = job(study.run_dir, NAME, read_of(study, *SOLVED, "literature", "experiments", "shared"), inputs)
+    task = job(study.run_dir, NAME, read_of(study, *SOLVED, "literature", "experiments", "shared", "stages", "diagnosis"), inputs)
     outcome = produce(task, lambda: _make(study, experiment, parameters, stages, task), force=force)
     for test in experiment.unseen:
         discard_checkpoints(_own_job(task, test.experiment.name))

@@ -23,6 +23,7 @@ from thermofit.experiment.verification import (
 )
 from thermofit.records.key import key_of
 from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
+from thermofit.study.reading import reading
 from thermofit.study.study import Study
 
 NAME = "verify"
@@ -35,13 +36,17 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     `identify-elastic` is missing, or any artefact stale (names the command); NumericsError where a run fails. Of several experiments: a
     record for each in its folder, and one that joins them.
     """
-    experiment, stages = experiment_of(study), identified_stages(study)
-    parameters, identified = with_identified(study, experiment.start(), stages)
-    inputs: dict[str, Path] = {**experiment.inputs, **identified}
+    stages = identified_stages(study)
+    key = key_of(study, NAME)
+    with reading(key):
+        experiment = experiment_of(study)
+        parameters, identified = with_identified(study, experiment.start(), stages)
+        inputs: dict[str, Path] = {**experiment.inputs, **identified}
     others = made_otherwise(study, stages)
-    task = job(study.run_dir, NAME, {**key_of(study, NAME), "made_otherwise": others}, inputs)
+    task = job(study.run_dir, NAME, {**key, "made_otherwise": others}, inputs)
 
     def make() -> Made:
+        """The check of every test with the identified parameters; of several, a record of each besides."""
         set_threads(study.numerics.threads)
         results, begin = fitted_parameters(study, parameters, stages), time.perf_counter()
         found: dict[str, Checked] = {}

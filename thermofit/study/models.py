@@ -35,7 +35,6 @@ from thermofit.study.section import (
     Whole,
     check_law,
     hardening_error,
-    law_named,
     no_repeats,
     physical_error,
     word_or,
@@ -76,6 +75,9 @@ class Evaluation(Section):
     window: EvaluationWindow = EvaluationWindow()
     nodes: Mesh = "full"
     """Mesh whose face nodes are compared; predictions on another mesh are interpolated to them by its shape functions."""
+    interpolation: Literal["projection", "three-point"] = "projection"
+    """From points and pixels to nodes: `projection`, the mean of all in the patch of a node, the prediction averaged over the same; or
+    `three-point`, linear between the three next ones (algorithms 2 and 3 of the thesis)."""
     displacement_times: Annotated[Annotated[Literal["stages"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = (
         "stages"
     )
@@ -115,6 +117,8 @@ class Infrared(Section):
     """Refine centre and roll on the visible edges of the specimen after Algorithm 1, where their contrast suffices."""
     edge_margin: NonNegative = 1.0
     """Pixels nearer than this to the specimen's edge (mm) are blurred and left out."""
+    blur: NonNegative = 0.0
+    """Standard deviation of the camera's point spread in pixels; the prediction is blurred by it (projection only)."""
 
 
 class Noise(Section):
@@ -188,7 +192,7 @@ class Sections(Section):
     @property
     def hardening_law(self) -> str:
         """Name of the hardening law, by `hardening` or `model`."""
-        return law_named(self.model, self.hardening) or ""
+        return hardening(self.model).name if self.hardening is None else self.hardening
 
     @model_validator(mode="after")
     def _physics(self) -> Sections:

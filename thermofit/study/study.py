@@ -4,33 +4,39 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from thermofit.core.digest import use_effect_files
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
+from thermofit.core.files import TEXT_LIMIT, check_regular
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon, CouponRecordSettings
-from thermofit.study.coupon_stages import COUPON_CHOICES, coupon_stage
-from thermofit.study.effect_files import Check, declare_effects
 from thermofit.study.errors import near_miss, sentence
-from thermofit.study.experiments import virtual_of
+from thermofit.study.experiments import OwnExperiment, virtual_of
 from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
 from thermofit.study.paths import path_from
+from thermofit.study.reading import reading, seen
 from thermofit.study.section import MeshSize, ParameterStart, mesh_size
 from thermofit.study.series import with_series
-from thermofit.study.stages import StageSettings
+from thermofit.study.stages import COUPON_CHOICES, Stages, StageSettings, coupon_stage
 
 _FIELDS = (
-    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "noise"),
+    *("geometry", "specimen", "static", "evaluation", "force", "ir.edge_margin", "ir.blur", "noise"),
     *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
 )
 """Keys by which the data of a full-field test are made ready."""
+Check = Callable[[Sequence[Path]], None]
+"""Raises StudyError where an effect file does not do what its slot asks."""
+
+
+_SECTIONS = frozenset(Sections.model_fields)
 
 
 class Study(Sections):
@@ -46,6 +52,11 @@ class Study(Sections):
     """True where the raw folder is to be made by `simulate`."""
     overrides: tuple[str, ...] = ()
     """Keys that the command line has set, as key=value."""
+
+    def __getattribute__(self, name: str) -> Any:
+        """A section only where the record that is being made may read it."""
+        value = super().__getattribute__(name)
+        return seen(name, value) if name in _SECTIONS else value
 
     @property
     def mesh_size(self) -> MeshSize:
@@ -89,12 +100,12 @@ class Study(Sections):
         tells the elastic strain that is added to a flow curve, and what is no elastic line."""
         if self.coupon is None:
             return _FIELDS
-        return ("coupon", *(("parameters.E",) if isinstance(self.parameters.get("E"), float) else ()))
+        return ("coupon", "parameters.E")
 
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""
-        if name not in type(self.stages).model_fields:
-            raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, type(self.stages).model_fields)}")
+        if name not in Stages.model_fields:
+            raise StudyError(f"{self.source.name}: stage '{name}' is not known{near_miss(name, Stages.model_fields)}")
         settings: StageSettings = getattr(self.stages, name)
         if self.coupon is not None:
             lateral = any("lateral" in record.model_fields_set for record in self.coupon.records)
@@ -108,7 +119,7 @@ class Study(Sections):
     def setting(self, name: str) -> float | ParameterStart | None:
         """What the study says of a parameter; of that of one experiment what that experiment says, else of the common one."""
         bare, _, experiment = name.partition(AT)
-        own = self.experiments[experiment].parameters if experiment in self.experiments else {}
+        own = self.experiments[experiment].parameters if experiment and experiment in self.experiments else {}
         return self.parameters.get(name, own.get(bare, self.parameters.get(bare)))
 
     def bounds(self, name: str) -> tuple[float, float]:
@@ -152,12 +163,14 @@ class Study(Sections):
     @property
     def fitted(self) -> tuple[str, ...]:
         """Names of the experiments that are fitted jointly; empty where the study has one experiment only."""
-        return tuple(name for name, own in self.experiments.items() if not own.held_out)
+        with reading(None):  # which tests there are is said by their artefacts
+            return tuple(name for name, own in self.experiments.items() if not own.held_out)
 
     @property
     def held_out(self) -> tuple[str, ...]:
         """Names of the experiments that are predicted, not fitted."""
-        return tuple(name for name, own in self.experiments.items() if own.held_out)
+        with reading(None):
+            return tuple(name for name, own in self.experiments.items() if own.held_out)
 
     @property
     def alone(self) -> Study:
@@ -166,7 +179,13 @@ class Study(Sections):
 
     def one_of(self, name: str) -> Study:
         """The study of one of several experiments, with its own folder below the run folder."""
-        own, stages = self.experiments[name], self.stages
+        own = self.experiments[name]
+        with reading(None):
+            return self._joined(name, own)
+
+    def _joined(self, name: str, own: OwnExperiment) -> Study:
+        """The study with what one experiment says itself."""
+        stages = self.stages
         for key, window in own.windows.items():
             stages = stages.model_copy(update={key: getattr(stages, key).model_copy(update={"window": window})})
         simulate = virtual_of(self.simulate, own, list(self.experiments).index(name), f"experiments.{name}")
@@ -273,6 +292,7 @@ def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
 def _read_tree(source: Path) -> dict[str, Any]:
     """The study file as nested dictionaries."""
     try:
+        check_regular(source, TEXT_LIMIT)
         text = source.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise StudyError(f"{source}: expected a YAML text in UTF-8, found other bytes") from None
@@ -303,3 +323,49 @@ def set_key(tree: dict[str, Any], override: str) -> None:
         place[part] = dict(inner)
         place = place[part]
     place[parts[-1]] = parse_yaml(text, f"override '{override}'", StudyError)
+
+
+def declare_effects(tree: dict[str, Any], source: Path, check: Check | None = None) -> None:
+    """Make the effects known that a study tree speaks of, and `check` those of the user; a study without any costs nothing.
+
+    Files of a user are compiled into the kernels: they are named before these are loaded. StudyError for a file that is not there, and
+    where kernels without it are loaded already.
+    """
+    files = _files(tree, source)
+    if files and not use_effect_files(files):
+        raise StudyError(f"{source}: key 'effects': the kernels are loaded already without these files; start a new process for it")
+    if files or "." in "".join(_names(tree)):
+        import thermofit.effects.catalogue  # noqa: F401  (it declares the Params of all effects, and loads numba)
+    if files and check is not None:
+        check(files)
+
+
+def _files(tree: dict[str, Any], source: Path) -> list[Path]:
+    value = tree.get("effects") or []
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise StudyError(f"{source}: key 'effects' is {value!r}; expected a list of effect files, [my_effect.py]")
+    paths = []
+    for name in value:
+        path = path_from(source.parent, name, f"{source}: key 'effects'").resolve()
+        if not path.is_file():
+            raise StudyError(f"{source}: key 'effects': no file {path} found; put it there or correct the path")
+        paths.append(path)
+    return paths
+
+
+def _names(tree: dict[str, Any]) -> list[str]:
+    """Names of parameters that the tree mentions."""
+    parameters, out = tree.get("parameters"), []
+    if isinstance(parameters, dict):
+        out += [str(name) for name in parameters]
+    for key in ("stages", "diagnosis", "gridsearch", "sensitivity", "simulate", "experiments", "shared", "compare", "literature"):
+        out += _texts(tree.get(key))
+    return [name for name in out if "/" not in name and not name.replace(".", "").isdigit()]
+
+
+def _texts(value: Any) -> list[str]:
+    if isinstance(value, dict):
+        return [str(k) for k in value] + [t for v in value.values() for t in _texts(v)]
+    if isinstance(value, list):
+        return [t for v in value for t in _texts(v)]
+    return [value] if isinstance(value, str) else []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from thermofit.core.errors import StudyError
 from thermofit.core.yaml_text import parse_yaml
-from thermofit.law.hardening.catalogue import hardening, hardening_laws
+from thermofit.law.hardening.catalogue import Hardening, hardening, hardening_laws
 
 _TEMPLATE = """\
 ## A study of thermofit: which experiment, which parameters are identified, and how.
@@ -21,7 +21,7 @@ name: my-study                       # letters, digits and _ . -
 experiment: my-experiment            # raw folder, relative to this file; may hold ${VARIABLES} of the environment
 # run_dir: runs/my-study             # artefacts and figures, relative to the current directory
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
-# hardening: model2                  # instead of `model` (docs/hardening.md): @HARDENING@
+@HARDENING@
 # mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
 # geometry: {shape: dogbone}         # bar, plate-with-hole, cruciform-arm, or file with unit and sets; look at it: `thermofit mesh`
 # static: null                       # a full-field test of one load step instead of a history: field, load_axis, centre, force
@@ -49,11 +49,12 @@ parameters:
 
 # evaluation:
 #   window: {abs_x_max: 11.0, abs_y_max: 20.0} # mm, nodes that are compared
+#   interpolation: projection                  # or three-point (algorithms 2 and 3 of the thesis)
 #   displacement_times: stages                 # or a list of times in s
 #   temperature_times: frames                  # or a list of times in s
 #   reference_time: null                       # s; null: first observation before loading
 # force: {smoothing: phases, noise: null, drives: force}   # phases or none; N, null: estimated; or drives: crosshead, dic
-# ir: {rotation_deg: null, refine: true, edge_margin: 1.0}   # landmarks: as in experiment.yaml, to replace them
+# ir: {rotation_deg: null, refine: true, edge_margin: 1.0, blur: 0.0}   # landmarks: as in experiment.yaml, to replace them
 # noise: {displacement: null, temperature: null}              # sigma in mm and K; null: estimated
 # numerics:
 #   steps_per_interval: 1
@@ -81,7 +82,7 @@ stages:
     du: {scheme: rigid-body}                   # or similarity (a uniform scale too), neighbour, gradient
     # beside: []                               # other measures whose answers are shown beside: [u, similarity]
   plastic:
-    free: [M_y0, M_yinf, H_exp, F]
+    free: [@FREE@, F]
     channels: {du: {}}
     window: all
     coupling: full
@@ -165,11 +166,12 @@ stages:
 #     - {crosshead_to: 19.5, rate: 0.14}
 #     - {force_to: 0.0, rate: -0.14}
 #     - {hold_force_until: 400.0}              # s
-#   machine: {compliance: 1.0e-4, slip: 0.3, rotation_deg: 0.05}   # mm/N, mm, degrees
-#   dic: {stages: 120, spacing: 1.0, noise_in_plane: 0.002, noise_out_of_plane: 0.005, lost_fraction: 0.01}
+#   machine: {compliance: 1.0e-4, slip: 0.3, rotation_deg: 0.05, drift: 0.1}   # mm/N, mm, degrees, mm
+#   dic: {stages: 120, spacing: 1.0, noise_in_plane: 0.002, noise_out_of_plane: 0.005, lost_fraction: 0.01,
+#         half_width: 11.5, half_height: 25.0}
 #   ir: {frames: 130, pixel_size: 0.4, roll_deg: 1.1, netd: 0.025, offset: 0.5, blur_px: 0.7, landmark_noise_px: 0.15, background: 296.5,
-#        image_shape: [218, 90]}
-#   force: {rate: 10.0, noise: 4.0}            # Hz, N
+#        background_spread: 0.15, image_shape: [218, 90]}
+#   force: {rate: 10.0, noise: 4.0, crosshead_noise: 7.0e-4}   # Hz, N, mm
 #   thermocouple_error: 0.05                   # K
 """
 
@@ -178,42 +180,50 @@ LookAt = Callable[[Path], "Look | str"]
 """Looks at a raw folder."""
 Look = tuple[float, float, float]
 """Elastic slope and largest nominal stress in MPa, and largest strain, as a test has shown them."""
-_LAW = hardening(2)
-"""The hardening law of a new study."""
-_METALS = {"E": (1e5, 5e3, 1e6), **_LAW.file.METALS}
-"""Start and bounds of what a test shows at a first look, for metals in general."""
-_MEANING = {"E": "MPa", **_LAW.file.MEANING}
+_MODEL = hardening(2)
+"""The hardening law of a study that names none."""
+_METALS = {"E": (1e5, 5e3, 1e6)}
+"""Start and bounds of what a test shows at a first look beside hardening, for metals in general."""
 
 
-def _of_look(look: Look) -> dict[str, tuple[float, float, float]]:
+def _of_look(look: Look, law: Hardening) -> dict[str, tuple[float, float, float]]:
     """Start and bounds by what a test has shown: E within a factor of 3 of its elastic slope; of hardening what its law says."""
     modulus, stress, strain = look
-    return {"E": (modulus, modulus / 3.0, 3.0 * modulus), **_LAW.file.search(stress, strain)}
+    return {"E": (modulus, modulus / 3.0, 3.0 * modulus), **law.file.search(stress, strain)}
 
 
-def _line(name: str, values: tuple[float, float, float]) -> str:
+def _line(name: str, values: tuple[float, float, float], meaning: str) -> str:
     """One parameter with start and bounds to two digits; any reader of YAML takes 1.0e+06 for a number, not 1e+06."""
     start, low, high = (re.sub(r"^(\d+)e", r"\1.0e", f"{float(f'{value:.1e}'):g}") for value in values)
-    return f"{f'  {name}: {{start: {start}, bounds: [{low}, {high}]}}':<47}# {_MEANING[name]}"
+    return f"{f'  {name}: {{start: {start}, bounds: [{low}, {high}]}}':<47}# {meaning}"
 
 
-def template(name: str = "my-study", experiment: str = "my-experiment", look: Look | str = "no data were looked at") -> str:
+def template(
+    name: str = "my-study",
+    experiment: str = "my-experiment",
+    look: Look | str = "no data were looked at",
+    law: Hardening = _MODEL,
+) -> str:
     """Text of the commented study file of that name on that raw folder; it loads as it stands. `look`: what the test has shown, from which
-    starts and bounds of the mechanical parameters are, or in words why it has shown nothing."""
+    starts and bounds of the mechanical parameters are, or in words why it has shown nothing; `law`: that of hardening."""
     first, second = f"name: {_quoted(name)}", f"experiment: {_quoted(experiment)}"
     if isinstance(look, str):
-        values, said = _METALS, f"## E, M_y0, M_yinf, H_exp: for metals in general; {' '.join(look.split())}."
+        values = {**_METALS, **law.file.METALS}
+        said = f"## {', '.join(values)}: for metals in general; {' '.join(look.split())}."
     else:
-        values = _of_look(look)
+        values = _of_look(look, law)
         said = (
-            f"## E, M_y0, M_yinf, H_exp: from these data at a first look, elastic slope {look[0]:.3g} MPa, largest nominal stress "
+            f"## {', '.join(values)}: from these data at a first look, elastic slope {look[0]:.3g} MPa, largest nominal stress "
             f"{look[1]:.3g} MPa, strain {look[2]:.3g}."
         )
-    laws = ", ".join(law.name for law in hardening_laws())
-    lines = "\n".join(_line(parameter, own) for parameter, own in values.items())
+    chosen = f"{'# ' if law is _MODEL else ''}hardening: {law.name}"
+    laws = ", ".join(known.name for known in hardening_laws())
+    meaning = {"E": "MPa", **law.file.MEANING}
+    lines = "\n".join(_line(parameter, own, meaning[parameter]) for parameter, own in values.items())
     return (
         _TEMPLATE.replace("@LOOKED@", said, 1)
-        .replace("@HARDENING@", laws, 1)
+        .replace("@HARDENING@", f"{chosen:<37}# instead of `model` (docs/hardening.md): {laws}", 1)
+        .replace("@FREE@", ", ".join(law.fitted), 1)
         .replace("@MEASURED@", lines, 1)
         .replace("name: my-study                     ", f"{first:<35}", 1)
         .replace("experiment: my-experiment          ", f"{second:<35}", 1)
@@ -227,18 +237,27 @@ def _quoted(text: str) -> str:
     return text if plain else json.dumps(text)
 
 
-def write_template(file: Path, experiment: str | None = None, *, overwrite: bool = False, look: LookAt | None = None) -> str:
+def write_template(
+    file: Path,
+    experiment: str | None = None,
+    *,
+    overwrite: bool = False,
+    look: LookAt | None = None,
+    law: str | None = None,
+) -> str:
     """Write the commented study file, named after the file, on a raw folder given relative to the current directory; `look` at that folder
-    says what the test shows of its material. Returns in words where starts and bounds are from.
+    says what the test shows of its material, `law` names the hardening law (model2 where none is named). Returns in words where starts and
+    bounds are from.
 
-    StudyError where the file exists (unless `overwrite`), where it cannot be written, or where the folder holds no experiment.
+    StudyError where no hardening law has that name, where the file exists (unless `overwrite`), where it cannot be written, or where the
+    folder holds no experiment.
     """
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", file.stem) or "my-study"
     raw = "my-experiment" if experiment is None else _from_file(experiment, file)
     seen: Look | str = "no data were looked at"
     if experiment is not None and look is not None and "${" not in experiment:
         seen = look(Path(experiment).expanduser())
-    text = template(name, raw, seen)
+    text = template(name, raw, seen, _MODEL if law is None else hardening(law))
     try:
         with file.open("w" if overwrite else "x", encoding="utf-8") as out:
             out.write(text)

@@ -1,11 +1,15 @@
-"""Section `simulate` of the study file: a virtual experiment, its testing machine and its instruments."""
+"""Section `simulate` of the study file: a virtual experiment, its testing machine and its instruments.
+
+The virtual laboratory works by these sections as they are.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from thermofit.core.experiment import Specimen
 from thermofit.study.errors import content_error
 from thermofit.study.section import (
     HardeningName,
@@ -28,7 +32,14 @@ def _moves(rate: float) -> float:
     return rate
 
 
+def _pulls(value: float) -> float:
+    if value < 0.0:
+        raise content_error(f"is {value:g}; expected a number >= 0 (a sheet buckles in compression)")
+    return value
+
+
 Rate = Annotated[Number, AfterValidator(_moves)]
+Pulled = Annotated[Number, AfterValidator(_pulls)]
 
 
 class VirtualSpecimen(Section):
@@ -42,39 +53,47 @@ class VirtualSpecimen(Section):
     total_length: Positive = 150.0
     gripped_length: Positive = 10.0
 
+    def lengths(self) -> Specimen:
+        """The specimen of these lengths."""
+        return Specimen(**self.model_dump())
+
 
 class Hold(Section):
     """The crosshead stands still for `hold` s."""
 
+    kind: ClassVar[str] = "hold"
     hold: Positive
 
 
 class CrossheadTo(Section):
     """The crosshead moves to `crosshead_to` mm at `rate` mm/s (negative: downwards)."""
 
-    crosshead_to: Number
+    kind: ClassVar[str] = "crosshead_to"
+    crosshead_to: Pulled
     rate: Rate
 
 
 class ForceTo(Section):
     """The crosshead moves at `rate` mm/s until the force is `force_to` N."""
 
-    force_to: Number
+    kind: ClassVar[str] = "force_to"
+    force_to: Pulled
     rate: Rate
 
 
 class HoldForceUntil(Section):
     """The force is kept until the time `hold_force_until` s."""
 
+    kind: ClassVar[str] = "hold_force_until"
     hold_force_until: Positive
 
 
-_ACTIONS = {"hold": Hold, "crosshead_to": CrossheadTo, "force_to": ForceTo, "hold_force_until": HoldForceUntil}
+_ACTIONS = tuple(action.kind for action in (Hold, CrossheadTo, ForceTo, HoldForceUntil))
 
 
 def _action(value: Any) -> str:
     """Union member of a programme item: the action whose key it holds."""
-    names = value if isinstance(value, dict) else type(value).__annotations__ if isinstance(value, Section) else ()
+    names = value if isinstance(value, dict) else (getattr(value, "kind", None),)
     return "~" + next((name for name in _ACTIONS if name in names), "hold")
 
 
@@ -96,16 +115,22 @@ class Machine(Section):
     """Slip of the jaws at full load, mm."""
     rotation_deg: Number = 0.05
     """Rigid-body rotation at full load, degrees."""
+    drift: Number = 0.1
+    """Lateral shift of the specimen at full load, mm."""
 
 
 class VirtualDic(Section):
-    """Virtual DIC system, mm."""
+    """Virtual DIC system, mm; noise is a standard deviation."""
 
     stages: Annotated[Whole, Field(ge=2)] = 120
     spacing: Positive = 1.0
     noise_in_plane: NonNegative = 0.002
     noise_out_of_plane: NonNegative = 0.005
     lost_fraction: Annotated[Number, Field(ge=0, lt=1)] = 0.01
+    half_width: Positive = 11.5
+    """Half width of the measured area, mm; 1 mm at the edge of the specimen is never measured."""
+    half_height: Positive = 25.0
+    """Half height of the measured area, mm; 1 mm at the ends of the parallel part is never measured."""
 
 
 class VirtualIr(Section):
@@ -123,14 +148,29 @@ class VirtualIr(Section):
     landmark_noise_px: NonNegative = 0.15
     background: Annotated[Number, Field(ge=200, le=1000)] = 296.5
     """Temperature of what is seen beside the specimen, K."""
+    background_spread: NonNegative = 0.15
+    """By how much it differs from that over the image, K."""
     image_shape: tuple[Annotated[Whole, Field(ge=8)], Annotated[Whole, Field(ge=8)]] = (218, 90)
 
 
 class VirtualForce(Section):
-    """Virtual load cell: `rate` Hz, `noise` N."""
+    """Virtual load cell: `rate` Hz, `noise` N (standard deviation)."""
 
     rate: Positive = 10.0
     noise: NonNegative = 4.0
+    crosshead_noise: NonNegative = 0.0007
+    """Standard deviation of the reading of the crosshead, mm."""
+
+
+class VirtualInstruments(Section):
+    """Testing machine and instruments of a virtual experiment."""
+
+    machine: Machine = Machine()
+    dic: VirtualDic = VirtualDic()
+    ir: VirtualIr = VirtualIr()
+    force: VirtualForce = VirtualForce()
+    thermocouple_error: NonNegative = 0.05
+    """Standard deviation of the thermocouples of air and jaws, K."""
 
 
 _PROGRAMME: tuple[Hold | CrossheadTo | ForceTo | HoldForceUntil, ...] = (
@@ -143,7 +183,7 @@ _PROGRAMME: tuple[Hold | CrossheadTo | ForceTo | HoldForceUntil, ...] = (
 )
 
 
-class Simulate(Section):
+class Simulate(VirtualInstruments):
     """A virtual experiment: own kernel -> raw folder. `truth` names parameters of the law."""
 
     seed: Annotated[Whole, Field(ge=0)] = 1
@@ -155,12 +195,6 @@ class Simulate(Section):
     mesh: Mesh = "full"
     specimen: VirtualSpecimen = VirtualSpecimen()
     programme: Annotated[tuple[Action, ...], Field(min_length=1)] = _PROGRAMME
-    machine: Machine = Machine()
-    dic: VirtualDic = VirtualDic()
-    ir: VirtualIr = VirtualIr()
-    force: VirtualForce = VirtualForce()
-    thermocouple_error: NonNegative = 0.05
-    """Standard deviation of the thermocouples of air and jaws, K."""
 
     @model_validator(mode="after")
     def _one_law(self) -> Simulate:

@@ -9,7 +9,8 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.observe.face import FaceGrid, displacement_at, locate
-from thermofit.virtual.setup import DicSettings, RigidMotion, VirtualFields, stream
+from thermofit.study.virtual import VirtualDic
+from thermofit.virtual.setup import RigidMotion, VirtualFields, stream
 
 _PATCH_SHARE = 0.05
 """Share of the stages in which a whole patch is lost (a reflection, a flake of paint)."""
@@ -26,7 +27,7 @@ class DicStages:
     lost: np.ndarray
 
 
-def point_cloud(settings: DicSettings, half_width: float, half_height: float, rng: np.random.Generator) -> np.ndarray:
+def point_cloud(settings: VirtualDic, half_width: float, half_height: float, rng: np.random.Generator) -> np.ndarray:
     """Irregular points (n_s, 2) mm over the measured area, about `spacing` apart, to the 1e-4 mm of the file."""
     wide = min(settings.half_width, half_width - _EDGE)
     high = min(settings.half_height, half_height - _EDGE)
@@ -43,7 +44,7 @@ def point_cloud(settings: DicSettings, half_width: float, half_height: float, rn
     return np.round(points + rng.uniform(-jitter, jitter, points.shape), 4)
 
 
-def _lost(points: np.ndarray, n_stages: int, settings: DicSettings, rng: np.random.Generator) -> np.ndarray:
+def _lost(points: np.ndarray, n_stages: int, settings: VirtualDic, rng: np.random.Generator) -> np.ndarray:
     """Mask (n_t, n_s) of points that could not be evaluated: single ones at random, in a few stages a whole patch."""
     lost = np.asarray(rng.uniform(size=(n_stages, len(points))) < settings.lost_fraction)
     if settings.lost_fraction > 0.0:
@@ -53,7 +54,7 @@ def _lost(points: np.ndarray, n_stages: int, settings: DicSettings, rng: np.rand
     return lost
 
 
-def measure_dic(fields: VirtualFields, grid: FaceGrid, motion: RigidMotion, settings: DicSettings, seed: int) -> DicStages:
+def measure_dic(fields: VirtualFields, grid: FaceGrid, motion: RigidMotion, settings: VirtualDic, seed: int) -> DicStages:
     """Displacements relative to the unloaded specimen of stage 0, with rigid-body motion and noise.
 
     x = R (X + u) + d at the front face z = +t/2; displacement x - X + noise. The displacement of stage 0 (thermal strain

@@ -15,7 +15,8 @@ from scipy.ndimage import gaussian_filter
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CELSIUS, Landmarks, Specimen
 from thermofit.observe.face import FaceGrid, interpolate, invert_motion, locate, outline
-from thermofit.virtual.setup import IrSettings, RigidMotion, VirtualFields, stream
+from thermofit.study.virtual import VirtualIr
+from thermofit.virtual.setup import RigidMotion, VirtualFields, stream
 
 _JAW_MARGIN = 8.0
 """mm by which the jaws are wider than the grip section on either side."""
@@ -23,7 +24,7 @@ _PICK_LENGTH = 60.0
 
 
 @dataclass(frozen=True)
-class CameraPose:
+class VirtualPose:
     """`centre` (row, col) px of the specimen's centre before the test, `pixel_size` mm, `roll` rad."""
 
     centre: tuple[float, float]
@@ -31,23 +32,23 @@ class CameraPose:
     roll: float
 
 
-def camera_pose(settings: IrSettings, seed: int) -> CameraPose:
+def camera_pose(settings: VirtualIr, seed: int) -> VirtualPose:
     """Where the operator has put the camera: the centre of the specimen is a few pixels off the image centre."""
     rng = stream(seed, "ir.pose")
     rows, columns = settings.image_shape
     row, column = 0.53 * (rows - 1), 0.5 * (columns - 1)
     shift = rng.uniform(-0.02, 0.02, 2) * settings.image_shape
-    return CameraPose((row + shift[0], column + shift[1]), settings.pixel_size, np.deg2rad(settings.roll_deg))
+    return VirtualPose((row + shift[0], column + shift[1]), settings.pixel_size, np.deg2rad(settings.roll_deg))
 
 
-def to_pixel(pose: CameraPose, xy: np.ndarray) -> np.ndarray:
+def to_pixel(pose: VirtualPose, xy: np.ndarray) -> np.ndarray:
     """Pixels (..., 2) as (row, col) of points (..., 2) mm in space."""
     c, s = np.cos(pose.roll), np.sin(pose.roll)
     right, up = -c * xy[..., 0] + s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]
     return np.stack([pose.centre[0] - up / pose.pixel_size, pose.centre[1] + right / pose.pixel_size], axis=-1)
 
 
-def to_space(pose: CameraPose, pixel: np.ndarray) -> np.ndarray:
+def to_space(pose: VirtualPose, pixel: np.ndarray) -> np.ndarray:
     """Points (..., 2) mm in space seen at pixels (..., 2) given as (row, col); inverse of `to_pixel`."""
     c, s = np.cos(pose.roll), np.sin(pose.roll)
     up = (pose.centre[0] - pixel[..., 0]) * pose.pixel_size
@@ -55,7 +56,7 @@ def to_space(pose: CameraPose, pixel: np.ndarray) -> np.ndarray:
     return np.stack([-c * right + s * up, s * right + c * up], axis=-1)
 
 
-def pick_landmarks(pose: CameraPose, specimen: Specimen, settings: IrSettings, seed: int) -> Landmarks:
+def pick_landmarks(pose: VirtualPose, specimen: Specimen, settings: VirtualIr, seed: int) -> Landmarks:
     """Landmarks as an operator picks them in frame 0, with the picking error, to a tenth of a pixel.
 
     StudyError where the image is too small to show them.
@@ -85,7 +86,7 @@ def pick_landmarks(pose: CameraPose, specimen: Specimen, settings: IrSettings, s
     return Landmarks(0, picked[:2], float(length), picked[2:4], picked[4], picked[5:])
 
 
-def background_field(settings: IrSettings, seed: int) -> np.ndarray:
+def background_field(settings: VirtualIr, seed: int) -> np.ndarray:
     """Temperature in K (n_row, n_col) of the surroundings: warmer at the top, with a gentle wave."""
     rng = stream(seed, "ir.background")
     rows, columns = settings.image_shape
@@ -97,10 +98,10 @@ def background_field(settings: IrSettings, seed: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ImageScene:
     """What does not change from frame to frame: pixel positions in space (n_px, 2) mm, background (n_row, n_col) K."""
 
-    settings: IrSettings
+    settings: VirtualIr
     grid: FaceGrid
     specimen: Specimen
     theta_clamp: float
@@ -108,12 +109,12 @@ class Scene:
     background: np.ndarray
 
 
-def scene_of(fields: VirtualFields, grid: FaceGrid, settings: IrSettings, seed: int) -> Scene:
+def scene_of(fields: VirtualFields, grid: FaceGrid, settings: VirtualIr, seed: int) -> ImageScene:
     """The fixed part of all frames."""
     rows, columns = np.indices(settings.image_shape)
     pixel = np.stack([rows.ravel(), columns.ravel()], axis=-1).astype(float)
     space = to_space(camera_pose(settings, seed), pixel)
-    return Scene(settings, grid, fields.specimen, fields.theta_clamp, space, background_field(settings, seed))
+    return ImageScene(settings, grid, fields.specimen, fields.theta_clamp, space, background_field(settings, seed))
 
 
 def _cover(distance: np.ndarray, pixel_size: float) -> np.ndarray:
@@ -121,7 +122,7 @@ def _cover(distance: np.ndarray, pixel_size: float) -> np.ndarray:
     return np.clip(0.5 + distance / pixel_size, 0.0, 1.0)
 
 
-def render(scene: Scene, body: np.ndarray, u: np.ndarray, theta: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def render(scene: ImageScene, body: np.ndarray, u: np.ndarray, theta: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Radiating temperature (n_row, n_col) K before the optics.
 
     `body` (n_px, 2) mm: pixel positions with the rigid motion taken off; `u` (n_y, n_x, 3) mm, `theta` (n_y, n_x) K on the
@@ -145,7 +146,7 @@ def render(scene: Scene, body: np.ndarray, u: np.ndarray, theta: np.ndarray, ref
     return np.asarray(image + jaw * (scene.theta_clamp - image)).reshape(scene.settings.image_shape)
 
 
-def measure_infrared(fields: VirtualFields, scene: Scene, motion: RigidMotion, seed: int) -> np.ndarray:
+def measure_infrared(fields: VirtualFields, scene: ImageScene, motion: RigidMotion, seed: int) -> np.ndarray:
     """Frames (n_f, n_row, n_col) K as the camera delivers them: blurred, with offset and white noise (NETD)."""
     settings, grid = scene.settings, scene.grid
     noise = stream(seed, "ir.noise")

@@ -18,9 +18,10 @@ import yaml
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import CELSIUS, Landmarks
 from thermofit.observe.face import face_grid
+from thermofit.study.virtual import VirtualInstruments
 from thermofit.virtual.dic import measure_dic, write_dic
 from thermofit.virtual.infrared import camera_pose, measure_infrared, pick_landmarks, scene_of, write_infrared
-from thermofit.virtual.setup import VirtualFields, VirtualInstruments, rigid_motion, stream
+from thermofit.virtual.setup import VirtualFields, rigid_motion, stream
 
 
 @dataclass(frozen=True)

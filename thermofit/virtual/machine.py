@@ -8,7 +8,7 @@ not uniaxial, make the crosshead of the finite-element run differ by up to 4 % o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 from thermofit.point.step import PLASTIC_Y
+from thermofit.study.virtual import Action, Machine
 
 _STRAIN_END = 6.0
 """Largest nominal strain of the tabulated law, far beyond any sheet metal."""
@@ -33,19 +34,7 @@ _TINY_FORCE = 1e-6
 
 
 @dataclass(frozen=True)
-class MachineSettings:
-    """`compliance` mm/N of frame and jaws, `slip` mm of both jaws at the largest force that the specimen can carry,
-    `rotation_deg` and `drift` (mm): usual rigid rotation and lateral shift of the specimen at full load.
-    """
-
-    compliance: float = 1e-4
-    slip: float = 0.3
-    rotation_deg: float = 0.05
-    drift: float = 0.1
-
-
-@dataclass(frozen=True)
-class Step:
+class CrossheadStep:
     """One item of the programme: `kind` is hold (s), crosshead_to (mm), force_to (N) or hold_force_until (s).
 
     `rate` is the signed crosshead rate in mm/s (zero for the holds).
@@ -171,7 +160,7 @@ def elongation(bar: Bar, force: np.ndarray, largest: np.ndarray) -> np.ndarray:
     return np.asarray(np.expm1(plastic + elastic) @ bar.length)
 
 
-def slip_of(machine: MachineSettings, bar: Bar, largest: np.ndarray) -> np.ndarray:
+def slip_of(machine: Machine, bar: Bar, largest: np.ndarray) -> np.ndarray:
     """Slip in mm (n,) of both jaws after the force has been as high as `largest` N (n,).
 
     The jaws bite early and do not let go: s = slip (1 - exp(-3 F/F_max)) / (1 - exp(-3)), F_max the capacity of the bar.
@@ -179,7 +168,7 @@ def slip_of(machine: MachineSettings, bar: Bar, largest: np.ndarray) -> np.ndarr
     return np.asarray(machine.slip * np.expm1(-3.0 * np.asarray(largest) / bar.capacity) / np.expm1(-3.0))
 
 
-def _crosshead(bar: Bar, machine: MachineSettings, force: np.ndarray, largest: float) -> np.ndarray:
+def _crosshead(bar: Bar, machine: Machine, force: np.ndarray, largest: float) -> np.ndarray:
     """Crosshead in mm (n,) at `force` N (n,) if the force had been at `largest` before."""
     peak = np.maximum(force, largest)
     return np.asarray(elongation(bar, force, peak) + machine.compliance * np.asarray(force) + slip_of(machine, bar, peak))
@@ -195,28 +184,12 @@ def _force_at(crosshead: Callable[[np.ndarray], np.ndarray], target: np.ndarray,
     return np.asarray(0.5 * (low + high))
 
 
-def programme_of(items: Sequence[Mapping[str, float]]) -> tuple[Step, ...]:
-    """Steps of a `simulate.programme`; StudyError for an unknown, missing or impossible key."""
-    steps = []
-    for number, item in enumerate(items):
-        where = f"simulate.programme[{number}]"
-        kinds = [key for key in item if key != "rate"]
-        if len(kinds) != 1 or kinds[0] not in ("hold", "crosshead_to", "force_to", "hold_force_until"):
-            raise StudyError(
-                f"{where}: found {dict(item)}, expected one of hold, crosshead_to, force_to, hold_force_until (the middle two with rate)"
-            )
-        kind = kinds[0]
-        moving = kind in ("crosshead_to", "force_to")
-        if moving != ("rate" in item) or (moving and item["rate"] == 0.0):
-            need = "needs a rate in mm/s that is not zero" if moving else "takes no rate"
-            raise StudyError(f"{where}: {kind} {need}; correct this item")
-        if item[kind] < 0.0:
-            raise StudyError(f"{where}: {kind} is {item[kind]:g}, expected a number >= 0 (a sheet buckles in compression)")
-        steps.append(Step(kind, float(item[kind]), float(item.get("rate", 0.0))))
-    return tuple(steps)
+def programme_of(actions: Sequence[Action]) -> tuple[CrossheadStep, ...]:
+    """Steps of a `simulate.programme`."""
+    return tuple(CrossheadStep(action.kind, getattr(action, action.kind), getattr(action, "rate", 0.0)) for action in actions)
 
 
-def describe_programme(steps: Sequence[Step]) -> tuple[str, ...]:
+def describe_programme(steps: Sequence[CrossheadStep]) -> tuple[str, ...]:
     """The programme in words, one line per step, as in `experiment.yaml`."""
     words = {
         "hold": "crosshead at rest for {0:g} s",
@@ -228,7 +201,7 @@ def describe_programme(steps: Sequence[Step]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class _State:
+class _Standing:
     """Where the programme stands: time s, force N, crosshead mm, largest force so far N."""
 
     time: float = 0.0
@@ -237,7 +210,7 @@ class _State:
     largest: float = 0.0
 
 
-def _advance(state: _State, step: Step, bar: Bar, machine: MachineSettings) -> _State:
+def _advance(state: _Standing, step: CrossheadStep, bar: Bar, machine: Machine) -> _Standing:
     """State at the end of a step; StudyError where the machine or the material cannot do it."""
     if step.kind == "hold":
         return replace(state, time=state.time + step.target)
@@ -277,10 +250,10 @@ def _advance(state: _State, step: Step, bar: Bar, machine: MachineSettings) -> _
             f"programme: {step.kind} {step.target:g} is never reached from crosshead {state.crosshead:.3f} mm with a rate of "
             f"{step.rate:g} mm/s; change its sign"
         )
-    return _State(state.time + duration, float(force), position, max(state.largest, float(force)))
+    return _Standing(state.time + duration, float(force), position, max(state.largest, float(force)))
 
 
-def _segment(start: _State, end: _State, time: np.ndarray, bar: Bar, machine: MachineSettings) -> tuple[np.ndarray, np.ndarray]:
+def _segment(start: _Standing, end: _Standing, time: np.ndarray, bar: Bar, machine: Machine) -> tuple[np.ndarray, np.ndarray]:
     """Force N and crosshead mm (n,) at `time` (n,) inside one step."""
     share = (time - start.time) / max(end.time - start.time, 1e-300)
     position = start.crosshead + (end.crosshead - start.crosshead) * share
@@ -289,13 +262,13 @@ def _segment(start: _State, end: _State, time: np.ndarray, bar: Bar, machine: Ma
     return _force_at(lambda f: _crosshead(bar, machine, f, start.largest), position, bar.capacity), position
 
 
-def load_history(steps: Sequence[Step], bar: Bar, machine: MachineSettings, rate: float = 10.0) -> LoadHistory:
+def load_history(steps: Sequence[CrossheadStep], bar: Bar, machine: Machine, rate: float = 10.0) -> LoadHistory:
     """Force history of a crosshead programme.
 
     `rate` in Hz is that of the load cell. The history is isothermal: thermal strains (some um) appear only in the
     crosshead of the finite-element run. StudyError where the programme is empty or cannot be carried out.
     """
-    states = [_State()]
+    states = [_Standing()]
     for step in steps:
         states.append(_advance(states[-1], step, bar, machine))
     end = states[-1].time

@@ -1,8 +1,8 @@
-"""Settings, inputs and random streams of a virtual experiment, and the rigid-body motion that all instruments share."""
+"""Inputs and random streams of a virtual experiment, and the rigid-body motion that all instruments share."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -10,62 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
-from thermofit.study.virtual import Simulate
-from thermofit.virtual.machine import LoadHistory, MachineSettings
+from thermofit.study.virtual import Machine, VirtualInstruments
+from thermofit.virtual.machine import LoadHistory
 
 FIXED_END_SHARE = 0.5
 """Share of compliance and slip that moves the fixed end; the rest moves the end at the crosshead."""
-
-
-@dataclass(frozen=True)
-class DicSettings:
-    """Image correlation: number of `stages`, point `spacing` mm, noise (standard deviation) mm, share of lost points."""
-
-    stages: int = 120
-    spacing: float = 1.0
-    noise_in_plane: float = 0.002
-    noise_out_of_plane: float = 0.005
-    lost_fraction: float = 0.01
-    half_width: float = 11.5
-    half_height: float = 25.0
-
-
-@dataclass(frozen=True)
-class IrSettings:
-    """Infrared camera: number of `frames`, `pixel_size` mm, `roll_deg` (specimen axis clockwise in the image), `netd` K,
-    constant `offset` K, point spread `blur_px`, error of the picked landmarks px, `background` K, (rows, columns).
-    """
-
-    frames: int = 130
-    pixel_size: float = 0.4
-    roll_deg: float = 1.1
-    netd: float = 0.025
-    offset: float = 0.5
-    blur_px: float = 0.7
-    landmark_noise_px: float = 0.15
-    background: float = 296.5
-    background_spread: float = 0.15
-    image_shape: tuple[int, int] = (218, 90)
-
-
-@dataclass(frozen=True)
-class ForceSettings:
-    """Load cell: `rate` Hz and white `noise` N (standard deviation); noise of the crosshead reading in mm."""
-
-    rate: float = 10.0
-    noise: float = 4.0
-    crosshead_noise: float = 0.0007
-
-
-@dataclass(frozen=True)
-class VirtualInstruments:
-    """All instruments of the virtual laboratory; `thermocouple_error` K is a standard deviation."""
-
-    machine: MachineSettings = field(default_factory=MachineSettings)
-    dic: DicSettings = field(default_factory=DicSettings)
-    ir: IrSettings = field(default_factory=IrSettings)
-    force: ForceSettings = field(default_factory=ForceSettings)
-    thermocouple_error: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -89,17 +38,6 @@ class VirtualFields:
     theta_air: float
     theta_clamp: float
     programme: tuple[str, ...] = ()
-
-
-def instruments_of(settings: Simulate) -> VirtualInstruments:
-    """Instruments of the virtual laboratory as the study describes them."""
-    return VirtualInstruments(
-        machine=MachineSettings(**settings.machine.model_dump()),
-        dic=DicSettings(**settings.dic.model_dump()),
-        ir=IrSettings(**settings.ir.model_dump()),
-        force=ForceSettings(**settings.force.model_dump()),
-        thermocouple_error=settings.thermocouple_error,
-    )
 
 
 STREAMS = (
@@ -133,7 +71,7 @@ class RigidMotion:
     shift: np.ndarray
 
 
-def rigid_motion(load: LoadHistory, machine: MachineSettings, seed: int, time: np.ndarray) -> RigidMotion:
+def rigid_motion(load: LoadHistory, machine: Machine, seed: int, time: np.ndarray) -> RigidMotion:
     """Rigid-body motion of the specimen at `time` (n_t,) s.
 
     Along y the fixed end gives way by its share of compliance F + slip. The rotations and the lateral shift grow with

@@ -14,9 +14,8 @@ from layouts import GOM, LEGACY_COORDINATES, LEGACY_DISPLACEMENTS, LOAD, MATCHID
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField
 from thermofit.read.formats.clock import Rules
-from thermofit.read.formats.fracture import after_fracture
 from thermofit.read.formats.naming import number_order, stage_time
-from thermofit.read.formats.sequence import read_dic_files
+from thermofit.read.formats.sequence import after_fracture, read_dic_files
 
 PLACE = {3: (0.0, 0.0), 4: (1.0, 0.0), 8: (0.0, 1.0), 9: (1.0, 1.0)}
 NOISE = np.random.default_rng(1).normal(scale=1e-3, size=(40, 4, 2))

@@ -10,9 +10,10 @@ from numba import prange
 
 from thermofit.body.element.hex8 import ElementData
 from thermofit.core.jit import kernel
-from thermofit.law.page import Law, internal_energy
-from thermofit.law.tensor import determinant
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.law.composition import backstress_terms, modulus_factor
+from thermofit.law.page import Law, elastic_energy, hill, internal_energy
+from thermofit.law.tensor import determinant, double_contraction
+from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_FULL
 
 _CHUNKS = 64
 
@@ -26,6 +27,19 @@ def _elastic_trace(f: np.ndarray, state: np.ndarray) -> float:
             s = f[i, 0] * state[j] + f[i, 1] * state[3 + j] + f[i, 2] * state[6 + j]
             total += s * s
     return total
+
+
+@kernel
+def _structure_energy(trace: float, log_j: float, j: float, theta: float, state: np.ndarray, law: Law) -> float:
+    """What degraded moduli and backstresses (law.structure) add to the internal energy, mJ/mm^3."""
+    lost = modulus_factor(state[LAMBDA], law) - 1.0
+    energy = lost * (elastic_energy(trace, log_j, law) + 3.0 * law.alpha_exp * law.bulk * law.theta_ref * log_j / j)
+    terms = backstress_terms(state[LAMBDA], 0.0, theta, law)
+    for i in range(N_BACK):
+        at = BACK + 6 * i
+        y = (state[at], state[at + 1], state[at + 2], state[at + 3], state[at + 4], state[at + 5])
+        energy += 0.5 * terms[i][0] * double_contraction(hill(y, law), y)
+    return energy
 
 
 @kernel(parallel=True)
@@ -50,13 +64,15 @@ def _energies(
                 point, det = state[e, q], dilatation[e, q]
                 trace = _elastic_trace(f, point) * (det / determinant(f)) ** (2.0 / 3.0)  # of F_bar, whose J is `dilatation`
                 density = internal_energy(trace, np.log(det), det, t, point[ALPHA], point[LAMBDA], law)
+                if state.shape[2] == N_FULL:
+                    density += _structure_energy(trace, np.log(det), det, t, point, law)
                 out[e] += data.volume[e, q] * density
 
 
 def internal_energy_of(data: ElementData, u: np.ndarray, theta: np.ndarray, state: np.ndarray, dilatation: np.ndarray, law: Law) -> float:
     """int e dV of the model in mJ, zero in the stress-free reference state.
 
-    u (n_np, 3) mm, theta (n_np,) K, state (n_el, 8, 11) and the J (n_el, 8) that the material sees, as `element_pass` leaves them.
+    u (n_np, 3) mm, theta (n_np,) K, state (n_el, 8, n) and the J (n_el, 8) that the material sees, as `element_pass` leaves them.
     """
     out = np.zeros(len(data.hexes))
     _energies(data, u, theta, state, dilatation, law, out)

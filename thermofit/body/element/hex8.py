@@ -20,7 +20,7 @@ from thermofit.body.element.stiffness import ELEMENT_ROWS
 from thermofit.core.jit import kernel
 from thermofit.law.page import Law
 from thermofit.point.lanes_memory import lane_workspace
-from thermofit.point.lanes_point import POINT_ROWS
+from thermofit.point.lanes_rows import POINT_ROWS
 
 __all__ = ["GAUSS_POINTS", "SHAPE", "ElementData", "element_data", "element_pass", "reference_gradients", "shape_functions"]
 

@@ -26,13 +26,15 @@ from thermofit.point.rates import (
     K_THETA,
     PRESSURE,
     ROWS,
+    response_size,
     responses_of_points,
 )
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.point.relative_rates import STIFF, relative_responses_of_points, set_law_rows
+from thermofit.point.state import ALPHA, LAMBDA
 
 _CHUNKS = 64
 States = tuple[np.ndarray, np.ndarray]
-"""States (n_el, 8, 11) before and after the step."""
+"""States (n_el, 8, n) before and after the step."""
 
 
 def responses(
@@ -51,21 +53,40 @@ def responses(
         sigma = [out[:, k] for k in (BY_ALPHA, BY_LAMBDA, BY_GAMMA, BY_THETA, *range(at, at + n))]
         alpha = [out[:, ALPHA_BY_ALPHA], None, out[:, ALPHA_BY_GAMMA], None, *(out[:, k] for k in range(at + n, at + 2 * n))]
         set_yield_gradients((before[:, :, ALPHA], before[:, :, LAMBDA], gamma, points), law, along.in_yield, (sigma, alpha))
-    log_j = np.empty(gamma.shape)
-    _responses(data, u, before, after, law, out, log_j)
+    log_j, base = np.empty(gamma.shape), 0
+    if along.structured:
+        base = response_size(len(along.in_pressure), len(along.in_yield))
+        set_law_rows(before, after, points, law, along, out)
+    _responses(data, u, before, after, law, (base, len(along.in_structure)), out, log_j)
     set_pressure(log_j, points, law, out[:, PRESSURE])
     set_pressure_gradients((log_j, points), law, along.in_pressure, [out[:, k] for k in (K_LOG_J, K_THETA, *range(GRADIENTS, at))])
+    if along.structured:
+        for k in (PRESSURE, K_LOG_J, K_THETA, *range(GRADIENTS, at)):
+            out[:, k] *= out[:, base + STIFF]
 
 
 @kernel(parallel=True)
 def _responses(
-    data: ElementData, u: np.ndarray, state_n: np.ndarray, state: np.ndarray, law: Law, out: np.ndarray, log_j: np.ndarray
+    data: ElementData,
+    u: np.ndarray,
+    state_n: np.ndarray,
+    state: np.ndarray,
+    law: Law,
+    further: tuple[int, int],
+    out: np.ndarray,
+    log_j: np.ndarray,
 ) -> None:
-    """The responses but for the derivatives of the law page, and ln J (n_el, 8) that the material sees."""
+    """The responses but for the derivatives of the law page, and ln J (n_el, 8) that the material sees.
+
+    further = (first row of `relative_rates`, 0 where nothing of it is wanted; its number of active numbers).
+    """
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
         w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
             f, j = element_kinematics(data, e, u, w)
             set_row(log_j, e, math.log(j))
-            responses_of_points(f, state_n[e], state[e], law, point, out[e])
+            if further[0] > 0:
+                relative_responses_of_points(f, state_n[e], state[e], law, further[1], further[0], point, out[e])
+            else:
+                responses_of_points(f, state_n[e], state[e], law, point, out[e])

@@ -22,7 +22,7 @@ from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, spread
 from thermofit.law.tensor import Symmetric, added, scaled
 from thermofit.point.lanes_memory import lane_sum, number, row, set_row, set_vectors
-from thermofit.point.lanes_point import STIFFNESS, add_to_row
+from thermofit.point.lanes_rows import STIFFNESS, add_to_row
 from thermofit.point.lanes_tensor import Tensor, set_symmetric_rows, symmetric_rows
 
 Vector = tuple[float, float, float]

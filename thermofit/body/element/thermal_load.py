@@ -12,17 +12,22 @@ from thermofit.body.element.lanes import element_kinematics, point_temperatures
 from thermofit.body.element.stiffness import ELEMENT_ROWS, GRADIENT, MEAN, vector_added, vector_rows
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import spread
+from thermofit.law.composition import modulus_factor, restructured
 from thermofit.law.page import Law, pressure_factor
-from thermofit.point.lanes_memory import lane_sum, lane_workspace, number, row, set_row, set_vectors
+from thermofit.point.lanes_memory import column, lane_sum, lane_workspace, number, row, set_row, set_vectors
+from thermofit.point.state import LAMBDA
 
 _CHUNKS = 64
 
 
 @kernel(parallel=True)
-def thermal_forces(data: ElementData, u: np.ndarray, theta: np.ndarray, warmer: np.ndarray, law: Law, force: np.ndarray) -> None:
+def thermal_forces(
+    data: ElementData, u: np.ndarray, state: np.ndarray, theta: np.ndarray, warmer: np.ndarray, law: Law, force: np.ndarray
+) -> None:
     """Change of the internal forces (n_el, 24) in N at fixed u (n_np, 3) when the temperature goes from theta to warmer (n_np,) K.
 
-    Only the pressure factor k of tau = mu b_el + k 1 (4.8) feels the temperature: int (k - k_0) g_bar dV.
+    Only the pressure factor k of tau = mu b_el + k 1 (4.8) feels the temperature: int (k - k_0) g_bar dV, where the moduli have degraded
+    times the factor on them at the points' state (n_el, 8, n).
     """
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
@@ -33,6 +38,8 @@ def thermal_forces(data: ElementData, u: np.ndarray, theta: np.ndarray, warmer: 
             after, _ = pressure_factor(log_j, j, point_temperatures(warmer, data.hexes[e]), law)
             before, _ = pressure_factor(log_j, j, point_temperatures(theta, data.hexes[e]), law)
             k = row(data.volume, e) * (after - before)
+            if law.effective == 1 and restructured(law):
+                k = k * modulus_factor(column(state[e], LAMBDA), law)
             o = spread(0.0)
             if data.f_bar == 1:
                 f = vector_added((o, o, o), vector_rows(w, MEAN), lane_sum(k))

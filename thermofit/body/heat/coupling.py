@@ -9,8 +9,9 @@ import numpy as np
 from thermofit.body.body import Body, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, HeatStep, expansion_capacity, heat_step, same_step, stored_heat
 from thermofit.body.heat.effects import source_heat
-from thermofit.body.heat.equation import heat_of_increment
+from thermofit.body.heat.equation import heat_of_increment, smallest_dissipation
 from thermofit.body.heat.fixed_stress import STRONG, left_of
+from thermofit.body.heat.structure import structure_heat
 from thermofit.body.sensitivity.march import StepEnds
 from thermofit.body.solve.history import Balance, State, point_history, top_displacement
 from thermofit.body.solve.newton import Equilibrium
@@ -40,6 +41,7 @@ class HeatOfStep:
         self._geometry = self._mean = start.geometry
         self._step: HeatStep | None = None
         self._source = 0.0
+        self._added = np.zeros_like(self._before.alpha)
 
     def __call__(self, u: np.ndarray, points: np.ndarray, dilatation: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, float]:
         """Temperature (n_np,) K for the mechanics after an iterate, and how far it still is from the heat equation's answer, K."""
@@ -62,7 +64,10 @@ class HeatOfStep:
         heat = np.zeros(body.mesh.n_nodes)
         after = point_history(points, dilatation)
         self._middle = 0.5 * (start.theta + theta)
-        *self._released, self._smallest = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
+        self._released = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
+        if after.structure.size:
+            self._added, *more = structure_heat(body.data, self._before, after, self._middle, self._law, heat)
+            self._released = (self._released[0] + more[0], self._released[1] + more[1])
         dt, first = self._t - start.time, start.time if self._conditions.moment is None else self._conditions.moment.first
         conditions = self._conditions.at(first, start.time, self._middle)
         flow = (self._before.accumulated, after.accumulated - self._before.accumulated)
@@ -99,7 +104,9 @@ class HeatOfStep:
             stored=s * stored,
             source=s * self._source,
             stored_by_effects=s * (stored - plain),
-            smallest_dissipation=self._smallest,
+            smallest_dissipation=smallest_dissipation(
+                self._before, point_history(found.state, found.dilatation), float(self._middle.mean()), self._law, self._added
+            ),
         )
         return state, balance
 

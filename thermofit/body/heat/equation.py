@@ -107,24 +107,33 @@ def film_matrices(data: FacetData, x: np.ndarray, out: np.ndarray) -> None:
                     out[n, a, b] += area * data.shape[q, a] * data.shape[q, b]
 
 
+_NONE = np.empty((0, 0, 0))
+
+
 class PointHistory(NamedTuple):
-    """State of all points at one time as the heat sources need it, each (n_el, 8): J, alpha, Lambda."""
+    """State of all points at one time as the heat sources need it, each (n_el, 8): J, alpha, Lambda; `structure` (n_el, 8, n) is what the
+    state of a point holds beyond its first eleven numbers (point.state), empty where that is nothing."""
 
     dilatation: np.ndarray
     alpha: np.ndarray
     accumulated: np.ndarray
+    structure: np.ndarray = _NONE
+
+
+def at_points(data: ElementData, nodal: np.ndarray) -> np.ndarray:
+    """A nodal field (n_np,) at the Gauss points (n_el, 8)."""
+    return np.ascontiguousarray(nodal[data.hexes] @ data.shape.T)
 
 
 @kernel
 def heat_of_increment(
     data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, law: Law, out: np.ndarray
-) -> tuple[float, float, float]:
+) -> tuple[float, float]:
     """Nodal heat of one increment int N_a (dissipated + thermoelastic) dV added to out (n_np,), mJ.
 
-    theta (n_np,) K is the temperature in the thermoelastic term. Returns the totals (dissipated, thermoelastic) in mJ and the smallest
-    dissipation of a point in mJ/mm^3; negative violates the second law.
+    theta (n_np,) K is the temperature in the thermoelastic term. Returns the totals (dissipated, thermoelastic) in mJ.
     """
-    total_dissipated, total_elastic, smallest = 0.0, 0.0, 0.0
+    total_dissipated, total_elastic = 0.0, 0.0
     w = lane_workspace(2)
     for e in range(data.hexes.shape[0]):
         nodes, weight = data.hexes[e], row(data.volume, e)
@@ -134,12 +143,11 @@ def heat_of_increment(
         total_elastic += lane_sum(elastic)
         for q in range(8):
             d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
-            if d_lambda != 0.0:
+            if d_lambda > 0.0:
                 temperature = 0.0
                 for a in range(8):
                     temperature += data.shape[q, a] * theta[nodes[a]]
                 released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], temperature, law)
-                smallest = min(smallest, released)
                 total_dissipated += data.volume[e, q] * released
                 w[q] += data.volume[e, q] * released
         heat = spread(0.0)
@@ -148,7 +156,7 @@ def heat_of_increment(
         set_row(w, 1, heat)
         for a in range(8):
             out[nodes[a]] += w[8 + a]
-    return total_dissipated, total_elastic, smallest
+    return total_dissipated, total_elastic
 
 
 class Increment(NamedTuple):
@@ -191,3 +199,17 @@ def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray
             add_lanes(nodal, 0, data.volume[e, q] * heat[q], shape, 8 * q)
         for a in range(8):
             out[data.hexes[e, a]] += nodal[a]
+
+
+@kernel
+def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, law: Law, added: np.ndarray) -> float:
+    """Smallest dissipation of one increment over all points at about theta K, mJ/mm^3; negative violates the second law. `added` (n_el, 8)
+    is that of effects which change the local update itself."""
+    smallest = 0.0
+    for e in range(start.alpha.shape[0]):
+        for q in range(8):
+            d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
+            if d_lambda != 0.0:
+                released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], theta, law)
+                smallest = min(smallest, released + added[e, q])
+    return smallest

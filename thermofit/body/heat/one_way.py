@@ -17,6 +17,7 @@ from thermofit.body.heat.conduction import HeatConditions, HeatStep, at_constant
 from thermofit.body.heat.effects import source_heat
 from thermofit.body.heat.equation import Increment, PointHistory, add_released_heat
 from thermofit.body.heat.films import conditions_of
+from thermofit.body.heat.structure import structure_heat
 from thermofit.body.sensitivity.conduction_rates import add_effect_sources, condition_rates, heat_step_rates, steady_rates
 from thermofit.body.sensitivity.heat_rates import frozen_source_rates, source_law
 from thermofit.body.solve.march import History, MarchSettings
@@ -43,6 +44,12 @@ class HeatProblem:
     film_area: Mapping[str, np.ndarray]
     increments: tuple[Increment, ...]
     settings: MarchSettings
+    points: tuple[PointHistory, ...] = ()
+    """Those at all times, where effects change the local update itself."""
+
+    def ends(self, n: int) -> tuple[PointHistory, PointHistory] | None:
+        """Points at both ends of the step from time n to n + 1, where effects change the local update itself."""
+        return (self.points[n], self.points[n + 1]) if self.points else None
 
     def geometry(self, n: int) -> ThermalGeometry:
         """Geometry of the step from time n to n + 1."""
@@ -68,7 +75,8 @@ def heat_problem(body: Body, history: History, settings: MarchSettings) -> HeatP
         for name, slots in film_slots.items():
             film[name][n], area[name][n] = mean.film[name][slots], mean.film_area[name]
     rest = thermal_geometry(body, np.zeros_like(history.u[0]))
-    return HeatProblem(body, history.time, rest, conduction, film_slots, film, area, _increments(history.points), settings)
+    kept = history.points if history.points[0].structure.size else ()
+    return HeatProblem(body, history.time, rest, conduction, film_slots, film, area, _increments(history.points), settings, kept)
 
 
 def _increments(points: tuple[PointHistory, ...]) -> tuple[Increment, ...]:
@@ -109,7 +117,10 @@ def _steps(problem: HeatProblem, law: Law, conditions: HeatConditions, theta: np
         reach = 0.5 * float(dt[n] / dt[max(n - 1, 0)])
         middle = theta + reach * (theta - before)
         heat = np.zeros(body.mesh.n_nodes)
-        add_released_heat(body.data, increment, middle, law_in_step(law, float(dt[n])), heat)
+        in_step, ends = law_in_step(law, float(dt[n])), problem.ends(n)
+        add_released_heat(body.data, increment, middle, in_step, heat)
+        if ends is not None:
+            structure_heat(body.data, *ends, middle, in_step, heat)
         here, flow = conditions.at(first, float(problem.time[n]), middle), (increment.accumulated - increment.d_lambda, increment.d_lambda)
         source = source_heat(body, here.effects, flow, here.moment, float(dt[n]))
         step = heat_step(body, problem.geometry(n), here, theta, heat if source is None else heat + source, (float(dt[n]), scheme))
@@ -151,7 +162,8 @@ def heat_run_rates(
         middle_rates = theta_rates + solved.reach * (theta_rates - before_rates)
         heat_rates = np.zeros_like(theta_rates)
         sources = along.in_step(float(problem.time[solved.number + 1] - problem.time[solved.number]))
-        frozen_source_rates(body.data, problem.increments[solved.number], (solved.middle, middle_rates), sources, heat_rates)
+        temperature, ends = (solved.middle, middle_rates), problem.ends(solved.number)
+        frozen_source_rates(body.data, problem.increments[solved.number], temperature, sources, heat_rates, ends)
         here = rates.about(middle_rates)
         increment = problem.increments[solved.number]
         flow = (increment.accumulated - increment.d_lambda, increment.accumulated)

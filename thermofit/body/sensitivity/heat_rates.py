@@ -7,18 +7,20 @@ Derivatives of the law page are made by complex step, as in `law.page_rates`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from thermofit.body.element.hex8 import ElementData
-from thermofit.body.heat.equation import Increment, PointHistory, increment_between
+from thermofit.body.heat.equation import Increment, PointHistory, at_points, increment_between
+from thermofit.body.heat.structure import StructureSlopes, add_structure_rates, structure_slopes
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
+from thermofit.law.composition import restructured
 from thermofit.law.page import Law, law_in_step, released_energy, thermoelastic_heat
-from thermofit.law.page_rates import LANES, STEP, Directions, moved_law
-from thermofit.point.update import ALPHA, LAMBDA, N_STATE
+from thermofit.law.page_rates import HILL, LANES, STEP, Directions, moved_law
+from thermofit.point.state import ALPHA, LAMBDA
 
 _ALPHA_N, _ALPHA, _D_LAMBDA, _ACCUMULATED, _WARM = range(5)
 """Arguments of the dissipation of an increment, in the order of their derivatives; the numbers of the law follow."""
@@ -28,7 +30,7 @@ _thermoelastic: Any = thermoelastic_heat
 
 
 class PointRates(NamedTuple):
-    """Rates of the points at one time: of J (n_el, 8, m) and of the state (n_el, 8, 11, m)."""
+    """Rates of the points at one time: of J (n_el, 8, m) and of the state (n_el, 8, n, m)."""
 
     dilatation: np.ndarray
     state: np.ndarray
@@ -39,17 +41,27 @@ class SourceLaw:
     """A law with the rates that the heat sources need, made once for many steps.
 
     `moved` is the law with no number moved by i h, then with each of the numbers that the dissipation feels, whose rates are `numbers`
-    (n, m); `c_rates` (m,) are those of c = -3 alpha K.
+    (n, m); `c_rates` (m,) are those of c = -3 alpha K. `structure` and `structure_numbers` (6 + n, m), of Hill's tensor first, are the same
+    for the heat of effects that change the local update itself, empty where none is on or asked for.
     """
 
     law: Law
     moved: tuple[Law, ...]
     numbers: np.ndarray
     c_rates: np.ndarray
+    structure: tuple[Law, ...] = ()
+    structure_numbers: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     def in_step(self, dt: float) -> SourceLaw:
         """The same in a step of dt s."""
-        return replace(self, law=law_in_step(self.law, dt), moved=tuple(law_in_step(law, dt) for law in self.moved))
+        laws = (tuple(law_in_step(law, dt) for law in some) for some in (self.moved, self.structure))
+        moved, structure = laws
+        return replace(self, law=law_in_step(self.law, dt), moved=moved, structure=structure)
+
+    @property
+    def on(self) -> bool:
+        """Whether an effect that changes the local update itself is on."""
+        return bool(self.law.effective and restructured(self.law))
 
 
 def source_law(law: Law, directions: Directions) -> SourceLaw:
@@ -59,16 +71,24 @@ def source_law(law: Law, directions: Directions) -> SourceLaw:
         c = _thermoelastic.py_func(1.0, 0.0, 1.0, moved_law(law, int(which)))
         c_rates += np.imag(c) / STEP * directions.numbers[which]
     moved = tuple(moved_law(law, int(which)) for which in (-1, *directions.in_heat))
-    return SourceLaw(law, moved, np.ascontiguousarray(directions.numbers[directions.in_heat]), c_rates)
+    found = SourceLaw(law, moved, np.ascontiguousarray(directions.numbers[directions.in_heat]), c_rates)
+    if not directions.structured:
+        return found
+    any_rate = np.flatnonzero(np.any(directions.numbers != 0.0, axis=1))
+    of_hill = tuple(range(HILL, HILL + 6))
+    active = [int(k) for k in (any_rate if found.on else sorted({*directions.in_structure, *directions.in_sense})) if k not in of_hill]
+    structure = tuple(moved_law(law, which) for which in (-1, *active))
+    return replace(found, structure=structure, structure_numbers=np.ascontiguousarray(directions.numbers[[*of_hill, *active]]))
 
 
 class SourceSlopes(NamedTuple):
     """Derivatives of the heat of an increment that all directions share: by J at both ends, each (n_el, 8), and of the dissipation
-    (5 + n, n_el, 8)."""
+    (5 + n, n_el, 8). `structure`: those of the heat of effects that change the local update itself."""
 
     increment: Increment
     by_j: tuple[np.ndarray, np.ndarray]
     dissipation: np.ndarray
+    structure: StructureSlopes | None
 
 
 def source_slopes(data: ElementData, ends: tuple[PointHistory, PointHistory], theta: np.ndarray, law: SourceLaw) -> SourceSlopes:
@@ -76,7 +96,9 @@ def source_slopes(data: ElementData, ends: tuple[PointHistory, PointHistory], th
     increment = increment_between(*ends)
     j_n, j = ends[0].dilatation, ends[1].dilatation
     by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
-    return SourceSlopes(increment, by_j, _dissipation_derivatives(increment, at_points(data, theta), law, range(5)))
+    warm = at_points(data, theta)
+    structure = structure_slopes(*ends, warm, law.law, law.structure, law.on) if law.structure else None
+    return SourceSlopes(increment, by_j, _dissipation_derivatives(increment, warm, law, range(5)), structure)
 
 
 def heat_source_rates(
@@ -95,20 +117,29 @@ def heat_source_rates(
     _add_source_rates(data, slopes.increment, slopes.dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     states = (end_rates[0].state.reshape(-1), end_rates[1].state.reshape(-1))
     dilatations = (end_rates[0].dilatation.reshape(-1), end_rates[1].dilatation.reshape(-1))
-    _add_state_rates(data, slopes.by_j, slopes.dissipation, law.law, temperature[0], dilatations, states, out)
+    n_state = end_rates[0].state.shape[2]
+    _add_state_rates(data, slopes.by_j, slopes.dissipation, law.law, temperature[0], dilatations, states, n_state, out)
+    if slopes.structure is not None:
+        ends = ((end_rates[0].dilatation, end_rates[0].state), (end_rates[1].dilatation, end_rates[1].state))
+        add_structure_rates(data, slopes.structure, ends, temperature[1], law.structure_numbers, out)
 
 
 def frozen_source_rates(
-    data: ElementData, increment: Increment, temperature: tuple[np.ndarray, np.ndarray], law: SourceLaw, out: np.ndarray
+    data: ElementData,
+    increment: Increment,
+    temperature: tuple[np.ndarray, np.ndarray],
+    law: SourceLaw,
+    out: np.ndarray,
+    ends: tuple[PointHistory, PointHistory] | None = None,
 ) -> None:
-    """`heat_source_rates` where the mechanics stays as it is: temperature and law alone have rates."""
-    dissipation = _dissipation_derivatives(increment, at_points(data, temperature[0]), law, range(_WARM, 5))
+    """`heat_source_rates` where the mechanics stays as it is: temperature and law alone have rates. `ends`: the points at both ends of the
+    increment, where they hold the state of effects that change the local update itself."""
+    warm = at_points(data, temperature[0])
+    dissipation = _dissipation_derivatives(increment, warm, law, range(_WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
-
-
-def at_points(data: ElementData, nodal: np.ndarray) -> np.ndarray:
-    """A nodal field (n_np,) at the Gauss points (n_el, 8)."""
-    return np.ascontiguousarray(nodal[data.hexes] @ data.shape.T)
+    if ends is not None and law.structure:
+        slopes = structure_slopes(*ends, warm, law.law, law.structure, law.on)
+        add_structure_rates(data, slopes, None, temperature[1], law.structure_numbers, out)
 
 
 def _dissipation_derivatives(increment: Increment, theta: np.ndarray, law: SourceLaw, arguments: range) -> np.ndarray:
@@ -198,9 +229,10 @@ def _add_state_rates(
     theta: np.ndarray,
     dilatations: tuple[np.ndarray, np.ndarray],
     states: tuple[np.ndarray, np.ndarray],
+    n_state: int,
     out: np.ndarray,
 ) -> None:
-    """Nodal heat' by J', alpha', Lambda' at both ends."""
+    """Nodal heat' by J', alpha', Lambda' at both ends; a state has n_state numbers."""
     m, result = out.shape[1], out.reshape(-1)
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero = np.zeros(_END), np.zeros(LANES)
@@ -218,8 +250,8 @@ def _add_state_rates(
                     by_lambda = volume * (dissipation[_D_LAMBDA, e, q] * (2 * k - 1) + dissipation[_ACCUMULATED, e, q] * k)
                     add_lanes(w, _HEAT, volume * c * t * by_j[k][e, q], dilatations[k], point * m + b)
                     if dissipates:
-                        add_lanes(w, _HEAT, volume * dissipation[_ALPHA_N + k, e, q], states[k], (point * N_STATE + ALPHA) * m + b)
-                        add_lanes(w, _HEAT, by_lambda, states[k], (point * N_STATE + LAMBDA) * m + b)
+                        add_lanes(w, _HEAT, volume * dissipation[_ALPHA_N + k, e, q], states[k], (point * n_state + ALPHA) * m + b)
+                        add_lanes(w, _HEAT, by_lambda, states[k], (point * n_state + LAMBDA) * m + b)
                 for a in range(8):
                     add_lanes(w, _NODAL + a * LANES, data.shape[q, a], w, _HEAT)
             for a in range(8):
@@ -228,9 +260,16 @@ def _add_state_rates(
 
 @kernel
 def add_dilatation_heat(
-    data: ElementData, dilatation: np.ndarray, theta: np.ndarray, law: Law, dilatation_rates: np.ndarray, out: np.ndarray
+    data: ElementData,
+    dilatation: np.ndarray,
+    stiff: np.ndarray,
+    theta: np.ndarray,
+    law: Law,
+    dilatation_rates: np.ndarray,
+    out: np.ndarray,
 ) -> None:
-    """The part of `heat_source_rates` that the rates of J (n_el, 8, m) at the end of the increment make alone; `dilatation` is J there."""
+    """The part of `heat_source_rates` that the rates of J (n_el, 8, m) at the end of the increment make alone; `dilatation` is J there and
+    `stiff` the factor on the moduli. (What J makes of the energy of lost moduli is left out: it is smaller by the elastic strain.)"""
     m, result, rates = out.shape[1], out.reshape(-1), dilatation_rates.reshape(-1)
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero, by_j = np.zeros(_END), np.zeros(LANES), np.empty(8)
@@ -239,7 +278,7 @@ def add_dilatation_heat(
             t, j = 0.0, dilatation[e, q]
             for a in range(8):
                 t += data.shape[q, a] * theta[data.hexes[e, a]]
-            by_j[q] = data.volume[e, q] * c * t * (1.0 - np.log(j)) / (j * j)
+            by_j[q] = data.volume[e, q] * c * t * (1.0 - np.log(j)) / (j * j) * stiff[e, q]
         for b in range(0, m, LANES):
             for a in range(8):
                 copy_lanes(w, _NODAL + a * LANES, zero, 0)

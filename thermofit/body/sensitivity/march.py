@@ -47,11 +47,13 @@ from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
+from thermofit.law.composition import restructured
 from thermofit.law.page import Law, law_in_step
 from thermofit.law.page_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
 from thermofit.point.lanes_memory import lane_zeros
-from thermofit.point.rates import BY_THETA, response_size
-from thermofit.point.update import LAMBDA, N_STATE
+from thermofit.point.rates import BY_THETA, SHEAR
+from thermofit.point.relative_rates import rows_of_response
+from thermofit.point.state import LAMBDA, N_FULL, N_STATE
 
 MAX_SWEEPS = 20
 _RESOLVED = 2e-3
@@ -104,11 +106,14 @@ class Differentiator:
         self.m = padded(len(asked.names))
         self._sources = source_law(law, self.along)
         n_el = body.mesh.n_elements
-        self._states = (lane_zeros((n_el, 8, N_STATE, self.m)), lane_zeros((n_el, 8, N_STATE, self.m)))
+        n_state = N_FULL if self.along.structured else N_STATE
+        self._states = (lane_zeros((n_el, 8, n_state, self.m)), lane_zeros((n_el, 8, n_state, self.m)))
         self._dilatations = (lane_zeros((n_el, 8, self.m)), lane_zeros((n_el, 8, self.m)))
         self._points, self._dilatation = self._states[0], self._dilatations[0]
         self._clean = True
-        self._response = lane_zeros((n_el, response_size(len(self.along.in_pressure), len(self.along.in_yield)), 8))
+        self._response = lane_zeros((n_el, rows_of_response(self.along), 8))
+        self._stiff = np.ones((n_el, 8))
+        self._skewed = bool(law.effective and restructured(law))
         self._loads = lane_zeros((n_el, 24, self.m))
         self._warming = lane_zeros((n_el, 24, self.m))
         self._swelling = lane_zeros((n_el, 8, self.m))
@@ -238,7 +243,7 @@ class Differentiator:
         answer = np.zeros_like(change)
         if not self.one_way:
             heat = np.zeros_like(change)
-            add_dilatation_heat(self.body.data, ends.after.dilatation, ends.middle, self.law, swelling, heat)
+            add_dilatation_heat(self.body.data, ends.after.dilatation, self._stiff, ends.middle, self.law, swelling, heat)
             answer = heat_answer(self.body, ends.step, heat)
         back = (answer * change).sum(axis=0) / np.maximum((change * change).sum(axis=0), 1e-300)
         series = np.ones(self.m) if self._strong else 1.0 / (1.0 + np.clip(-back, 0.0, self._coupling))
@@ -268,6 +273,8 @@ class Differentiator:
     def _respond(self, mechanics: Linearised) -> None:
         states = (mechanics.before, mechanics.after)
         responses(self.body.data, (mechanics.u, mechanics.theta), states, self.law, self.along, self._response)
+        if self._skewed:
+            self._stiff[:] = self._response[:, SHEAR] / self.law.mu
 
     def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """u' (n_np, 3, m) for given theta' and rates of the old state."""

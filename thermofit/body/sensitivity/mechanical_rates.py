@@ -35,6 +35,7 @@ from thermofit.point.rates import (
     IS_PLASTIC,
     K_THETA,
     NUMBER_RATES,
+    RESULT,
     ROWS,
     THETA_RATE,
     elastic_part,
@@ -43,10 +44,12 @@ from thermofit.point.rates import (
     nine,
     plastic_part_rates,
     pressure_rates,
+    response_size,
     stress_rates,
     virgin_stress_rates,
 )
-from thermofit.point.update import ALPHA, LAMBDA, N_STATE
+from thermofit.point.relative_rates import relative_flow_rates, relative_stress_rates, stiffness_rate
+from thermofit.point.state import ALPHA, BACK, LAMBDA, N_FULL, TRACE
 
 _CHUNKS = 64
 
@@ -136,6 +139,35 @@ def _stress_at_fixed_f(
     return stress_rates(c, q, product(f, fp_rate), pressure_rates(c, q, theta, o, along.in_pressure, w), law, w)
 
 
+@kernel
+def _relative_stress_at_fixed_f(
+    c: np.ndarray,
+    q: int,
+    rates_n: np.ndarray,
+    place: tuple[int, int, bool],
+    f: Tensor,
+    fp_n: Tensor,
+    law: Law,
+    along: Directions,
+    w: np.ndarray,
+) -> Symmetric:
+    """`_stress_at_fixed_f` where an effect changes the update itself, theta' standing in w; place = first row of the point in the rates of
+    old states, distance of its rows, and whether it never yielded."""
+    at, step, virgin = place
+    o, base = spread(0.0), response_size(along.in_pressure.shape[0], along.in_yield.shape[0])
+    fp_rate, accumulated = (o, o, o, o, o, o, o, o, o), o
+    if not virgin:
+        fp_rate, alpha, accumulated = _rates_at(rates_n, at, step)
+        if number(c, IS_PLASTIC, q) == 1.0:
+            back = (rates_n, at + BACK * step, step)
+            strain = (o, o, o, o, o, o)
+            y, _, accumulated = relative_flow_rates(c, q, base, fp_rate, alpha, accumulated, back, strain, law, along, w)
+            fp_rate = plastic_part_rates(c, q, fp_n, fp_rate, y)
+    k = pressure_rates(c, q, row(w, THETA_RATE), o, along.in_pressure, w)
+    m_rate = stiffness_rate(c, q, base, accumulated, along, w)
+    return relative_stress_rates(c, q, base, product(f, fp_rate), k, m_rate, law, w)
+
+
 @kernel(parallel=True)
 def load_rates(
     data: ElementData,
@@ -165,12 +197,17 @@ def load_rates(
                 _set_numbers(along, group, point)
                 power, force_at = spread(0.0), 24 * e * n_groups + group
                 for q in range(8):
-                    theta = _at_point(theta_rates, nodes, q, group)
-                    if state[e, q, LAMBDA] == 0.0:
+                    theta, n_state = _at_point(theta_rates, nodes, q, group), state_rates_n.shape[2]
+                    if along.structured:
+                        place = ((8 * e + q) * n_state * n_groups + group, n_groups, state[e, q, LAMBDA] == 0.0)
+                        set_row(point, THETA_RATE, theta)
+                        f_q, fp_n = nine(f_rows, 0, q), _plastic_part(state_n, e, q)
+                        tau = _relative_stress_at_fixed_f(c, q, state_rates_n, place, f_q, fp_n, law, along, point)
+                    elif state[e, q, LAMBDA] == 0.0:
                         k = pressure_rates(c, q, theta, spread(0.0), along.in_pressure, point)
                         tau = virgin_stress_rates(c, q, k, point)
                     else:
-                        old = _rates_at(state_rates_n, (8 * e + q) * N_STATE * n_groups + group, n_groups)
+                        old = _rates_at(state_rates_n, (8 * e + q) * n_state * n_groups + group, n_groups)
                         f_q, fp_n = nine(f_rows, 0, q), _plastic_part(state_n, e, q)
                         tau = _stress_at_fixed_f(c, q, old, theta, f_q, fp_n, law, along, point)
                     m, p = _deviator(tau, data.volume[e, q], data.f_bar)
@@ -260,11 +297,11 @@ def dilatation_rates(data: ElementData, u: np.ndarray, u_rates: np.ndarray, out:
 
 
 @kernel(forceinline=True)
-def _power(data: ElementData, e: int, c: np.ndarray, law: Law) -> float:
+def _power(data: ElementData, e: int, c: np.ndarray) -> float:
     """P = sum_q w p of the stress at the end of the step; 0 without F-bar."""
     value = 0.0
     for q in range(8):
-        tau = kirchhoff(c, q, law)
+        tau = kirchhoff(c, q)
         value += data.volume[e, q] * (tau[0] + tau[1] + tau[2])
     return value * (data.f_bar / 3.0)
 
@@ -302,7 +339,7 @@ def update_rates(
             c, nodes, power = response[e], data.hexes[e], 0.0
             if forces:
                 force[e, :, :] = 0.0
-                power = _power(data, e, c, law)
+                power = _power(data, e, c)
             dilated = lane_sum(row(w, J_WEIGHT))
             for group in range(n_groups):
                 _set_numbers(along, group, point)
@@ -319,10 +356,15 @@ def update_rates(
                     d = (dilatation - trace) * (1.0 / 3.0)
                     l_bar = (lv[0] + d, lv[1], lv[2], lv[3], lv[4] + d, lv[5], lv[6], lv[7], lv[8] + d)
                     theta = _at_point(theta_rates, nodes, q, group)
-                    fp_rate, at = no_rate, point_at * N_STATE + group
+                    fp_rate, accumulated, at = no_rate, o, point_at * state_rates_n.shape[2] + group
                     if not virgin:
                         if keeps:
-                            fp_rate = _tensor_at(state_rates_n, at, n_groups)
+                            fp_rate, accumulated = _tensor_at(state_rates_n, at, n_groups), row(state_rates_n, at + LAMBDA * n_groups)
+                        elif along.structured:
+                            set_row(point, THETA_RATE, theta)
+                            fp_n = _plastic_part(state_n, e, q)
+                            fp_rate = _new_relative_part(c, q, l_bar, state_rates_n, fp_n, law, along, point, state_rates_new, at, n_groups)
+                            accumulated = row(state_rates_new, at + LAMBDA * n_groups)
                         else:
                             set_row(point, THETA_RATE, theta)
                             old, fp_n = _rates_at(state_rates_n, at, n_groups), _plastic_part(state_n, e, q)
@@ -331,9 +373,15 @@ def update_rates(
                         continue
                     f_el_rate = product_added(product(l_bar, elastic_part(c, q)), nine(f_rows, 0, q), fp_rate)
                     k = pressure_rates(c, q, theta, dilatation, along.in_pressure, point)
-                    m, p = _deviator(stress_rates(c, q, f_el_rate, k, law, point), data.volume[e, q], data.f_bar)
+                    if along.structured:
+                        base = response_size(along.in_pressure.shape[0], along.in_yield.shape[0])
+                        m_rate = stiffness_rate(c, q, base, accumulated, along, point)
+                        tau = relative_stress_rates(c, q, base, f_el_rate, k, m_rate, law, point)
+                    else:
+                        tau = stress_rates(c, q, f_el_rate, k, law, point)
+                    m, p = _deviator(tau, data.volume[e, q], data.f_bar)
                     power_rate = power_rate + p
-                    stress, _ = _deviator(kirchhoff(c, q, law), data.volume[e, q], data.f_bar)
+                    stress, _ = _deviator(kirchhoff(c, q), data.volume[e, q], data.f_bar)
                     share = power * number(w, J_WEIGHT, q) / dilated
                     _add_nodal(w, q, _with_geometry(m, stress, lv, trace, share), force, force_at, n_groups)
                 if forces and data.f_bar == 1:
@@ -371,6 +419,40 @@ def _new_plastic_part(
         strain = (2.0 * lv[0], 2.0 * lv[4], 2.0 * lv[8], lv[1] + lv[3], lv[5] + lv[7], lv[2] + lv[6])
         y, alpha, accumulated = flow_rates(c, q, fp_rate, alpha, accumulated, strain, law, (along.in_pressure, along.in_yield), w)
         fp_rate = plastic_part_rates(c, q, fp_n, fp_rate, y)
+    for k in range(9):
+        set_row(out, at + k * step, fp_rate[k])
+    set_row(out, at + ALPHA * step, alpha)
+    set_row(out, at + LAMBDA * step, accumulated)
+    return fp_rate
+
+
+@kernel
+def _new_relative_part(
+    c: np.ndarray,
+    q: int,
+    lv: Tensor,
+    rates_n: np.ndarray,
+    fp_n: Tensor,
+    law: Law,
+    along: Directions,
+    w: np.ndarray,
+    out: np.ndarray,
+    at: int,
+    step: int,
+) -> Tensor:
+    """`_new_plastic_part` where an effect changes the update itself; the rates of the old state stand at the same rows of rates_n."""
+    base = response_size(along.in_pressure.shape[0], along.in_yield.shape[0])
+    fp_rate, alpha, accumulated = _rates_at(rates_n, at, step)
+    if number(c, IS_PLASTIC, q) == 1.0:
+        strain = (2.0 * lv[0], 2.0 * lv[4], 2.0 * lv[8], lv[1] + lv[3], lv[5] + lv[7], lv[2] + lv[6])
+        back = (rates_n, at + BACK * step, step)
+        y, alpha, accumulated = relative_flow_rates(c, q, base, fp_rate, alpha, accumulated, back, strain, law, along, w)
+        fp_rate = plastic_part_rates(c, q, fp_n, fp_rate, y)
+        for k in range(TRACE, N_FULL):
+            set_row(out, at + k * step, row(w, RESULT + k - TRACE))
+    else:
+        for k in range(TRACE, N_FULL):
+            set_row(out, at + k * step, row(rates_n, at + k * step))
     for k in range(9):
         set_row(out, at + k * step, fp_rate[k])
     set_row(out, at + ALPHA * step, alpha)

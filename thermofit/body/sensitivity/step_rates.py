@@ -12,7 +12,7 @@ from thermofit.body.heat.conduction import HeatStep
 from thermofit.body.heat.equation import PointHistory
 from thermofit.body.solve.linear import Factor
 from thermofit.core.errors import NumericsError
-from thermofit.point.update import LAMBDA
+from thermofit.point.state import LAMBDA
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Sensitivities:
 
     names: tuple[str, ...]
     collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 0.05
+    tolerance: float = 0.02
 
     def of(self, places: Sequence[int]) -> Sensitivities:
         """The same by the names at these places alone; derivatives by the others are handed on as the zeros that they are."""

@@ -11,7 +11,7 @@ from thermofit.body.body import Body, ThermalGeometry
 from thermofit.body.heat.equation import PointHistory
 from thermofit.body.sensitivity.march import Rates, Sensitivities
 from thermofit.body.solve.newton import Direction, NewtonSettings
-from thermofit.point.update import ALPHA, LAMBDA
+from thermofit.point.state import ALPHA, LAMBDA, N_STATE
 
 COUPLING_TOLERANCE = 1e-3
 """K; a tenth of the noise of an infrared camera. Both fields then agree some thirty times better: expansion takes 3 % of the heat."""
@@ -143,7 +143,8 @@ class Record:
 
 def point_history(points: np.ndarray, dilatation: np.ndarray) -> PointHistory:
     """What the heat sources need of point states (n_el, 8, 11) and J (n_el, 8)."""
-    return PointHistory(dilatation, np.ascontiguousarray(points[:, :, ALPHA]), np.ascontiguousarray(points[:, :, LAMBDA]))
+    plain = PointHistory(dilatation, np.ascontiguousarray(points[:, :, ALPHA]), np.ascontiguousarray(points[:, :, LAMBDA]))
+    return plain if points.shape[2] == N_STATE else plain._replace(structure=np.ascontiguousarray(points[:, :, N_STATE:]))
 
 
 def recorded(body: Body, state: State, settings: MarchSettings) -> Record:

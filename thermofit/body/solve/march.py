@@ -32,9 +32,10 @@ from thermofit.body.solve.newton import Equilibrator, Equilibrium, axes_about_z,
 from thermofit.body.solve.predictor import Passed, passed, predicted
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.law.bounds import check_beta, check_body_effects
+from thermofit.law.bounds import check_beta
 from thermofit.law.page import Law, law_in_step, law_of
-from thermofit.point.update import LAMBDA
+from thermofit.law.page_rates import is_structured
+from thermofit.point.state import LAMBDA
 
 
 def march(
@@ -56,13 +57,13 @@ def march(
     loading.check(body, times)
     check_axes(body, settings.material_angle)
     check_beta(parameters)
-    check_body_effects(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
     law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
     conditions = conditions_of(body, parameters, settings.films)
     if settings.coupling == "one-way":
         conditions = at_constant_stress(conditions, law)
     conditions = conditions.at(float(times[0]), float(times[0]), np.empty(0))
     run = _Run(body, law, conditions, loading.acting(parameters), settings)
+    run.structured = is_structured(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
     if watch.sensitivities is not None:
         run.differentiate(parameters, watch.sensitivities, loading.rates(parameters, watch.sensitivities.names))
     start = run.initial(float(times[0]))
@@ -101,6 +102,7 @@ class _Run:
         self.rates: Differentiator | None = None
         self.load_rates = np.empty((0, 0))
         self.elastic: Factor | None = None
+        self.structured = False
 
     def differentiate(self, parameters: Parameters, asked: Sensitivities, load_rates: np.ndarray) -> None:
         """Differentiate every step from now on; load_rates (n, n_p) are those of the loading at its times. What moves nothing (slip of jaws
@@ -134,7 +136,7 @@ class _Run:
         if from_rest:
             self.rest_displacement = self.law.alpha_exp * float(volume_mean(body, theta - self.law.theta_ref)) * self.length
         load = self.load(t)
-        virgin = virgin_state(body.mesh.n_elements, axes_about_z(self.settings.material_angle))
+        virgin = virgin_state(body.mesh.n_elements, axes_about_z(self.settings.material_angle), structure=self.structured)
         found = self.solver.solve(u, theta, virgin, load if self.follower is None else 0.0)
         state = State(t, load, found.u, theta, found.state, found.dilatation, thermal_geometry(body, found.u), found.top_force)
         if self.rates is None:

@@ -20,7 +20,7 @@ from thermofit.body.element.thermal_load import thermal_forces
 from thermofit.body.solve.linear import Factor, gathered, scatter
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.law.page import Law
-from thermofit.point.update import N_STATE
+from thermofit.point.state import N_FULL, N_STATE
 
 PATIENCE = 4.0
 """Iterations with a kept factor that cost as much as a fresh tangent, its factor and the iterations that still follow."""
@@ -239,7 +239,7 @@ class Equilibrator:
 
     def _warmed(self, here: _Iterate, level: Level, theta: np.ndarray) -> _Iterate:
         """The iterate at another temperature: the forces of the change enter its residual."""
-        thermal_forces(self.body.data, here.u, level.theta, theta, self.law, self._warming)
+        thermal_forces(self.body.data, here.u, level.state, level.theta, theta, self.law, self._warming)
         residual = here.residual.copy()
         gathered(self.body.element_equation, self._warming, residual)
         return replace(here, residual=residual, norm=float(np.linalg.norm(residual)))
@@ -325,8 +325,9 @@ class Equilibrator:
         return float(self._force.reshape(-1, 3)[self._top, 1].sum())
 
 
-def virgin_state(n_elements: int, axes: np.ndarray | None = None) -> np.ndarray:
-    """State (n_el, 8, 11) of a material that was never loaded: F_p^-1 = Q, alpha = Lambda = 0.
+def virgin_state(n_elements: int, axes: np.ndarray | None = None, *, structure: bool = False) -> np.ndarray:
+    """State (n_el, 8, 11) of a material that was never loaded: F_p^-1 = Q, alpha = Lambda = 0; with `structure` (n_el, 8, N_FULL), no
+    backstress.
 
     The columns of the rotation Q `axes` (3, 3) are the material axes 1, 2, 3 (default: those of the model). Elasticity is isotropic
     and C_p^-1 = Q Q^T = 1: nothing is deformed, but C_el = Q^T C Q, which the yield surface (4.19) sees, is in the material axes.
@@ -335,7 +336,7 @@ def virgin_state(n_elements: int, axes: np.ndarray | None = None) -> np.ndarray:
     q = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
     if q.shape != (3, 3) or not np.allclose(q @ q.T, np.eye(3), atol=1e-12) or np.linalg.det(q) < 0.0:
         raise StudyError("material axes: no rotation found; expected three orthonormal right-handed columns")
-    state = np.zeros((n_elements, 8, N_STATE))
+    state = np.zeros((n_elements, 8, N_FULL if structure else N_STATE))
     state[:, :, :9] = q.ravel()
     return state
 

@@ -112,7 +112,7 @@ def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Value]:
     if kind == _CELL:
         return name, [_matrix(_array(part), order, depth + 1)[1] for part in _exactly(parts, count)]
     if kind in (_STRUCT, _OBJECT):
-        return name, _structs(parts, order, (kind, count, depth))
+        return name, _structs(parts, order, kind, count, depth)
     if kind == _CHAR:
         return name, _text(_next(parts), order, count)
     values = _numbers(_next(parts), order)
@@ -165,9 +165,8 @@ def _text(part: _Element, order: str, count: int) -> str:
     return part.data.decode(codec, errors="replace")[:count]
 
 
-def _structs(parts: Iterator[_Element], order: str, header: tuple[int, int, int]) -> list[dict[str, Value]]:
-    """Elements of a struct array; `header`: class, number of elements, depth."""
-    kind, count, depth = header
+def _structs(parts: Iterator[_Element], order: str, kind: int, count: int, depth: int) -> list[dict[str, Value]]:
+    """The `count` elements of a struct array of that class, at that depth."""
     if kind == _OBJECT:
         _next(parts)  # the name of its class
     length = _numbers(_next(parts), order)

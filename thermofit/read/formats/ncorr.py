@@ -78,7 +78,7 @@ def read(path: Path) -> DicSequence:
     for k in range(len(u)):
         missing = _missing(u[k], v[k], coefficient[k] if info.regular else None, info.cutoff[k] if k < info.cutoff.size else np.inf)
         here = _strains({key: values[k] for key, values in strain.items()}, missing)
-        stages.append(_stage(path, info, is_formatted, (u[k], v[k], missing, here), k + 1))
+        stages.append(_stage(path, info, is_formatted, u[k], v[k], missing, here, k + 1))
     total = sum(stage.traits.missing for stage in stages)
     if total == len(u) * u[0].size:
         raise DataError(f"{path}: no node of {len(u)} stages was correlated (u = v = 0 everywhere), expected some; correlate again")
@@ -126,9 +126,16 @@ def _strains(fields: Mapping[str, np.ndarray], missing: np.ndarray) -> dict[str,
 
 
 def _stage(
-    path: Path, info: _Info, is_formatted: bool, fields: tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]], number: int
+    path: Path,
+    info: _Info,
+    is_formatted: bool,
+    u: np.ndarray,
+    v: np.ndarray,
+    missing: np.ndarray,
+    strain: dict[str, np.ndarray],
+    number: int,
 ) -> DicStage:
-    u, v, missing, strain = fields
+    """Stage `number`: displacements u, v and mask `missing` (n_row, n_column), strains (n,) by name."""
     length = 1.0 if info.length is None else info.length
     row, column = np.indices(u.shape)
     unknown = np.full(u.size, np.nan)

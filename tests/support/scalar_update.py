@@ -1,4 +1,7 @@
-"""One Gauss point: implicit plastic update with the exponential map, stress, and the consistent tangent.
+"""One Gauss point without lanes: implicit plastic update with the exponential map, stress, and the consistent tangent.
+
+A second implementation of the equations of `thermofit.point.lanes_point`, by other algebra, for tests to compare with; it has no effects
+that change the update itself.
 
 State of a point, shape (11,): F_p^-1 row by row (9), alpha, accumulated plastic multiplier Lambda. Old state in, new state
 out; nothing is changed in between.
@@ -19,38 +22,121 @@ from typing import NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.law.page import Law, flow_stress, hardening_variable, hill_gradient, pressure_factor
+from thermofit.law.page import Law, flow_stress, hardening_variable, hill, pressure_factor
 from thermofit.law.tensor import (
     COLUMN,
     ROW,
     Symmetric,
     added,
+    commuting_product,
     congruence,
     determinant,
     double_contraction,
-    exponential,
-    exponential_derivative,
-    gram,
     inverse_transpose,
-    largest,
-    multiply,
-    multiply_symmetric,
     scaled,
-    solve_in_place,
 )
+from thermofit.point.lanes_tensor import MAX_TERMS
+from thermofit.point.state import ALPHA, ELASTIC, INVERTED, LAMBDA, N_STATE, NO_CONVERGENCE, PLASTIC, YIELD_TOLERANCE
 
-N_STATE = 11
-ALPHA, LAMBDA = 9, 10
-ELASTIC, PLASTIC, NO_CONVERGENCE, INVERTED = 0, 1, -1, -2
 MAX_ITERATIONS = 60
 STRESS_TOLERANCE = 1e-11
 """Distance from the yield surface, relative to the yield stress, at which the return map has converged."""
 FLOW_TOLERANCE, FLOW_ACCURACY = 1e-14, 1e-12
 """Error of D at which it has: absolute and relative to dLambda."""
-YIELD_TOLERANCE = 1e-9
-"""Relative excess over the yield stress that still counts as elastic; above the accuracy of the return map, so that a state
-left on the yield surface unloads with the elastic tangent."""
 _UNIT = np.array([[1.0 if m == n else 0.0 for n in range(6)] for m in range(6)])
+
+
+_NEGLIGIBLE = 1e-17
+
+
+@kernel(forceinline=True)
+def multiply(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    """out = a . b."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@kernel(forceinline=True)
+def multiply_symmetric(a: np.ndarray, s: Symmetric, out: np.ndarray) -> None:
+    """out = a . s for a symmetric s."""
+    for i in range(3):
+        x, y, z = a[i, 0], a[i, 1], a[i, 2]
+        out[i, 0] = x * s[0] + y * s[3] + z * s[5]
+        out[i, 1] = x * s[3] + y * s[1] + z * s[4]
+        out[i, 2] = x * s[5] + y * s[4] + z * s[2]
+
+
+@kernel(forceinline=True)
+def gram(a: np.ndarray) -> Symmetric:
+    """a^T . a."""
+    return (
+        a[0, 0] * a[0, 0] + a[1, 0] * a[1, 0] + a[2, 0] * a[2, 0],
+        a[0, 1] * a[0, 1] + a[1, 1] * a[1, 1] + a[2, 1] * a[2, 1],
+        a[0, 2] * a[0, 2] + a[1, 2] * a[1, 2] + a[2, 2] * a[2, 2],
+        a[0, 0] * a[0, 1] + a[1, 0] * a[1, 1] + a[2, 0] * a[2, 1],
+        a[0, 1] * a[0, 2] + a[1, 1] * a[1, 2] + a[2, 1] * a[2, 2],
+        a[0, 0] * a[0, 2] + a[1, 0] * a[1, 2] + a[2, 0] * a[2, 2],
+    )
+
+
+@kernel(forceinline=True)
+def largest(a: Symmetric) -> float:
+    """Largest absolute component."""
+    return max(abs(a[0]), abs(a[1]), abs(a[2]), abs(a[3]), abs(a[4]), abs(a[5]))
+
+
+@kernel(forceinline=True)
+def exponential(x: Symmetric) -> tuple[Symmetric, int]:
+    """exp(x) by its power series, and the number of terms; 0 terms where the series did not converge.
+
+    Meant for plastic increments (norm well below 1), for which the series ends after 4 to 8 terms at full precision.
+    """
+    term = x
+    out = (1.0 + x[0], 1.0 + x[1], 1.0 + x[2], x[3], x[4], x[5])
+    for order in range(2, MAX_TERMS):
+        term = scaled(commuting_product(term, x), 1.0 / order)
+        out = added(out, term, 1.0)
+        if largest(term) < _NEGLIGIBLE:
+            return out, order
+    return out, 0
+
+
+@kernel(forceinline=True)
+def exponential_derivative(x: Symmetric, dx: Symmetric, n_terms: int) -> Symmetric:
+    """d exp(x)[dx]: the derivative of the power series of `exponential` with the same number of terms.
+
+    T_k = x^k / k!, dT_k = (dT_(k-1) . x + T_(k-1) . dx) / k; dT_k is symmetric, so six components suffice.
+    """
+    term, d_term, out = x, dx, dx
+    for order in range(2, n_terms + 1):
+        r = 1.0 / order
+        d_term = scaled(added(commuting_product(d_term, x), commuting_product(term, dx), 1.0), r)
+        term = scaled(commuting_product(term, x), r)
+        out = added(out, d_term, 1.0)
+    return out
+
+
+@kernel(forceinline=True)
+def solve_in_place(a: np.ndarray, b: np.ndarray) -> None:
+    """b := a^-1 . b for a small dense system without pivoting; a (n, n) close to the identity, b (n, m)."""
+    n = a.shape[0]
+    m = b.shape[1]
+    for k in range(n):
+        r = 1.0 / a[k, k]
+        for i in range(k + 1, n):
+            factor = a[i, k] * r
+            for j in range(k + 1, n):
+                a[i, j] -= factor * a[k, j]
+            for j in range(m):
+                b[i, j] -= factor * b[k, j]
+    for k in range(n - 1, -1, -1):
+        r = 1.0 / a[k, k]
+        for j in range(m):
+            s = b[k, j]
+            for i in range(k + 1, n):
+                s -= a[k, i] * b[i, j]
+            b[k, j] = s * r
 
 
 class PointWork(NamedTuple):
@@ -100,13 +186,6 @@ def _kept(w: PointWork, which: int) -> Symmetric:
 def _keep(w: PointWork, which: int, a: Symmetric) -> None:
     for m in range(6):
         w.symmetric[which, m] = a[m]
-
-
-@kernel(forceinline=True)
-def hill(a: Symmetric, law: Law) -> Symmetric:
-    """G : A for the Hill tensor of (4.19), (D.7)."""
-    g11, g22, g33 = hill_gradient(a[0], a[1], a[2], law)
-    return (g11, g22, g33, law.L * a[3], law.M * a[4], law.N * a[5])
 
 
 @kernel(forceinline=True)

@@ -1,0 +1,61 @@
+"""E of the elastic range stays within what that range has told, and what speaks against that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from coupon_sets import TRUTH, pulled_record, study_of
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.prepared import within
+from thermofit.experiment.coupon import STRAIGHT, CouponExperiment
+from thermofit.experiment.coupon_records import CouponData, CouponTest
+from thermofit.study.study import Study
+
+
+def bar(name: str = "a", seed: int = 3, sigma: float = 1.0, **law: float) -> CouponTest:
+    return pulled_record(name, 1e-3, 293.15, seed, sigma, 0.04, 120, **law)
+
+
+def told(study: Study, *tests: CouponTest) -> dict[str, tuple[float, float]]:
+    """What the elastic ranges tell of a joint fit that begins at the truth."""
+    experiment = CouponExperiment(study, given=CouponData(tests, "strain"))
+    return experiment.told(Parameters.of({**experiment.start().values, **TRUTH}, experiment.joint_settings().free))
+
+
+def test_a_modulus_stays_within_what_its_elastic_range_tells(tmp_path: Path) -> None:
+    """Three of its standard errors, STRAIGHT at least, and within the bounds of the study."""
+    study = study_of(tmp_path)
+    assert told(study, bar())["E"] == pytest.approx((200e3 * (1.0 - STRAIGHT), 200e3 * (1.0 + STRAIGHT)))
+    low, high = told(study, bar(sigma=3.0))["E"]
+    assert 0.035 < high / 200e3 - 1.0 < 0.15 and 1.0 - low / 200e3 == pytest.approx(high / 200e3 - 1.0)
+    narrow = within(study, Parameters.of({"E": 200e3}), {"E": (199e3, 201e3)})
+    assert told(narrow, bar())["E"] == (199e3, 201e3)
+
+
+@pytest.mark.parametrize(
+    ("study", "records"),
+    [
+        ({"stages": {"elastic": {"free": ["E"], "window": [0.0, 1.0]}, "plastic": {"free": ["M_y0", "M_yinf", "H_exp"]}}}, 1),
+        ({"diagnosis": {"free": ["E", "M_y0", "M_yinf", "H_exp"]}}, 1),
+        ({}, 2),
+    ],
+    ids=["a window by hand", "freed by the study", "elastic lines that scatter"],
+)
+def test_what_the_elastic_ranges_do_not_tell_or_the_study_frees_has_the_bounds_of_the_study(
+    tmp_path: Path, study: dict[str, Any], records: int
+) -> None:
+    others = (bar("b", 4, E=150e3),) if records == 2 else ()
+    assert told(study_of(tmp_path, **study), bar(), *others) == {}
+
+
+def test_the_joint_fit_and_its_judges_keep_to_what_is_told(tmp_path: Path) -> None:
+    study = study_of(tmp_path)
+    experiment = CouponExperiment(study, given=CouponData((bar(),), "strain"))
+    base = Parameters.of({**experiment.start().values, **TRUTH}, experiment.joint_settings().free)
+    joint = experiment.diagnosed(base)
+    assert "E" in joint.base.free and within(study, base, joint.told).bounds("E") == joint.told["E"] == pytest.approx((194e3, 206e3))
+    kept = within(study, base, joint.told)
+    assert kept.bounds("M_y0") == study.bounds("M_y0") and kept.scale("E") == study.scale("E") and within(study, base, {}) is study

@@ -1,0 +1,120 @@
+"""What was accepted is judged again: each reason to doubt it, and what takes it back, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from coupon_sets import looped, pulled_record, study_of
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose import rejudge as module
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.rejudge import Rejudged, ends_of_fit, rejudged, suspicion
+from thermofit.effects.catalogue import effect
+
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+BAD = replace(GOOD, gain=0.01)
+ON = {"second_hardening.Q": 30.0, "backstress_first.C": 5000.0}
+MEANS: Any = None
+
+
+def at(values: Mapping[str, float], sigma: float = 1e-3, accepted: tuple[str, ...] = ("second_hardening", "backstress_first")) -> Any:
+    """A trace and its fit with E and the amplitudes of accepted effects free; `sigma`: their relative standard error."""
+    amplitudes = tuple(effect(n).amplitude.name for n in accepted)
+    parameters = Parameters.of({"E": 200e3, **ON, **values}, ("E", *amplitudes))
+    fit = SimpleNamespace(names=parameters.free, sigma=np.abs(parameters.vector()) * sigma + 1e-9, at_bound=[False] * 3)
+    bounds = {"E": (150e3, 250e3)}
+    case = SimpleNamespace(parameters=parameters, bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)))
+    here = SimpleNamespace(
+        case=case,
+        rows=None,
+        split=SimpleNamespace(held_out=()),
+        problem=SimpleNamespace(model=SimpleNamespace(noise=None)),
+        columns=SimpleNamespace(residual=None),
+    )
+    return here, fit
+
+
+def judged(
+    monkeypatch: pytest.MonkeyPatch,
+    values: Mapping[str, float],
+    proof: Proof = BAD,
+    *,
+    then: Mapping[str, float] | None = None,
+    before: Mapping[str, str] | None = None,
+    elsewhere: Proof | None = None,
+    fails: bool = False,
+) -> tuple[list[str], Rejudged]:
+    """Effects without which it was fitted, and what is left of two that end at these values; without one of them they end at `then`."""
+    asked = []
+
+    def without(here: Any, name: str, _: Any) -> Any:
+        asked.append(name)
+        if fails:
+            raise NumericsError("no equilibrium")
+        left = tuple(
+            n for n in ("second_hardening", "backstress_first") if effect(n).amplitude.name in here.case.parameters.free and n != name
+        )
+        return at(then or {}, accepted=left)
+
+    monkeypatch.setattr(module, "without", without)
+    monkeypatch.setattr(module, "held_out_of", lambda _: None)
+    monkeypatch.setattr(module, "compared", lambda *_: proof)
+    monkeypatch.setattr(module, "proof_of_refit", lambda *_: elsewhere)
+    return asked, rejudged(*at(values), ("second_hardening", "backstress_first"), before or {}, MEANS)
+
+
+def test_what_has_a_value_of_its_own_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, found = judged(monkeypatch, {})
+    assert asked == [] and found.dropped == () and found.remarks == ()
+
+
+def test_an_earlier_effect_that_ends_at_its_bound_is_taken_back_where_it_is_not_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, found = judged(monkeypatch, {"second_hardening.Q": -998.0})
+    assert asked == ["second_hardening"] and found.dropped == ("second_hardening",)
+    assert found.remarks[0].startswith("second_hardening is taken back: second_hardening.Q ends at its bound: -998 MPa")
+    assert found.here.case.parameters.free == ("E", "backstress_first.C")
+    asked, found = judged(monkeypatch, {"second_hardening.Q": -998.0}, GOOD)
+    assert asked == ["second_hardening"] and found.dropped == () and found.remarks == (), "needed: it stays, and the answer says so"
+    assert judged(monkeypatch, {"second_hardening.Q": -998.0}, GOOD, elsewhere=BAD)[1].dropped == ("second_hardening",), "a test decides"
+
+
+def test_an_effect_that_has_become_nothing_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    here, fit = at({})
+    fit.sigma = np.array([1.0, 14.0, 1.0])
+    assert suspicion(here, fit, "second_hardening", {}) == ""
+    fit.sigma = np.array([1.0, 16.0, 1.0])
+    assert "second_hardening.Q = 30 +- 16 is not away from 0 any more" in suspicion(here, fit, "second_hardening", {})
+    assert suspicion(here, fit, "backstress_first", {}) == ""
+    asked, found = judged(monkeypatch, {"backstress_first.C": 1e-10})
+    assert asked == ["backstress_first"] and found.dropped == ("backstress_first",)
+
+
+def test_what_drives_the_base_model_to_a_bound_is_asked_for_the_latest_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It goes where E comes off its bound without it; what was at its bound before is no effect's fault."""
+    asked, found = judged(monkeypatch, {"E": 249.9e3})
+    assert asked == ["backstress_first"] and found.dropped == ("backstress_first",) and "E ends at its bound" in found.remarks[0]
+    asked, found = judged(monkeypatch, {"E": 249.9e3}, then={"E": 249.9e3})
+    assert asked == ["backstress_first", "second_hardening"] and found.dropped == (), "nothing is won without them"
+    assert judged(monkeypatch, {"E": 249.9e3}, GOOD)[1].dropped == ()
+    assert judged(monkeypatch, {"E": 249.9e3}, before={"E": "at its bound"})[0] == []
+
+
+def test_a_refit_that_fails_takes_nothing_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, found = judged(monkeypatch, {"second_hardening.Q": -998.0}, fails=True)
+    assert asked == ["second_hardening"] and found.dropped == () and "the fit without it failed (no equilibrium)" in found.remarks[0]
+
+
+def test_an_effect_that_a_later_one_makes_needless_goes_before_the_next_round(tmp_path: Path) -> None:
+    """Of a truth with two backstresses and no second hardening the loop ends with nothing at a bound."""
+    law = {"backstress_first.C": 60e3, "backstress_first.gamma": 900.0, "backstress_second.C": 3000.0, "backstress_second.gamma": 8.0}
+    found = looped(study_of(tmp_path), (pulled_record("p", 1e-3, 293.0, 5, 0.5, samples=90, **law),), tmp_path)
+    assert found.accepted and ends_of_fit(found.last, found.fit) == {}
+    assert float(np.sqrt(np.mean(found.last.columns.residual**2))) < 1.3

@@ -1,0 +1,88 @@
+"""What the loop has accepted so far, judged again after each further effect: does every fitted parameter still have a value of its own?
+
+An effect that was right when it was added may end at its bound, at nothing, or without a standard error once another one explains its part
+better; and an effect may be bought with a parameter of the base model that it drives to its bound. Such an effect goes where the model
+without it predicts held-out data as well. Where it is needed all the same, it stays, and the answer says so (`trust.undetermined`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import bare_name
+from thermofit.diagnose.backward import Means, held_out_of, without
+from thermofit.diagnose.held_out import compared
+from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.trace import Traced
+from thermofit.diagnose.trial import AWAY
+from thermofit.effects.catalogue import effect
+from thermofit.experiment.trust import undetermined
+from thermofit.fit.result import FitResult
+
+
+@dataclass(frozen=True)
+class Rejudged:
+    """The loop's state without the effects that were taken back, and why they were."""
+
+    here: Traced
+    fit: FitResult
+    dropped: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def ends_of_fit(here: Traced, fit: FitResult) -> dict[str, str]:
+    """Fitted parameters of a trace without a value of their own, and why."""
+    return undetermined(here.case.parameters, fit, here.case.bounds)
+
+
+def rejudged(here: Traced, fit: FitResult, accepted: Sequence[str], before: Mapping[str, str], means: Means) -> Rejudged:
+    """Without the accepted effects that have no value of their own any more, or that drive a parameter of the base model, which was not so
+    `before`, to its bound, as far as held-out data do not need them; the latest first."""
+    remarks: list[str] = []
+    dropped: list[str] = []
+    kept: set[str] = set()
+    while True:
+        asked = [
+            (name, why) for name in reversed(accepted) if name not in (*dropped, *kept) and (why := suspicion(here, fit, name, before))
+        ]
+        if not asked:
+            return Rejudged(here, fit, tuple(dropped), tuple(remarks))
+        name, why = asked[0]
+        kept.add(name)
+        try:
+            there, after = without(here, name, means)
+        except NumericsError as error:
+            remarks.append(f"{why}; {name} stays all the same: the fit without it failed ({error})")
+            continue
+        if len(ends_of_fit(there, after)) < len(ends_of_fit(here, fit)) or name in _not_away(here, fit, name):
+            found = compared(
+                held_out_of(there), held_out_of(here), here.rows, len(here.split.held_out), here.problem.model.noise, here.columns.residual
+            )
+            proof = proof_of_refit(there, here, name) or found
+            if not proof.convinces:
+                remarks.append(f"{name} is taken back: {why}, and with it {proof.words}")
+                dropped.append(name)
+                kept.clear()
+                here, fit = there, after
+
+
+def suspicion(here: Traced, fit: FitResult, name: str, before: Mapping[str, str]) -> str:
+    """Why an accepted effect is doubted, empty where it is not: a value of its own, or one of the base model that was sound `before`."""
+    found, own = ends_of_fit(here, fit), effect(name).names
+    of_effects = {n for n in found if "." in bare_name(n)}
+    words = [why for n, why in found.items() if n in own or (n not in of_effects and n not in before)]
+    return "; ".join([*words, *_not_away(here, fit, name).values()][:1])
+
+
+def _not_away(here: Traced, fit: FitResult, name: str) -> dict[str, str]:
+    """The effect itself, and that in words, where all of its amplitudes lie within AWAY standard errors of neutral."""
+    if fit.sigma is None:
+        return {}
+    sigma = dict(zip(fit.names, fit.sigma.tolist(), strict=True))
+    own = [p for p in effect(name).amplitudes if p.name in sigma]
+    if not own or any(abs(here.case.parameters[p.name] - p.neutral) > AWAY * sigma[p.name] for p in own):
+        return {}
+    p = own[0]
+    return {name: f"{p.name} = {here.case.parameters[p.name]:.3g} +- {sigma[p.name]:.2g} is not away from {p.neutral:g} any more"}

@@ -1,0 +1,360 @@
+"""Eight points at once where an effect changes the update itself: backstress, moduli that degrade, yield stress by the sense of flow.
+
+With the factor m(Lambda) on all elastic moduli, the backstresses of `law.backstress` and q_i = C_i exp(-gamma_i dLambda), the stress and
+the flow of `lanes_point` become
+
+    tau = m (mu F_el F_el^T + k 1),    T = m mu C_el - sum q_i Y_n,i,    D = dLambda N,    N = G : T / |T|_G,
+    |T|_G = f(xi) sigma_y + sum C_i dLambda phi_i,      Y_i = exp(-gamma_i dLambda) Y_n,i + dLambda phi_i dev T / |T|_G.
+
+f is the factor of the effects of slot asymmetry at the sense of flow xi = (27/4)^(1/2) J_3 / J_2^(3/2) of dev T (Lode): 1 in uniaxial
+tension, -1 in uniaxial compression, 0 in shear. Flow keeps Hill's normal N, to which f is not associated.
+
+Newton is that of all six equations: with P = G - N N, r = dLambda/|T|_G, S = dC_el/dD, V = dT/d dLambda at a fixed C_el and
+W = N - sigma_y f' dxi/dT,
+
+    (1 - r m mu P S) dD - (N + r P V) d dLambda = r P : dT|,      -W : m mu S dD - (W : V - R') d dLambda = W : dT|,
+
+R the right-hand side of the yield condition, dT| what T gains at fixed D and dLambda. The tangent is not symmetric where backstresses
+recall, moduli degrade or f changes with xi: its symmetric part is what Newton's method is given, and derivatives are mended by the exact
+rates of the forces (body.sensitivity).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from thermofit.core.jit import kernel
+from thermofit.core.lanes import Lanes, all_lanes, any_lane, spread, where
+from thermofit.law.backstress import decay_series
+from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor
+from thermofit.law.page import Law, flow_stress, hardening_variable, hill
+from thermofit.law.tensor import COLUMN, ROW, Symmetric, added, commuting_product, congruence, double_contraction, scaled
+from thermofit.point.lanes_memory import column, row, set_column, set_row
+from thermofit.point.lanes_rows import (
+    ALONG_E,
+    ALONG_S,
+    BACK_N,
+    BY_INCREMENT,
+    C_TRIAL,
+    EQUATIONS,
+    EXPONENTIAL,
+    F_ELASTIC,
+    F_TRIAL,
+    FLOW,
+    FLOW_ACCURACY,
+    FLOW_TOLERANCE,
+    GAMMA,
+    INCREMENT,
+    K_FACTOR,
+    K_SLOPE,
+    MAX_ITERATIONS,
+    NORM,
+    NORMAL,
+    PUSHED,
+    RELATIVE,
+    SHEAR,
+    SLOPE,
+    STATE,
+    STIFFENING,
+    STIFFNESS,
+    STRESS_TOLERANCE,
+    eliminate,
+    flow_direction,
+    set_equation_column,
+    stress_of_rows,
+)
+from thermofit.point.lanes_tensor import (
+    Tensor,
+    chosen,
+    exponential_of_traceless,
+    exponential_slopes,
+    full,
+    inner_gram,
+    largest_component,
+    product,
+    set_symmetric_rows,
+    set_tensor_rows,
+    symmetric_rows,
+    symmetric_sum,
+    tensor_rows,
+)
+from thermofit.point.state import (
+    ALPHA,
+    BACK,
+    ELASTIC,
+    LAMBDA,
+    N_BACK,
+    N_FULL,
+    N_STATE,
+    NO_CONVERGENCE,
+    SENSE,
+    TRACE,
+    YIELD_TOLERANCE,
+)
+
+_LODE = 1.5 * math.sqrt(3.0)
+_NEAR = 1e-8
+"""Reach of the differences that give Newton the slopes of m over Lambda and of f over xi."""
+_SMALL = 1e-2
+
+
+@kernel(forceinline=True)
+def decay_share_of_lanes(z: Lanes) -> Lanes:
+    """phi(z) of `law.backstress`, lane by lane."""
+    small = abs(z) < _SMALL
+    return where(small, decay_series(z), (1.0 - np.exp(-z)) / where(small, 1.0, z))
+
+
+@kernel(forceinline=True)
+def deviator(t: Symmetric) -> Symmetric:
+    """dev t."""
+    p = (t[0] + t[1] + t[2]) * (1.0 / 3.0)
+    return (t[0] - p, t[1] - p, t[2] - p, t[3], t[4], t[5])
+
+
+@kernel(forceinline=True)
+def sense_and_gradient(t: Symmetric) -> tuple[Lanes, Symmetric]:
+    """xi of a stress and its derivative by it; 1 and zero where there is no stress."""
+    s = deviator(t)
+    s2 = commuting_product(s, s)
+    j2, j3 = 0.5 * (s2[0] + s2[1] + s2[2]), double_contraction(s, s2) * (1.0 / 3.0)
+    stressed = j2 > 0.0
+    one = where(stressed, j2, 1.0)
+    factor = _LODE / (one * np.sqrt(one))
+    sense = where(stressed, factor * j3, 1.0)
+    by_j3, by_j2 = where(stressed, factor, 0.0), where(stressed, -1.5 * sense / one, 0.0)
+    mean = (2.0 / 3.0) * j2
+    g = (s2[0] - mean, s2[1] - mean, s2[2] - mean, s2[3], s2[4], s2[5])
+    return sense, added(scaled(g, by_j3), s, by_j2)
+
+
+@kernel(forceinline=True)
+def _recalled(accumulated: Lanes, gamma: Lanes, theta: Lanes, law: Law, w: np.ndarray) -> tuple[Symmetric, Symmetric, Lanes, Lanes]:
+    """sum q_i Y_n,i and its slope over dLambda, sum C_i dLambda phi_i and its slope; C and gamma held."""
+    o = spread(0.0)
+    held, slope, gained, by_gained = (o, o, o, o, o, o), (o, o, o, o, o, o), o, o
+    terms = backstress_terms(accumulated, gamma * law.per_second, theta, law)
+    for i in range(N_BACK):
+        modulus, recall = terms[i][0], terms[i][1]
+        z, y = recall * gamma, symmetric_rows(w, BACK_N + 6 * i)
+        q = modulus * np.exp(-z)
+        held, slope = added(held, y, q), added(slope, y, -(q * recall))
+        gained, by_gained = gained + modulus * gamma * decay_share_of_lanes(z), by_gained + q
+    return held, slope, gained, by_gained
+
+
+@kernel
+def update_relative(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: np.ndarray, state: np.ndarray) -> int:
+    """`lanes_point.update_lanes` with these effects, from where the old state, k and k' stand in w. States that do not hold Y fail."""
+    if state_n.shape[1] < N_FULL:
+        return NO_CONVERGENCE
+    for m in range(6 * N_BACK):
+        set_row(w, BACK_N + m, column(state_n, BACK + m))
+    fp_inv, alpha_n, lambda_n = tensor_rows(w, STATE), row(w, STATE + ALPHA), row(w, STATE + LAMBDA)
+    f_trial = product(f, fp_inv)
+    c_trial = inner_gram(f_trial)
+    o = spread(0.0)
+    held, _, _, _ = _recalled(lambda_n, o, theta, law, w)
+    stiff = modulus_factor(lambda_n, law)
+    t = added(scaled(c_trial, stiff * law.mu), held, -1.0)
+    _, norm = flow_direction(t, law)
+    sigma_y = flow_stress(alpha_n, lambda_n, o, theta, law)[0] * asymmetry_factor(sense_and_gradient(t)[0], law)
+    excess = where(norm > sigma_y * (1.0 + YIELD_TOLERANCE), 1.0, 0.0)
+    set_row(w, GAMMA, o)
+    set_tensor_rows(w, F_TRIAL, f_trial)
+    set_tensor_rows(w, F_ELASTIC, f_trial)
+    status = ELASTIC
+    if law.plastic == 1 and any_lane(excess > 0.0):
+        status = _return_map(c_trial, theta, excess, law, w)
+        if status == NO_CONVERGENCE:
+            return NO_CONVERGENCE
+        y, gamma = full(symmetric_rows(w, EXPONENTIAL)), row(w, GAMMA)
+        set_tensor_rows(w, F_ELASTIC, product(f_trial, y))
+        alpha, _ = hardening_variable(alpha_n, gamma, law)
+        set_tensor_rows(w, STATE, product(fp_inv, y))
+        set_row(w, STATE + ALPHA, where(excess > 0.0, alpha, alpha_n))
+        set_row(w, STATE + LAMBDA, lambda_n + gamma)
+        stiff = modulus_factor(lambda_n + gamma, law)
+    set_row(w, SHEAR, stiff * law.mu)
+    set_row(w, K_FACTOR, stiff * row(w, K_FACTOR))
+    set_row(w, K_SLOPE, stiff * row(w, K_SLOPE))
+    for m in range(N_STATE):
+        set_column(state, m, row(w, STATE + m))
+    set_structure(status, theta, state_n, law, w, state)
+    return status
+
+
+@kernel(forceinline=True)
+def _set_system(terms: int, r: Lanes, shear: Lanes, law: Law, w: np.ndarray) -> None:
+    """The five equations and W : m mu S for the components 11, 22, 12, 23, 13 of D, and N + r P V as column 5; PUSHED holds dexp(-D)."""
+    flow, normal, by_increment = symmetric_rows(w, FLOW), symmetric_rows(w, NORMAL), symmetric_rows(w, BY_INCREMENT)
+    y_c = product(full(symmetric_rows(w, EXPONENTIAL)), full(symmetric_rows(w, C_TRIAL)))
+    slopes = exponential_slopes(scaled(symmetric_rows(w, INCREMENT), -1.0), terms)
+    set_symmetric_rows(w, PUSHED, slopes[0])
+    set_symmetric_rows(w, PUSHED + 6, slopes[1])
+    set_symmetric_rows(w, PUSHED + 12, slopes[2])
+    set_symmetric_rows(w, PUSHED + 18, slopes[3])
+    set_symmetric_rows(w, PUSHED + 24, slopes[4])
+    for m in range(5):
+        dy = scaled(symmetric_rows(w, PUSHED + 6 * m), -1.0)
+        set_symmetric_rows(w, PUSHED + 6 * m, dy)
+        s = scaled(symmetric_sum(full(dy), y_c), shear)
+        set_row(w, ALONG_S + m, double_contraction(normal, s))
+        set_equation_column(w, m, scaled(_projected(s, flow, law), -r))
+        set_row(w, EQUATIONS + 13 * m, row(w, EQUATIONS + 13 * m) + 1.0)
+    set_equation_column(w, 5, added(flow, _projected(by_increment, flow, law), r))
+
+
+@kernel(forceinline=True)
+def _projected(a: Symmetric, flow: Symmetric, law: Law) -> Symmetric:
+    """P : a = (G - N N) : a."""
+    return added(hill(a, law), flow, -double_contraction(flow, a))
+
+
+@kernel(forceinline=True)
+def _along(w: np.ndarray, n: int) -> Lanes:
+    """W : m mu S x of column n of the solutions."""
+    value = row(w, ALONG_S) * row(w, EQUATIONS + n)
+    for m in range(1, 5):
+        value = value + row(w, ALONG_S + m) * row(w, EQUATIONS + 12 * m + n)
+    return value
+
+
+@kernel(forceinline=True)
+def _solution(w: np.ndarray, n: int) -> Symmetric:
+    """Column n of the solutions as a traceless tensor."""
+    a, b = row(w, EQUATIONS + n), row(w, EQUATIONS + 12 + n)
+    return (a, b, -a - b, row(w, EQUATIONS + 24 + n), row(w, EQUATIONS + 36 + n), row(w, EQUATIONS + 48 + n))
+
+
+@kernel(forceinline=True)
+def _return_map(c_trial: Symmetric, theta: Lanes, excess_at_start: Lanes, law: Law, w: np.ndarray) -> int:
+    """Solve for D and dLambda in the lanes that exceed; other lanes, and each one once it has converged, keep their D.
+
+    Leaves the solution in w and returns the number of terms of exp(-D), or NO_CONVERGENCE.
+    """
+    alpha_n, lambda_n = row(w, STATE + ALPHA), row(w, STATE + LAMBDA)
+    zero, one = spread(0.0), spread(1.0)
+    gamma, terms = zero, 1
+    d = (zero, zero, zero, zero, zero, zero)
+    y = (one, one, one, zero, zero, zero)
+    c_elastic = c_trial
+    set_symmetric_rows(w, C_TRIAL, c_trial)
+    for _ in range(MAX_ITERATIONS):
+        accumulated = lambda_n + gamma
+        stiff = modulus_factor(accumulated, law)
+        by_lambda = (modulus_factor(accumulated + _NEAR, law) - stiff) * (1.0 / _NEAR)
+        shear = stiff * law.mu
+        held, by_held, gained, by_gained = _recalled(accumulated, gamma, theta, law, w)
+        t = added(scaled(c_elastic, shear), held, -1.0)
+        flow, norm = flow_direction(t, law)
+        sense, gradient = sense_and_gradient(t)
+        factor = asymmetry_factor(sense, law)
+        by_sense = (asymmetry_factor(sense + _NEAR, law) - factor) * (1.0 / _NEAR)
+        alpha, d_alpha = hardening_variable(alpha_n, gamma, law)
+        sigma_y, by_alpha, by_flow = flow_stress(alpha, accumulated, gamma, theta, law)
+        slope = factor * (by_alpha * d_alpha + by_flow) + by_gained
+        excess = norm - factor * sigma_y - gained
+        error = added(d, flow, -gamma)
+        set_row(w, GAMMA, gamma)
+        set_row(w, NORM, norm)
+        set_row(w, SLOPE, slope)
+        set_row(w, STIFFENING, by_lambda / stiff)
+        set_row(w, SHEAR, shear)
+        set_symmetric_rows(w, RELATIVE, t)
+        set_symmetric_rows(w, FLOW, flow)
+        set_symmetric_rows(w, INCREMENT, d)
+        set_symmetric_rows(w, EXPONENTIAL, y)
+        set_symmetric_rows(w, BY_INCREMENT, added(scaled(c_elastic, by_lambda * law.mu), by_held, -1.0))
+        set_symmetric_rows(w, NORMAL, added(flow, gradient, -(sigma_y * by_sense)))
+        on_surface = abs(excess) < STRESS_TOLERANCE * sigma_y
+        found = on_surface & (largest_component(error) < FLOW_TOLERANCE + FLOW_ACCURACY * gamma)
+        active = (excess_at_start > 0.0) & ~found
+        if not any_lane(active):
+            return terms
+        _set_system(terms, where(norm > 0.0, gamma / norm, 0.0), shear, law, w)
+        set_equation_column(w, 6, error)
+        eliminate(w, 7)
+        across = double_contraction(symmetric_rows(w, NORMAL), symmetric_rows(w, BY_INCREMENT)) - slope
+        d_gamma = (_along(w, 6) - excess) / (_along(w, 5) + across)
+        d_gamma = where(gamma + d_gamma < 0.0, -0.5 * gamma, d_gamma)
+        d = chosen(active, added(added(d, _solution(w, 5), d_gamma), _solution(w, 6), -1.0), d)
+        gamma = where(active, gamma + d_gamma, gamma)
+        if not all_lanes(gamma < 1.0):
+            return NO_CONVERGENCE
+        y, terms = exponential_of_traceless(scaled(d, -1.0))
+        if terms == 0:
+            return NO_CONVERGENCE
+        c_elastic = congruence(y, c_trial)
+    return NO_CONVERGENCE
+
+
+@kernel
+def set_relative_part(terms: int, law: Law, w: np.ndarray) -> None:
+    """The symmetric part of what flow adds to c, into the rows STIFFNESS, by the implicit function theorem."""
+    gamma, norm, flow = row(w, GAMMA), row(w, NORM), symmetric_rows(w, FLOW)
+    flows = gamma > 0.0
+    r, shear = where(flows, gamma / norm, 0.0), row(w, SHEAR)
+    _set_system(terms, r, shear, law, w)
+    normal = symmetric_rows(w, NORMAL)
+    for m in range(6):
+        k, n = F_ELASTIC + 3 * ROW[m], F_ELASTIC + 3 * COLUMN[m]
+        a0, a1, a2 = row(w, k), row(w, k + 1), row(w, k + 2)
+        b0, b1, b2 = row(w, n), row(w, n + 1), row(w, n + 2)
+        e = (2.0 * a0 * b0, 2.0 * a1 * b1, 2.0 * a2 * b2, a0 * b1 + a1 * b0, a1 * b2 + a2 * b1, a0 * b2 + a2 * b0)
+        e = scaled(e, shear)
+        set_row(w, ALONG_E + m, double_contraction(normal, e))
+        set_equation_column(w, 6 + m, scaled(_projected(e, flow, law), r))
+    eliminate(w, 12)
+    f, f_trial = tensor_rows(w, F_ELASTIC), tensor_rows(w, F_TRIAL)
+    for m in range(5):
+        dy = full(symmetric_rows(w, PUSHED + 6 * m))
+        set_symmetric_rows(w, PUSHED + 6 * m, symmetric_sum(product(f_trial, dy), f))
+    across = double_contraction(normal, symmetric_rows(w, BY_INCREMENT)) - row(w, SLOPE)
+    factor = where(flows, -1.0 / (_along(w, 5) + across), 0.0)
+    softened = scaled(stress_of_rows(w), row(w, STIFFENING))
+    for m in range(6):
+        d_gamma = factor * (row(w, ALONG_E + m) + _along(w, 6 + m))
+        response = scaled(softened, d_gamma)
+        for n in range(5):
+            d = row(w, EQUATIONS + 12 * n + 6 + m) + d_gamma * row(w, EQUATIONS + 12 * n + 5)
+            response = added(response, symmetric_rows(w, PUSHED + 6 * n), shear * d)
+        for n in range(6):
+            set_row(w, STIFFNESS + 6 * n + m, response[n])
+    for m in range(6):
+        for n in range(m):
+            mean = 0.5 * (row(w, STIFFNESS + 6 * m + n) + row(w, STIFFNESS + 6 * n + m))
+            set_row(w, STIFFNESS + 6 * m + n, mean)
+            set_row(w, STIFFNESS + 6 * n + m, mean)
+
+
+@kernel
+def set_structure(status: int, theta: Lanes, state_n: np.ndarray, law: Law, w: np.ndarray, state: np.ndarray) -> None:
+    """tr C_el, xi and all Y at the end of a step into the columns of state (8, N_FULL), those of points that do not flow as they were.
+
+    The first eleven numbers of the state and F_el stand in w. Also where all moduli C are zero: then Y is what they would act on.
+    """
+    for m in range(N_STATE, N_FULL):
+        set_column(state, m, column(state_n, m))
+    if status == ELASTIC:
+        return
+    for m in range(6 * N_BACK):
+        set_row(w, BACK_N + m, column(state_n, BACK + m))
+    gamma, accumulated, shear = row(w, GAMMA), row(w, STATE + LAMBDA), row(w, SHEAR)
+    flows = gamma > 0.0
+    c_elastic = inner_gram(tensor_rows(w, F_ELASTIC))
+    held, _, _, _ = _recalled(accumulated, gamma, theta, law, w)
+    t = added(scaled(c_elastic, shear), held, -1.0)
+    _, norm = flow_direction(t, law)
+    sense, _ = sense_and_gradient(t)
+    direction = scaled(deviator(t), where(flows, 1.0 / norm, 0.0))
+    set_column(state, TRACE, where(flows, c_elastic[0] + c_elastic[1] + c_elastic[2], column(state_n, TRACE)))
+    set_column(state, SENSE, where(flows, sense, column(state_n, SENSE)))
+    terms = backstress_terms(accumulated, gamma * law.per_second, theta, law)
+    for i in range(N_BACK):
+        z, old = terms[i][1] * gamma, symmetric_rows(w, BACK_N + 6 * i)
+        new = added(scaled(old, np.exp(-z)), direction, gamma * decay_share_of_lanes(z))
+        for m in range(6):
+            set_column(state, BACK + 6 * i + m, where(flows, new[m], old[m]))

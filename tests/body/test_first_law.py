@@ -52,7 +52,9 @@ def test_first_law_over_the_measured_force_history(model: int) -> None:
     """One step per row, as an identification has them: 2e-4 of the work (holds, unloading and cooling included)."""
     table = reference_table("force_history.csv")
     body = tension_body(dogbone_mesh(SPECIMEN, 3, 20, 1))
-    history = march(body, NOMINAL, Loading(table["time_s"], table["force_N"]), table["time_s"], MarchSettings(model=model))
+    history = march(
+        body, NOMINAL, Loading(table["time_s"], table["force_N"]), table["time_s"], MarchSettings(model=model, keep_energy=True)
+    )
     assert history.total("work") > 1e5
     assert sum(sum(step.outflow.values()) for step in history.balance) > 0.3 * history.total("work")
     assert defect(history) < 1e-4
@@ -64,7 +66,7 @@ def test_first_law_is_met_with_order_2_in_the_step(dogbone: Body, model: int) ->
     times = np.arange(0.0, 61.0)
     defects = []
     for longest in (1.0, 0.5, 0.25):
-        history = march(dogbone, NOMINAL, LOADING, times, MarchSettings(model=model, max_step=longest))
+        history = march(dogbone, NOMINAL, LOADING, times, MarchSettings(model=model, max_step=longest, keep_energy=True))
         defects.append(defect(history))
         if longest < 0.4:
             assert defects[-1] < 2e-4
@@ -75,12 +77,12 @@ def test_first_law_is_met_with_order_2_in_the_step(dogbone: Body, model: int) ->
 def test_first_law_of_an_elastic_cycle_and_of_a_hold(dogbone: Body) -> None:
     """No plastic flow: a hundredth of the permille of the largest work."""
     loading = Loading(np.array([0.0, 10.0, 20.0, 30.0]), np.array([0.0, 2400.0, 2400.0, 0.0]))
-    history = march(dogbone, NOMINAL, loading, np.linspace(0.0, 30.0, 31), MarchSettings(coupling_tolerance=1e-7))
+    history = march(dogbone, NOMINAL, loading, np.linspace(0.0, 30.0, 31), MarchSettings(coupling_tolerance=1e-7, keep_energy=True))
     largest = max(np.cumsum([step.work for step in history.balance]))
     assert history.largest_multiplier[-1] == 0.0 and largest > 100.0
     assert np.abs([step.first_law_defect for step in history.balance]).sum() < 1e-5 * largest
 
 
 def test_one_way_coupling_meets_the_first_law_up_to_its_missing_expansion(dogbone: Body) -> None:
-    history = march(dogbone, NOMINAL, LOADING, np.arange(0.0, 60.1, 0.25), MarchSettings(coupling="one-way"))
+    history = march(dogbone, NOMINAL, LOADING, np.arange(0.0, 60.1, 0.25), MarchSettings(coupling="one-way", keep_energy=True))
     assert 1e-6 < defect(history) < 2e-3

@@ -14,6 +14,7 @@ from thermofit.body.heat.conduction import HeatConditions, heat_conditions, heat
 from thermofit.body.heat.equation import PointHistory, heat_of_increment, smallest_dissipation
 from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
+from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.law.page import dissipated_energy, law_of, thermoelastic_heat
@@ -178,7 +179,9 @@ def adiabatic_run(stresses: list[float], parameters: Parameters = ADIABATIC, **s
     marks = np.arange(len(stresses), dtype=float)
     times = np.linspace(0.0, marks[-1], 40 * (len(stresses) - 1) + 1)
     loading = Loading(marks, np.array(stresses) * A * B)
-    return body, march(body, parameters, loading, times, MarchSettings(coupling_tolerance=1e-6, **settings))
+    return body, march(
+        body, parameters, loading, times, MarchSettings(newton=NewtonSettings(tolerance=1e-9), coupling_tolerance=1e-6, **settings)
+    )
 
 
 def test_gough_joule_cooling() -> None:

@@ -233,11 +233,29 @@ def test_every_column_is_judged_by_its_own_size(column: int) -> None:
     pattern, data, _ = assembled(*chain(n, 3), n)
     b = np.random.default_rng(0).standard_normal((n, 4)) * [1e20, 1e-20, 1.0, 1e-10]
     factor = Factor(pattern, data)
-    factor.solve(b)
     factor._solver = wrong = Wrong(factor._solver, column)
     with pytest.raises(NumericsError, match="relative residual"):
         factor.solve(b)
     assert wrong.calls == 3
+
+
+def test_solves_of_a_band_factor_are_checked_by_sample_and_others_always(solver: str) -> None:
+    """A solver that turns wrong after the first solve is found out: at once, or by a band Cholesky factor within eight solves."""
+    n = 30
+    pattern, data, _ = assembled(*chain(n, 3), n)
+    b = np.random.default_rng(0).standard_normal((n, 1))
+    factor = Factor(pattern, data)
+    factor.solve(b)
+    factor._solver = Wrong(factor._solver, 0)
+    noticed = []
+    for _ in range(8):
+        try:
+            factor.solve(b)
+        except NumericsError:
+            noticed.append(True)
+        else:
+            noticed.append(False)
+    assert noticed == ([False] * 7 + [True] if factor.method == "band Cholesky" else [True] * 8)
 
 
 def test_a_zero_column_has_the_answer_zero(solver: str) -> None:

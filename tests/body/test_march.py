@@ -14,6 +14,7 @@ from thermofit.body.heat.conduction import HeatStep, heat_step
 from thermofit.body.heat.one_way import heat_problem, heat_run
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
+from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import StudyError
 
 HALF_SECTION = 25.0 * 1.2
@@ -37,6 +38,34 @@ def full(dogbone: Body) -> History:
 @pytest.fixture(scope="module")
 def one_way(dogbone: Body) -> History:
     return march(dogbone, NOMINAL, LOADING, times(), MarchSettings(coupling="one-way", keep_points=True))
+
+
+def test_default_accuracy_is_a_hundredth_of_the_noise(dogbone: Body, full: History) -> None:
+    """Against a run of tight tolerances: 1e-5 mm beside 1e-3 mm of image correlation, 1e-4 K beside 1e-2 K of an infrared camera."""
+    tight = MarchSettings(newton=NewtonSettings(tolerance=1e-9), coupling_tolerance=1e-8)
+    exact = march(dogbone, NOMINAL, LOADING, times(), tight)
+    assert np.abs(full.u - exact.u).max() < 1e-5
+    assert np.abs(full.theta - exact.theta).max() < 1e-4
+
+
+def test_tolerances_below_round_off_are_met_by_it(dogbone: Body) -> None:
+    """A residual of round-off is equilibrium, at rest (where forces vanish) as under load."""
+    settings = MarchSettings(newton=NewtonSettings(tolerance=1e-15))
+    history = march(dogbone, NOMINAL, LOADING, times(2.0), settings)
+    assert history.counts["bisections"] == 0
+    assert history.force == pytest.approx(np.interp(history.time, LOADING.time, LOADING.value), abs=1e-7)
+
+
+def test_factors_are_kept_over_steps(full: History) -> None:
+    """A tangent is formed less than every other step, and an iteration needs no more than one pass beside those."""
+    assert full.counts["factorisations"] < 0.5 * full.counts["steps"]
+    assert full.counts["element_passes"] <= full.counts["newton_iterations"] + full.counts["steps"] + 2 * full.counts["factorisations"]
+
+
+def test_internal_energy_is_kept_where_it_is_asked_for(dogbone: Body, full: History) -> None:
+    assert np.isnan(full.total("internal")) and np.isnan(full.balance[3].first_law_defect)
+    kept = march(dogbone, NOMINAL, LOADING, times()[:9], MarchSettings(keep_energy=True))
+    assert np.isfinite([step.internal for step in kept.balance]).all()
 
 
 def test_balance_of_heat_and_second_law(full: History) -> None:

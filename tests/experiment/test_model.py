@@ -9,7 +9,7 @@ import pytest
 from virtual_pulls import SPECIMEN, TRUTH
 
 from thermofit.body.body import Body
-from thermofit.body.solve.march import History, Loading, march
+from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.core import parameters as declared
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
@@ -66,6 +66,12 @@ def model_of(case: Study, data: Measured, key: str) -> tuple[StageModel, Paramet
     settings = case.stage(key)
     base = Parameters.of(TRUTH).with_free(settings.free)
     return stage_model(case, data, settings, base, SIZE, (0.0, 40.0, "")), base
+
+
+def test_a_study_asks_for_the_accuracy_that_the_kernel_has_by_default(tmp_path: Path) -> None:
+    """One default, measured as it is used."""
+    settings = march_settings(study(tmp_path), "full")
+    assert (settings.newton, settings.coupling_tolerance) == (MarchSettings().newton, MarchSettings().coupling_tolerance)
 
 
 @pytest.mark.parametrize(("key", "moved"), [("plastic", "M_y0"), ("thermal", "c0")])
@@ -209,4 +215,5 @@ def test_a_run_is_not_repeated_for_what_only_instruments_feel(data: Measured, tm
     assert len(marches) == 2 and np.abs(moved["theta"] - first["theta"]).max() > 1e-3
     model.linearised(base.replace(c0=2.3), free)
     assert len(marches) == 3
-    assert np.array_equal(model.errors(base.replace(c0=2.3))["theta"], moved["theta"]) and len(marches) == 3
+    again = model.errors(base.replace(c0=2.3))["theta"]  # of the run with derivatives, which keeps other factors
+    assert np.abs(again - moved["theta"]).max() < 1e-4 and len(marches) == 3

@@ -139,8 +139,9 @@ class Numerics(Section):
     """s"""
     plastic_integration: Literal["closed-form", "backward-euler"] = "closed-form"
     heat_integration: Literal["sdirk2", "backward-euler"] = "sdirk2"
-    newton_tolerance: Annotated[Number, Field(gt=0, lt=1)] = 1.0e-9
-    coupling_tolerance: Positive = 1.0e-4
+    newton_tolerance: Annotated[Number, Field(ge=1.0e-12, le=1.0e-3)] = 1.0e-5
+    """Residual of equilibrium beside the forces in the body; 1.0e-5 is about 1e-5 mm. Below 1e-11 round-off decides."""
+    coupling_tolerance: Positive = 1.0e-3
     """Change of temperature at which the staggered coupling has converged, K."""
     force_tolerance: Positive = 2.0
     """Solution steps are set so that the force is straight between them within this many N."""

@@ -61,8 +61,8 @@ parameters:
 #   max_time_step: 5.0                         # s
 #   plastic_integration: closed-form           # or backward-euler
 #   heat_integration: sdirk2                   # or backward-euler
-#   newton_tolerance: 1.0e-9
-#   coupling_tolerance: 1.0e-4                 # K
+#   newton_tolerance: 1.0e-5                   # residual beside the forces in the body: about 1e-5 mm
+#   coupling_tolerance: 1.0e-3                 # K
 #   threads: 2
 
 ## channels: u, du (relative displacements), strain, theta, dtheta (change of temperature); force, stress where displacement drives.

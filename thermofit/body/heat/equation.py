@@ -10,16 +10,20 @@ Conduction follows the deformation of the body (Fourier's law 4.12 in space), fi
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
 from thermofit.body.element.hex8 import ElementData
+from thermofit.body.element.lanes import element_kinematics, point_temperatures
+from thermofit.body.element.stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
+from thermofit.core.lanes import spread
 from thermofit.law.page import Law, released_energy, thermoelastic_heat
-from thermofit.law.tensor import determinant, inverse_transpose
+from thermofit.point.lanes_memory import lane_sum, lane_workspace, number, row, set_row
 
 _P = 1.0 / np.sqrt(3.0)
 _FACET_POINTS = np.array([[-_P, -_P], [_P, -_P], [_P, _P], [-_P, _P]])
@@ -66,37 +70,19 @@ def swelling_matrices(data: ElementData) -> np.ndarray:
 
 @kernel(parallel=True)
 def conduction_matrices(data: ElementData, u: np.ndarray, out: np.ndarray) -> None:
-    """int grad N_a . J C^-1 . grad N_b dV of every element into out (n_el, 8, 8), mm: conduction for unit kappa."""
+    """int grad N_a . J C^-1 . grad N_b dV = sum_q J w g_a . g_b of every element into out (n_el, 8, 8), mm: conduction for unit kappa."""
     n_el = data.hexes.shape[0]
     for chunk in prange(16):
-        f, fit, g = np.empty((3, 3)), np.empty((3, 3)), np.empty((8, 3))
+        w = lane_workspace(ELEMENT_ROWS)
         for e in range(chunk * n_el // 16, (chunk + 1) * n_el // 16):
-            out[e, :, :] = 0.0
-            for q in range(8):
-                for i in range(3):
-                    for j in range(3):
-                        f[i, j] = 1.0 if i == j else 0.0
-                for a in range(8):
-                    node = data.hexes[e, a]
-                    for i in range(3):
-                        for j in range(3):
-                            f[i, j] += u[node, i] * data.gradient[e, q, a, j]
-                det = determinant(f)
-                inverse_transpose(f, det, fit)
-                weight = data.volume[e, q] * det
-                for a in range(8):
-                    for i in range(3):
-                        s = 0.0
-                        for j in range(3):
-                            s += fit[i, j] * data.gradient[e, q, a, j]
-                        g[a, i] = s
-                for a in range(8):
-                    for b in range(a + 1):
-                        s = g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2]
-                        out[e, a, b] += weight * s
+            element_kinematics(data, e, u, w)
             for a in range(8):
-                for b in range(a):
-                    out[e, b, a] = out[e, a, b]
+                k = spread(0.0)
+                for q in range(8):
+                    g, weight = GRADIENT + 3 * q, number(w, J_WEIGHT, q)
+                    x, y, z = weight * number(w, g, a), weight * number(w, g + 1, a), weight * number(w, g + 2, a)
+                    k = k + (x * row(w, g) + y * row(w, g + 1) + z * row(w, g + 2))
+                set_row(out, 8 * e + a, k)
 
 
 @kernel
@@ -147,25 +133,29 @@ def heat_of_increment(
 
     theta (n_np,) K is the temperature in the thermoelastic term. Returns the totals (dissipated, thermoelastic) in mJ.
     """
-    total_dissipated = 0.0
-    total_elastic = 0.0
+    total_dissipated, total_elastic = 0.0, 0.0
+    w = lane_workspace(2)
     for e in range(data.hexes.shape[0]):
+        nodes, weight = data.hexes[e], row(data.volume, e)
+        t, j_n, j = point_temperatures(theta, nodes), row(start.dilatation, e), row(end.dilatation, e)
+        elastic = weight * thermoelastic_heat(t, math.log(j_n) / j_n, math.log(j) / j, law)
+        set_row(w, 0, elastic)
+        total_elastic += lane_sum(elastic)
         for q in range(8):
-            weight = data.volume[e, q]
-            t = 0.0
-            for a in range(8):
-                t += data.shape[q, a] * theta[data.hexes[e, a]]
-            j_n, j = start.dilatation[e, q], end.dilatation[e, q]
-            elastic = weight * thermoelastic_heat(t, np.log(j_n) / j_n, np.log(j) / j, law)
-            heat = elastic
             d_lambda = end.accumulated[e, q] - start.accumulated[e, q]
             if d_lambda > 0.0:
-                dissipated = weight * released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], t, law)
-                total_dissipated += dissipated
-                heat += dissipated
-            total_elastic += elastic
-            for a in range(8):
-                out[data.hexes[e, a]] += data.shape[q, a] * heat
+                temperature = 0.0
+                for a in range(8):
+                    temperature += data.shape[q, a] * theta[nodes[a]]
+                released = released_energy(start.alpha[e, q], end.alpha[e, q], d_lambda, end.accumulated[e, q], temperature, law)
+                total_dissipated += data.volume[e, q] * released
+                w[q] += data.volume[e, q] * released
+        heat = spread(0.0)
+        for q in range(8):
+            heat = heat + w[q] * row(data.shape, q)
+        set_row(w, 1, heat)
+        for a in range(8):
+            out[nodes[a]] += w[8 + a]
     return total_dissipated, total_elastic
 
 

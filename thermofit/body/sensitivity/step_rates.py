@@ -20,12 +20,12 @@ class Sensitivities:
     """What a march differentiates: names of parameters, and `collect`, which takes what it wants of every recorded time.
 
     `tolerance`: relative change of theta' in a sweep over mechanics and heat at which the sweeps of a step end. A sweep lessens it some
-    thousand times.
+    thousand times. At the default derivatives are within 1e-3 of the exact ones, but for those that hardly move a field.
     """
 
     names: tuple[str, ...]
     collect: Callable[[int, Sensitivity], None]
-    tolerance: float = 0.5
+    tolerance: float = 0.02
 
     def of(self, places: Sequence[int]) -> Sensitivities:
         """The same by the names at these places alone; derivatives by the others are handed on as the zeros that they are."""

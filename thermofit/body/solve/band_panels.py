@@ -1,4 +1,4 @@
-"""Cholesky factorisation of a narrow band, K = L L^T, in panels of eight columns that stay in registers while they are formed.
+"""Cholesky factorisation and solves of a narrow band, K = L L^T, in panels of eight columns that stay in registers while they are formed.
 
 LAPACK hands blocks to BLAS-3, which for half bandwidths below some hundred are too small to be fast. Here a tile, eight rows of a
 panel, gathers what all columns to its left give,
@@ -7,6 +7,8 @@ panel, gathers what all columns to its left give,
 
 eight rows as lanes, one lanes value for each column, and is then divided by the panel's diagonal block (left-looking, tile by tile).
 K_ij and L_ij lie at i + j stride of the flat band: a tile's rows of one column lie side by side, and so do the eight factors L_panel,k.
+A solve goes through the panels once forward and once back. One right-hand side takes the rows of a tile as lanes, several take eight
+right-hand sides as lanes and share the panel while it is near.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ import math
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.core.lanes import WIDTH, Lanes, multiply_add
-from thermofit.point.lanes_memory import at, set_at
+from thermofit.core.lanes import WIDTH, Lanes, multiply_add, spread
+from thermofit.point.lanes_memory import at, lane_sum, row, set_at, set_row
 
 MARGIN = 2 * WIDTH
 """Zeros that a column needs beyond its half bandwidth: the last tile of a panel reaches so far."""
@@ -115,3 +117,176 @@ def factor_in_panels(band: np.ndarray, bandwidth: int) -> bool:
                 for r in range(c, WIDTH):
                     flat[j + r + (j + c) * stride] = d[WIDTH * c + r]
     return True
+
+
+@kernel(forceinline=True)
+def _less_product(v: Lanes, flat: np.ndarray, start: int, stride: int, x: Tile) -> Lanes:
+    """v - L_tile,panel x of one right-hand side; x_c is eight times the same number."""
+    even = multiply_add(-x[2], at(flat, start + 2 * stride), multiply_add(-x[0], at(flat, start), v))
+    odd = multiply_add(-x[3], at(flat, start + 3 * stride), -x[1] * at(flat, start + stride))
+    even = multiply_add(-x[6], at(flat, start + 6 * stride), multiply_add(-x[4], at(flat, start + 4 * stride), even))
+    odd = multiply_add(-x[7], at(flat, start + 7 * stride), multiply_add(-x[5], at(flat, start + 5 * stride), odd))
+    return even + odd
+
+
+@kernel(forceinline=True)
+def _plus_products(a: Tile, v: Lanes, flat: np.ndarray, start: int, stride: int) -> Tile:
+    """a_c + L_tile,c times the tile v of x, row by row."""
+    return (
+        multiply_add(v, at(flat, start), a[0]), multiply_add(v, at(flat, start + stride), a[1]),
+        multiply_add(v, at(flat, start + 2 * stride), a[2]), multiply_add(v, at(flat, start + 3 * stride), a[3]),
+        multiply_add(v, at(flat, start + 4 * stride), a[4]), multiply_add(v, at(flat, start + 5 * stride), a[5]),
+        multiply_add(v, at(flat, start + 6 * stride), a[6]), multiply_add(v, at(flat, start + 7 * stride), a[7]),
+    )  # fmt: skip
+
+
+@kernel
+def solve_in_panels(band: np.ndarray, bandwidth: int, x: np.ndarray) -> None:
+    """K^-1 x in place, by the factor of `factor_in_panels`, for x of as many numbers as the band has rows."""
+    n, stride = band.shape[0], band.shape[1] - 1
+    flat, o = band.reshape(-1), spread(0.0)
+    for j in range(0, n, WIDTH):
+        for c in range(j, j + WIDTH):
+            x[c] /= flat[c + c * stride]
+            for r in range(c + 1, j + WIDTH):
+                x[r] -= flat[r + c * stride] * x[c]
+        t = (
+            spread(x[j]), spread(x[j + 1]), spread(x[j + 2]), spread(x[j + 3]),
+            spread(x[j + 4]), spread(x[j + 5]), spread(x[j + 6]), spread(x[j + 7]),
+        )  # fmt: skip
+        for i in range(j + WIDTH, min(j + bandwidth + WIDTH, n), WIDTH):
+            set_at(x, i, _less_product(at(x, i), flat, i + j * stride, stride, t))
+    for j in range(n - WIDTH, -1, -WIDTH):
+        a = (o, o, o, o, o, o, o, o)
+        for i in range(j + WIDTH, min(j + bandwidth + WIDTH, n), WIDTH):
+            a = _plus_products(a, at(x, i), flat, i + j * stride, stride)
+        x[j] -= lane_sum(a[0])
+        x[j + 1] -= lane_sum(a[1])
+        x[j + 2] -= lane_sum(a[2])
+        x[j + 3] -= lane_sum(a[3])
+        x[j + 4] -= lane_sum(a[4])
+        x[j + 5] -= lane_sum(a[5])
+        x[j + 6] -= lane_sum(a[6])
+        x[j + 7] -= lane_sum(a[7])
+        for c in range(j + WIDTH - 1, j - 1, -1):
+            for r in range(c + 1, j + WIDTH):
+                x[c] -= flat[r + c * stride] * x[r]
+            x[c] /= flat[c + c * stride]
+
+
+@kernel(forceinline=True)
+def _rows(x: np.ndarray, n: int, step: int) -> Tile:
+    """Rows n, n + step, ... of x: eight equations of eight right-hand sides."""
+    return (
+        row(x, n), row(x, n + step), row(x, n + 2 * step), row(x, n + 3 * step),
+        row(x, n + 4 * step), row(x, n + 5 * step), row(x, n + 6 * step), row(x, n + 7 * step),
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _set_rows(x: np.ndarray, n: int, step: int, t: Tile) -> None:
+    set_row(x, n, t[0])
+    set_row(x, n + step, t[1])
+    set_row(x, n + 2 * step, t[2])
+    set_row(x, n + 3 * step, t[3])
+    set_row(x, n + 4 * step, t[4])
+    set_row(x, n + 5 * step, t[5])
+    set_row(x, n + 6 * step, t[6])
+    set_row(x, n + 7 * step, t[7])
+
+
+@kernel(forceinline=True)
+def _less_row(v: Lanes, flat: np.ndarray, m: int, stride: int, x: Tile) -> Lanes:
+    """v - L_i,panel x of eight right-hand sides, m the place of L_i,j."""
+    even = multiply_add(-x[2], flat[m + 2 * stride], multiply_add(-x[0], flat[m], v))
+    odd = multiply_add(-x[3], flat[m + 3 * stride], -x[1] * flat[m + stride])
+    even = multiply_add(-x[6], flat[m + 6 * stride], multiply_add(-x[4], flat[m + 4 * stride], even))
+    odd = multiply_add(-x[7], flat[m + 7 * stride], multiply_add(-x[5], flat[m + 5 * stride], odd))
+    return even + odd
+
+
+@kernel(forceinline=True)
+def _less_rows(a: Tile, v: Lanes, flat: np.ndarray, m: int, stride: int) -> Tile:
+    """a_c - L_ic x_i of eight right-hand sides, m the place of L_ij."""
+    v = -v
+    return (
+        multiply_add(v, flat[m], a[0]), multiply_add(v, flat[m + stride], a[1]),
+        multiply_add(v, flat[m + 2 * stride], a[2]), multiply_add(v, flat[m + 3 * stride], a[3]),
+        multiply_add(v, flat[m + 4 * stride], a[4]), multiply_add(v, flat[m + 5 * stride], a[5]),
+        multiply_add(v, flat[m + 6 * stride], a[6]), multiply_add(v, flat[m + 7 * stride], a[7]),
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _block_forward(d: np.ndarray, pivot: np.ndarray, b: Tile) -> Tile:
+    """D^-1 b of the lower triangle D of a diagonal block, D_ij = d[8 j + i]."""
+    x0 = b[0] * pivot[0]
+    x1 = multiply_add(-x0, d[1], b[1]) * pivot[1]
+    x2 = multiply_add(-x1, d[10], multiply_add(-x0, d[2], b[2])) * pivot[2]
+    x3 = multiply_add(-x2, d[19], multiply_add(-x1, d[11], multiply_add(-x0, d[3], b[3]))) * pivot[3]
+    x4 = multiply_add(-x1, d[12], multiply_add(-x0, d[4], b[4]))
+    x4 = multiply_add(-x3, d[28], multiply_add(-x2, d[20], x4)) * pivot[4]
+    x5 = multiply_add(-x2, d[21], multiply_add(-x1, d[13], multiply_add(-x0, d[5], b[5])))
+    x5 = multiply_add(-x4, d[37], multiply_add(-x3, d[29], x5)) * pivot[5]
+    x6 = multiply_add(-x2, d[22], multiply_add(-x1, d[14], multiply_add(-x0, d[6], b[6])))
+    x6 = multiply_add(-x5, d[46], multiply_add(-x4, d[38], multiply_add(-x3, d[30], x6))) * pivot[6]
+    x7 = multiply_add(-x2, d[23], multiply_add(-x1, d[15], multiply_add(-x0, d[7], b[7])))
+    x7 = multiply_add(-x5, d[47], multiply_add(-x4, d[39], multiply_add(-x3, d[31], x7)))
+    x7 = multiply_add(-x6, d[55], x7) * pivot[7]
+    return (x0, x1, x2, x3, x4, x5, x6, x7)
+
+
+@kernel(forceinline=True)
+def _block_back(d: np.ndarray, pivot: np.ndarray, b: Tile) -> Tile:
+    """D^-T b."""
+    x7 = b[7] * pivot[7]
+    x6 = multiply_add(-x7, d[55], b[6]) * pivot[6]
+    x5 = multiply_add(-x6, d[46], multiply_add(-x7, d[47], b[5])) * pivot[5]
+    x4 = multiply_add(-x5, d[37], multiply_add(-x6, d[38], multiply_add(-x7, d[39], b[4]))) * pivot[4]
+    x3 = multiply_add(-x6, d[30], multiply_add(-x7, d[31], b[3]))
+    x3 = multiply_add(-x4, d[28], multiply_add(-x5, d[29], x3)) * pivot[3]
+    x2 = multiply_add(-x5, d[21], multiply_add(-x6, d[22], multiply_add(-x7, d[23], b[2])))
+    x2 = multiply_add(-x3, d[19], multiply_add(-x4, d[20], x2)) * pivot[2]
+    x1 = multiply_add(-x5, d[13], multiply_add(-x6, d[14], multiply_add(-x7, d[15], b[1])))
+    x1 = multiply_add(-x2, d[10], multiply_add(-x3, d[11], multiply_add(-x4, d[12], x1))) * pivot[1]
+    x0 = multiply_add(-x5, d[5], multiply_add(-x6, d[6], multiply_add(-x7, d[7], b[0])))
+    x0 = multiply_add(-x2, d[2], multiply_add(-x3, d[3], multiply_add(-x4, d[4], x0)))
+    x0 = multiply_add(-x1, d[1], x0) * pivot[0]
+    return (x0, x1, x2, x3, x4, x5, x6, x7)
+
+
+@kernel(forceinline=True)
+def _take_panel(flat: np.ndarray, j: int, stride: int, n_rows: int, panel: np.ndarray, d: np.ndarray, pivot: np.ndarray) -> None:
+    """Rows j to j + n_rows of the panel from column j on, L_ij at i - j + c (n_rows of a full panel); its diagonal block also into d, as
+    `_block_forward` wants it, and 1 / D_ii."""
+    length = panel.shape[0] // WIDTH
+    for c in range(WIDTH):
+        for i in range(0, n_rows, WIDTH):
+            set_at(panel, i + c * length, at(flat, j + i + (j + c) * stride))
+        set_at(d, WIDTH * c, at(panel, c * length))
+        pivot[c] = 1.0 / d[WIDTH * c + c]
+
+
+@kernel
+def solve_lanes_in_panels(band: np.ndarray, bandwidth: int, x: np.ndarray) -> None:
+    """K^-1 x in place for x (rows of the band, m), m a multiple of WIDTH."""
+    n, stride, groups = band.shape[0], band.shape[1] - 1, x.shape[1] // WIDTH
+    length = -(-(bandwidth + WIDTH) // WIDTH) * WIDTH
+    flat, panel, d, pivot = band.reshape(-1), np.zeros(WIDTH * length), np.zeros(WIDTH * WIDTH), np.zeros(WIDTH)
+    for j in range(0, n, WIDTH):
+        n_rows = min(bandwidth + WIDTH, n - j)
+        _take_panel(flat, j, stride, n_rows, panel, d, pivot)
+        for group in range(groups):
+            t = _block_forward(d, pivot, _rows(x, j * groups + group, groups))
+            _set_rows(x, j * groups + group, groups, t)
+            for i in range(WIDTH, n_rows):
+                k = (i + j) * groups + group
+                set_row(x, k, _less_row(row(x, k), panel, i, length, t))
+    for j in range(n - WIDTH, -1, -WIDTH):
+        n_rows = min(bandwidth + WIDTH, n - j)
+        _take_panel(flat, j, stride, n_rows, panel, d, pivot)
+        for group in range(groups):
+            t = _rows(x, j * groups + group, groups)
+            for i in range(WIDTH, n_rows):
+                t = _less_rows(t, row(x, (i + j) * groups + group), panel, i, length)
+            _set_rows(x, j * groups + group, groups, _block_back(d, pivot, t))

@@ -13,6 +13,9 @@ from thermofit.body.sensitivity.march import Rates, Sensitivities
 from thermofit.body.solve.newton import Direction, NewtonSettings
 from thermofit.point.state import ALPHA, LAMBDA, N_STATE
 
+COUPLING_TOLERANCE = 1e-3
+"""K; a tenth of the noise of an infrared camera. Both fields then agree some thirty times better: expansion takes 3 % of the heat."""
+
 
 @dataclass(frozen=True)
 class MarchSettings:
@@ -20,12 +23,13 @@ class MarchSettings:
 
     `material_angle` turns the axes of the yield surface about the thickness axis z, in degrees: that between the rolling direction
     (axis 2 of the law) and the load. `max_step` s puts solution steps between the recorded times. `films` gives facet sets of the mesh
-    their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`.
+    their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`. `keep_energy` has the internal energy summed at
+    every recorded time, for the first law.
     """
 
     newton: NewtonSettings = NewtonSettings()
     coupling: str = "full"
-    coupling_tolerance: float = 1e-3
+    coupling_tolerance: float = COUPLING_TOLERANCE
     max_coupling: int = 20
     heat_scheme: str = "sdirk2"
     max_cuts: int = 8
@@ -33,6 +37,7 @@ class MarchSettings:
     closed_form: bool = True
     plastic: bool = True
     keep_points: bool = False
+    keep_energy: bool = False
     material_angle: float = 0.0
     max_step: float = float("inf")
     films: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -75,7 +80,8 @@ class Balance:
     """Energies of one step for the whole specimen, mJ: work of the load, dissipated, thermoelastic, left through films, stored.
 
     `stored` is heat (heat capacity times temperature), `internal` the change of the law's internal energy, taken between recorded
-    times; with coupling "one-way" it has the heat capacity of constant stress, which stands for the expansion that is not solved for.
+    times (nan where the run did not keep it); with coupling "one-way" it has the heat capacity of constant stress, which stands for the
+    expansion that is not solved for.
     `source` is set free by effects of slot heat_source, `stored_by_effects` the part of `stored` that a changed heat capacity takes.
     """
 
@@ -85,7 +91,7 @@ class Balance:
     outflow: dict[str, float]
     stored: float
     smallest_dissipation: float
-    internal: float = 0.0
+    internal: float = float("nan")
     source: float = 0.0
     stored_by_effects: float = 0.0
 
@@ -96,7 +102,8 @@ class Balance:
 
     @property
     def first_law_defect(self) -> float:
-        """Change of internal energy minus work and heat that came in; falls with the square of the step."""
+        """Change of internal energy minus work and heat that came in; falls with the square of the step in smooth phases, more slowly
+        while points begin to flow (docs/theory.md)."""
         return self.internal + self.stored_by_effects - self.source - (self.work - sum(self.outflow.values()))
 
 

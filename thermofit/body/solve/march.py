@@ -173,7 +173,9 @@ class _Run:
         )
 
     def energy(self, state: State) -> float:
-        """Internal energy of the specimen, mJ; the heat capacity is that of the heat equation."""
+        """Internal energy of the specimen, mJ, nan where it is not kept; the heat capacity is that of the heat equation."""
+        if not self.settings.keep_energy:
+            return float("nan")
         law = self.law._replace(c0=self.conditions.c0)
         return self.body.symmetry * internal_energy_of(self.body.data, state.u, state.theta, state.points, state.dilatation, law)
 

@@ -1,9 +1,10 @@
-"""Equilibrium of one load level: Newton with a kept factor, line search, and a clear failure.
+"""Equilibrium of one load level: quasi-Newton on a kept factor, line search, and a clear failure.
 
 The factor of an earlier iteration or step is used again while the residual falls fast enough with it; otherwise the tangent is
-formed at the current iterate. In a coupled step the temperature follows every iterate: the heat equation is solved on the
-deformation and the sources of that iterate, and the forces of the change of temperature are added to the residual, so that both
-fields converge together. Nothing here commits state: old state in, new state out.
+formed at the current iterate. Every full step teaches how the residual answers to it: BFGS puts that on the kept factor (H. Matthies
+and G. Strang 1979, Int. J. Numer. Methods Eng. 14). In a coupled step the temperature follows the iterates: the heat equation is
+solved on the deformation and the sources of an iterate, and the forces of the change of temperature are added to the residual, so that
+both fields converge together. Nothing here commits state: old state in, new state out.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from thermofit.body.body import FIXED, LOADED, Body
 from thermofit.body.element.hex8 import element_pass
 from thermofit.body.element.thermal_load import thermal_forces
-from thermofit.body.solve.linear import Factor, scatter
+from thermofit.body.solve.linear import Factor, gathered, scatter
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.law.page import Law
 from thermofit.point.state import N_FULL, N_STATE
@@ -29,12 +30,18 @@ _GOOD_RATE = 5e-3
 _UPHILL = 100.0
 """Factor by which the residual may rise in a full step that leads from the elastic tangent to the plastic one."""
 _MAX_UPHILL = 3
+_MEMORY = 20
+"""Steps that the kept factor is corrected by."""
+_CURVATURE = 1e-6
+"""Cosine between a step and the answer of the residual from which the tangent along it counts as positive."""
 _THERMAL_START = 1e-3
 """Relative residual below which an iterate is good enough to solve the heat equation on it."""
 _THERMAL_AGAIN = 0.05
 """Drop of the residual after which the heat equation is solved again."""
 _FLOOR_STRESS = 0.1
 """MPa; stress whose nodal forces bound the residual from below where the body is (nearly) unloaded."""
+_ROUND_OFF_STRAIN = 64.0 * float(np.finfo(float).eps)
+"""Strain below which a deformation gradient is round-off: displacements are some ten times larger than the edges of an element."""
 
 
 TemperatureOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, float]]
@@ -42,11 +49,18 @@ TemperatureOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple
 temperature so far."""
 
 
+TOLERANCE = 1e-5
+"""Relative residual: displacements of a dogbone to some 1e-5 mm, a hundredth of the noise of image correlation (docs/performance.md)."""
+
+
 @dataclass(frozen=True)
 class NewtonSettings:
-    """Relative residual at which equilibrium is accepted, iteration and backtracking limits."""
+    """Relative residual at which equilibrium is accepted, iteration and backtracking limits.
 
-    tolerance: float = 1e-7
+    A residual of round-off is accepted whatever the tolerance.
+    """
+
+    tolerance: float = TOLERANCE
     max_iterations: int = 40
     max_backtracks: int = 6
 
@@ -85,12 +99,23 @@ class Level:
 
 @dataclass(frozen=True)
 class _Iterate:
-    """u (n_np, 3), its residual (n_eq,) N, the norm of it (infinite where an element failed) and the scale of the forces."""
+    """u (n_np, 3), its residual (n_eq,) N, the norm of it (infinite where an element failed), the scale of the forces, and the share of
+    the step that led here."""
 
     u: np.ndarray
     residual: np.ndarray
     norm: float
     scale: float
+    length: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Update:
+    """What a step taught of the tangent: change s (n_eq,) mm of the unknowns, y (n_eq,) N of the residual, and 1 / s.y in 1/mJ."""
+
+    change: np.ndarray
+    answer: np.ndarray
+    inverse: float
 
 
 class Equilibrator:
@@ -103,12 +128,12 @@ class Equilibrator:
         self._warming = np.empty((n_el, 24))
         self._stiffness = np.empty((n_el, 24, 24))
         self._factor: Factor | None = None
-        flat = body.element_equation.ravel()
-        self._used = np.flatnonzero(flat >= 0)
-        self._equation = flat[self._used]
+        self._updates: list[_Update] = []
         self._top = np.flatnonzero(np.isin(body.mesh.hexes, body.loaded).ravel())
         size = float(body.data.volume.sum()) ** (2.0 / 3.0) / n_el ** (1.0 / 6.0)
         self._floor = _FLOOR_STRESS * size
+        self._round_off = _ROUND_OFF_STRAIN * (law.lame + 2.0 * law.mu) * size
+        self._foreseen = False
         self._uphill_steps = 0
         self._rate = 1.0
         self.factorisations = 0
@@ -133,7 +158,6 @@ class Equilibrator:
         theta (n_np,) K is given, or an estimate where `thermal` = (temperature of an iterate, its tolerance in K) couples the heat
         equation. NumericsError where equilibrium is not found; the caller may cut the step.
         """
-        tolerance = self.settings.tolerance
         level = Level(theta, state_n, load, np.empty_like(state_n), np.empty(state_n.shape[:2]))
         if fresh:
             self._factor = None
@@ -145,20 +169,25 @@ class Equilibrator:
             )
         norms: list[float] = [here.norm]
         self._uphill_steps = 0
-        change, wanted = (0.0, 0.0) if thermal is None else (float("inf"), _THERMAL_START)
+        change, wanted = (0.0, 0.0) if thermal is None else (float("inf"), 0.0 if self._foreseen else _THERMAL_START)
         for iteration in range(self.settings.max_iterations):
-            if thermal is not None and here.norm <= max(wanted, tolerance) * here.scale:
+            if thermal is not None and (here.norm <= wanted * here.scale or self._balanced(here)):
+                first, last = not np.isfinite(change), self._balanced(here)
                 warmer, change = thermal[0](here.u, level.state, level.dilatation, level.theta)
-                here, level = self._warmed(here, level, warmer), replace(level, theta=warmer)
-                wanted = _THERMAL_AGAIN * here.norm / here.scale
-            if here.norm <= tolerance * here.scale:
-                if thermal is not None and change > thermal[1]:
-                    continue
+                if first:
+                    self._foreseen = change <= thermal[1]
+                if not last or change > thermal[1]:
+                    here, level = self._warmed(here, level, warmer), replace(level, theta=warmer)
+                    wanted = _THERMAL_AGAIN * here.norm / here.scale if change > thermal[1] else 0.0
+                    if self._balanced(here):
+                        continue
+            if self._balanced(here):
                 return Equilibrium(here.u, level.state, level.dilatation, self._top_force(), iteration, tuple(norms))
             if self._factor is None:
                 here = self._evaluate(here.u, level, tangent=True)
                 exact = True
-            there = self._search(here, self._step(here), level, backtrack=exact)
+            step = self._step(here)
+            there = self._search(here, self._nodal(step), level, backtrack=exact)
             if there is None and exact:
                 raise NumericsError(
                     f"equilibrium: the line search failed at relative residual {here.norm / here.scale:.1e} in iteration {iteration + 1}"
@@ -166,13 +195,15 @@ class Equilibrator:
             if there is None:
                 self._factor = None
                 continue
-            self._rate = there.norm / here.norm
-            if self._too_slow(here, there, tolerance):
+            self._rate = 1.0 if self._updates else there.norm / here.norm
+            if self._too_slow(here, there):
                 self._factor = None
+            else:
+                self._learn(here, there, step)
             exact, here = False, there
             norms.append(here.norm)
-        left = f"relative residual {here.norm / here.scale:.1e}, expected {tolerance:.0e}"
-        if thermal is not None and here.norm <= tolerance * here.scale:
+        left = f"relative residual {here.norm / here.scale:.1e}, expected {self.settings.tolerance:.0e}"
+        if thermal is not None and self._balanced(here):
             left = f"the temperature still changes by {change:.1e} K from sweep to sweep, expected {thermal[1]:.0e} K"
         raise NumericsError(f"equilibrium: no convergence in {self.settings.max_iterations} iterations, {left}")
 
@@ -191,9 +222,16 @@ class Equilibrator:
             raise NumericsError("equilibrium: the converged state has no tangent")
         return self._factor, self._stiffness
 
-    def _too_slow(self, here: _Iterate, there: _Iterate, tolerance: float) -> bool:
+    def _allowed(self, scale: float) -> float:
+        """Norm of the residual in N at which equilibrium is accepted."""
+        return max(self.settings.tolerance * scale, self._round_off)
+
+    def _balanced(self, here: _Iterate) -> bool:
+        return here.norm <= self._allowed(here.scale)
+
+    def _too_slow(self, here: _Iterate, there: _Iterate) -> bool:
         """Whether the kept factor, at the rate of its last step, needs more iterations than a fresh one is worth."""
-        target = tolerance * there.scale
+        target = self._allowed(there.scale)
         if there.norm <= target:
             return False
         rate = there.norm / here.norm
@@ -202,15 +240,32 @@ class Equilibrator:
     def _warmed(self, here: _Iterate, level: Level, theta: np.ndarray) -> _Iterate:
         """The iterate at another temperature: the forces of the change enter its residual."""
         thermal_forces(self.body.data, here.u, level.state, level.theta, theta, self.law, self._warming)
-        change = np.bincount(self._equation, self._warming.ravel()[self._used], minlength=self.body.n_equations)
-        residual = here.residual + change
+        residual = here.residual.copy()
+        gathered(self.body.element_equation, self._warming, residual)
         return replace(here, residual=residual, norm=float(np.linalg.norm(residual)))
 
+    def _learn(self, here: _Iterate, there: _Iterate, step: np.ndarray) -> None:
+        """Keep what the step (n_eq,), taken as far as it was, taught, if the tangent along it is positive.
+
+        The temperature of both iterates is the same.
+        """
+        answer = there.residual - here.residual
+        work = there.length * float(step @ answer)
+        if work > _CURVATURE * there.length * float(np.linalg.norm(step) * np.linalg.norm(answer)):
+            self._updates = [*self._updates[1 - _MEMORY :], _Update(there.length * step, answer, 1.0 / work)]
+
     def _step(self, here: _Iterate) -> np.ndarray:
-        """Change of u (n_np, 3) by the kept factor."""
+        """Change (n_eq,) by the kept factor and what was learnt since (two loops: J. Nocedal 1980, Math. Comp. 35)."""
         if self._factor is None:
             raise NumericsError("equilibrium: no tangent was formed")
-        return self._nodal(self._factor.solve(-here.residual))
+        right, shares = -here.residual, []
+        for update in reversed(self._updates):
+            shares.append(update.inverse * float(update.change @ right))
+            right -= shares[-1] * update.answer
+        x = self._factor.solve(right)
+        for update, share in zip(self._updates, reversed(shares), strict=True):
+            x += (share - update.inverse * float(update.answer @ x)) * update.change
+        return x
 
     def _nodal(self, x: np.ndarray) -> np.ndarray:
         """Nodal field (n_np, 3) of x (n_eq,): zero where u is prescribed, one value where it is tied."""
@@ -234,13 +289,14 @@ class Equilibrator:
         )
         if failed:
             return _Iterate(u, np.empty(0), float("inf"), 1.0)
-        residual = np.bincount(self._equation, self._force.ravel()[self._used], minlength=body.n_equations)
+        residual = np.zeros(body.n_equations)
+        gathered(body.element_equation, self._force, residual)
         if body.top >= 0:
             residual[body.top] -= level.load
         if tangent:
             data = np.zeros(body.mechanical.n_slots)
             scatter(self._stiffness, body.mechanical_slot, data)
-            self._factor, self._rate = Factor(body.mechanical, data), 1.0
+            self._factor, self._rate, self._updates = Factor(body.mechanical, data), 1.0, []
             self.factorisations += 1
         return _Iterate(u, residual, float(np.linalg.norm(residual)), max(float(np.linalg.norm(self._force)), self._floor))
 
@@ -255,8 +311,8 @@ class Equilibrator:
         enough = 1.0 if backtrack else _KEPT_DECREASE
         for _ in range(self.settings.max_backtracks if backtrack else 1):
             there = self._evaluate(here.u + length * step, level)
-            if there.norm < enough * here.norm or there.norm <= self.settings.tolerance * there.scale:
-                return there
+            if there.norm < enough * here.norm or self._balanced(there):
+                return replace(there, length=length)
             uphill |= length == 1.0 and there.norm < _UPHILL * here.norm
             length *= 0.5
         if not (backtrack and uphill and self._uphill_steps < _MAX_UPHILL):

@@ -17,11 +17,12 @@ from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rows import rows_of_tests
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.effects.catalogue import BASE, effect_of_param, effects, is_of_effect
+from thermofit.experiment.drive import FORCE, carried
 from thermofit.experiment.errors_told import told, too_far
 from thermofit.experiment.fields import with_identified
-from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.forms import experiment_after, experiment_of
 from thermofit.experiment.instruments import station_names
-from thermofit.experiment.protocol import JointProblem
+from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
@@ -87,9 +88,9 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
     A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
     scores are those after a joint step of all fitted parameters in any case.
     """
-    experiment = experiment_of(study)
+    experiment = experiment_after(study, stages)
     base, _ = with_identified(study, experiment.start(), stages)
-    joint = experiment.diagnosed(base)
+    experiment, joint, turned = carried(experiment, lambda driven: driven.diagnosed(base))
     shown, said = (joint.known, ()) if joint.flow is None else untold(joint.known, joint.base, joint.flow)
     elsewhere = tuple(elsewhere_of(test, joint.settings, joint.base, shown) for test in experiment.unseen)
     refit = JointFit(study, joint.settings, joint.model, task, parts=joint.parts)
@@ -119,14 +120,15 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
         correlation_length=joint.correlation_length,
     )
     assert joint.numerical is not None
-    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*said, *_unknown_force(study, joint)))
+    remarks = (*said, *((turned,) if turned else ()), *_unknown_force(experiment, joint))
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, remarks)
 
 
-def _unknown_force(study: Study, joint: JointProblem) -> tuple[str, ...]:
+def _unknown_force(experiment: Experiment, joint: JointProblem) -> tuple[str, ...]:
     """A remark where the error of a prescribed force is not known."""
-    if joint.errors is None or joint.errors.whole.knows_force_error or study.force.drives != "force":
+    if joint.errors is None or joint.errors.whole.knows_force_error or experiment.drive != FORCE:
         return ()
-    again = f"thermofit interpolate {study.source.name} --force"
+    again = f"thermofit interpolate {experiment.study.source.name} --force"
     return (f"the force is taken as exact: interpolate.h5 holds no error of it ({again} adds that to a record of an earlier version)",)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.fit.covariance import Covariance
 from thermofit.fit.evaluate import Counts, Evaluation, Evaluations
-from thermofit.fit.gauss_newton import full_step
+from thermofit.fit.gauss_newton import AT_EDGE, full_step
 from thermofit.fit.jacobian import derivative_error, jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.linear_model import LinearModel
@@ -55,6 +55,11 @@ class FitResult:
     message: str
     counts: Counts
     log: tuple[Evaluation, ...]
+
+    @property
+    def at_edge(self) -> bool:
+        """True where the search was kept from a minimum by parameters for which the forward model fails."""
+        return not self.converged and self.message.startswith(AT_EDGE)
 
 
 def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str], ending: Ending) -> FitResult:

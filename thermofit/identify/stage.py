@@ -72,6 +72,11 @@ def ready(study: Study, key: str) -> Ready:
     return Ready(settings, experiment, base.with_free(settings.free), stage_key(study, key), inputs, kept)
 
 
+def as_recorded(study: Study, stage: Ready, key: str) -> Ready:
+    """The stage of that key, ready and identified before, driven as its record says."""
+    return replace(stage, experiment=experiment_after(study, (*EARLIER[key], f"identify-{key}")))
+
+
 def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
     """Run a stage, or find it fresh. StudyError where an artefact is missing (names the command that makes it)."""
     stage = ready(study, kind.key)

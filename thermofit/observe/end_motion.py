@@ -61,10 +61,9 @@ class EndMotion:
                 f"force.drives is 'dic', but the last DIC stage is at {self.time[-1]:g} s and {times[-1]:g} s is asked for; end the "
                 "evaluation times at the last stage"
             )
-        straight = np.interp(times, self.time, self.elongation)
-        if force is None:
-            return np.asarray(straight)
-        return _turned(self, np.asarray(times, dtype=float), force)
+        times = np.asarray(times, dtype=float)
+        moved = np.interp(times, self.time, self.elongation) if force is None else _turned(self, times, force)
+        return np.where(times <= load_start, 0.0, moved)
 
     def stiffness(self, force: SmoothForce) -> float:
         """Elastic stiffness dF/de in N/mm: the median of those of the unloadings, else that of the first loading; inf where the stages

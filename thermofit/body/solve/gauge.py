@@ -125,6 +125,10 @@ class _Between(_Run):
         self.end_rates = np.zeros(self.rates.m)
         self.end_rates[self.lane] = 1.0
 
+    def load(self, t: float) -> float:
+        """Displacement of the end where the specimen rests, whatever the noise of the elongation is then."""
+        return self.rest_displacement
+
     def initial(self, t: float) -> State:
         """The state at rest, from which the elongation counts."""
         start = super().initial(t)

@@ -58,8 +58,8 @@ def test_the_run_is_that_of_the_end_which_makes_the_elongation() -> None:
 
 @pytest.mark.parametrize("coupling", ["full", "one-way"])
 def test_derivatives_are_of_second_order(coupling: str) -> None:
-    """(E, M_y0, H_exp, c0) at once, along a random direction: what the derivative misses falls with the square of the step."""
-    names, body = ("E", "M_y0", "H_exp", "c0"), dogbone()[0]
+    """Five parameters at once, along a random direction: what the derivative misses falls with the square of the step."""
+    names, body = ("E", "M_y0", "H_exp", "alpha_exp", "c0"), dogbone()[0]
     settings = MarchSettings(newton=EXACT.newton, coupling_tolerance=EXACT.coupling_tolerance, coupling=coupling)
     e = by_end().u[:, :, 1] @ dogbone()[1]
     loading, found = between(e - e[0]), {}
@@ -67,7 +67,7 @@ def test_derivatives_are_of_second_order(coupling: str) -> None:
     def collect(n: int, at: Sensitivity) -> None:
         found[n] = (at.force.copy(), at.u.copy(), at.theta.copy())
 
-    along = np.array([0.7, -1.0, 0.6, 0.8]) * np.array([NOMINAL[n] for n in names])
+    along = np.array([0.7, -1.0, 0.6, 0.8, 0.8]) * np.array([NOMINAL[n] for n in names])
     here = march_between(body, NOMINAL, loading, TIME, settings, Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-5)))
     missed = []
     for step in (4e-3, 2e-3):
@@ -80,7 +80,7 @@ def test_derivatives_are_of_second_order(coupling: str) -> None:
         missed.append(left)
     order = np.log2(np.array(missed[0]) / np.array(missed[1]))
     assert np.all(order > 1.8), order
-    assert found[5][1].shape == (body.mesh.n_nodes, 3, 4)
+    assert found[5][1].shape == (body.mesh.n_nodes, 3, 5)
 
 
 def test_sections_beside_the_neck_lead_beyond_the_load_maximum() -> None:

@@ -190,7 +190,8 @@ class BodyExperiment:
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""
         own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
-        return joint_settings(self.study, tuple(dict.fromkeys(own)), self.data)
+        settings = joint_settings(self.study, tuple(dict.fromkeys(own)), self.data)
+        return with_force_channel(settings) if self.turned else settings
 
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
         """One coupled run through all observations."""

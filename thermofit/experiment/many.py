@@ -16,7 +16,7 @@ from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
-from thermofit.experiment.drive import SECTIONS
+from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
@@ -228,7 +228,7 @@ class SeveralExperiments:
         parts = {}
         for test in self.tests:
             own = joint_settings(test.study, tuple(free_in(settings.free, test.name).values()), test.data)
-            parts[test.name] = Joint(test.study, test.data, own, size)
+            parts[test.name] = Joint(test.study, test.data, with_force_channel(own) if test.turned else own, size)
         return JointSeveral(parts)
 
     def _problem(self, settings: StageSettings, base: Parameters, parts: JointParts, size: MeshSize) -> JointProblem:

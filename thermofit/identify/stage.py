@@ -101,10 +101,11 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     other = stage.experiment.by_sections
     if other is None:
         return _identified(study, stage, kind, task)
-    why = stage.experiment.near_maximum if kind.key == PLASTIC else ""
+    plastic = kind.key == PLASTIC
+    why = stage.experiment.near_maximum if plastic else ""
     if not why:
         try:
-            return _identified(study, stage, kind, task, to_the_end=False)
+            return _identified(study, stage, kind, task, to_the_end=not plastic)
         except NumericsError as error:
             why = f"the model cannot carry the measured force ({error})"
     turned, keyed = replace(stage, experiment=other), replace(task, config={**task.config, DRIVE: other.drive})

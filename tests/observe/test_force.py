@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError, StudyError
@@ -345,19 +345,20 @@ def test_bad_records_are_refused(change, message: str) -> None:
     n=st.integers(10, 80),
     seed=st.integers(0, 2**31),
     scale=st.sampled_from([0.0, 1e-6, 1.0, 1e5]),
-    shape=st.sampled_from(["zero", "line", "walk", "saw", "spikes"]),
+    shape=st.sampled_from(["still", "line", "walk", "saw", "spikes"]),
     crosshead=st.booleans(),
 )
 def test_any_finite_record_gives_a_finite_force(n: int, seed: int, scale: float, shape: str, crosshead: bool) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 1.0, n))
     force = {
-        "zero": np.zeros(n),
+        "still": np.zeros(n),
         "line": 3.0 * time,
         "walk": np.cumsum(rng.standard_normal(n)),
         "saw": np.abs(time % 8.0 - 4.0),
         "spikes": np.where(rng.uniform(size=n) < 0.1, 50.0, 0.0),
     }[shape] + scale * rng.standard_normal(n)
+    assume(np.ptp(force) > 0.0)
     smooth = smooth_force(ForceRecord(time, force, np.abs(time % 10.0 - 5.0) if crosshead else None))
     dense = np.linspace(time[0], time[-1], 300)
     assert np.all(np.isfinite(smooth.evaluate(dense))) and np.all(np.isfinite(smooth.sigma(dense)))
@@ -397,3 +398,21 @@ def test_forces_of_others_are_smoothed_to_their_noise() -> None:
         assert abs(smooth.residual_autocorrelation) < 0.05 and smooth.residual_max < 5.0, path
         assert smooth.spurious_reversals <= 1, path
         assert smooth.phases.items[0].kind == smooth.phases.items[-1].kind == "hold", path
+
+
+def test_a_constant_force_is_no_test() -> None:
+    time = np.arange(0.0, 20.0, 0.1)
+    with pytest.raises(DataError, match="the force is 100 N throughout; expected a test under load"):
+        smooth_force(ForceRecord(time, np.full(time.size, 100.0)))
+
+
+def test_a_noise_above_the_force_is_refused() -> None:
+    time = np.arange(0.0, 20.0, 0.1)
+    with pytest.raises(StudyError, match=r"found 1e\+12 N, more than the force changes in the record \(199 N\)"):
+        smooth_force(ForceRecord(time, 10.0 * time), noise=1e12)
+
+
+def test_a_record_without_noise_has_no_error_modes_of_its_own() -> None:
+    time = np.arange(0.0, 20.0, 0.1)
+    modes = smooth_force(ForceRecord(time, np.minimum(100.0 * time, 1000.0))).error_modes(time)
+    assert np.isfinite(modes).all() and np.abs(modes).max(initial=0.0) < 1.0

@@ -188,6 +188,10 @@ SENTENCES = [
     ("mesh", "expected key=value"),
     ("parameters.nu.start.x=1", "key 'parameters.nu' is 0.3 in the study, not a section"),
     ("mesh=[1", "line 1"),
+    ("mesh={n_x: 100, n_y: 1000, n_z: 20}", "asks for 2123121 nodes; expected at most 200000"),
+    ("run_dir=~nobody-of-that-name/a", "key 'run_dir' is '~nobody-of-that-name/a', but the home folder of that user is not known"),
+    ('run_dir="a\\0b"', "key 'run_dir' is 'a\\x00b', which holds a zero byte"),
+    ("mesh=&a {n_x: *a}", "line 1: an alias stands for a section that holds it"),
 ]
 
 

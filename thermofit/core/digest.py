@@ -14,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from thermofit.core.errors import DataError
+from thermofit.core.files import check_regular
 
 PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package thermofit."""
@@ -24,7 +25,7 @@ KERNEL_ROOMS = ("effects", "law", "point", "body")
 _NO_KERNEL = b"from thermofit.core.jit import set_threads\n"
 """A module that asks for no more of `core.jit` than this compiles nothing."""
 
-_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "folders", "jsonable", "yaml_text"))
+_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "files", "folders", "jsonable", "yaml_text"))
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 
 EFFECTS_VARIABLE = "THERMOFIT_EFFECTS"
@@ -36,8 +37,9 @@ _THREADS = 4
 
 
 def file_digest(path: Path) -> str:
-    """sha256 of the bytes of one file."""
+    """sha256 of the bytes of one file. OSError where it cannot be read or is no regular file."""
     digest = hashlib.sha256()
+    check_regular(path)
     with open(path, "rb") as stream:
         while block := stream.read(_BLOCK):
             digest.update(block)

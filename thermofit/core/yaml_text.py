@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from thermofit.core.errors import ThermofitError
+from thermofit.core.files import TEXT_LIMIT
 
 
 class _Loader(yaml.SafeLoader):
@@ -38,13 +39,45 @@ _FLOAT = re.compile(r"^[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+$")
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
 
 
+LARGEST_TREE = 200_000
+"""Values that a YAML text may stand for, every alias written out: a few lines of aliases of aliases stand for billions."""
+
+
+def _written_out(node: yaml.Node, sizes: dict[yaml.Node, int], above: set[yaml.Node]) -> int:
+    """Number of values of a node with every alias written out; MarkedYAMLError beyond `LARGEST_TREE` and where it holds itself."""
+    if node in above:
+        raise yaml.MarkedYAMLError(problem="an alias stands for a section that holds it", problem_mark=node.start_mark)
+    if node not in sizes:
+        inner: list[yaml.Node] = []
+        if isinstance(node, yaml.SequenceNode):
+            inner = node.value
+        elif isinstance(node, yaml.MappingNode):
+            inner = [part for pair in node.value for part in pair]
+        above.add(node)
+        sizes[node] = 1 + sum(_written_out(part, sizes, above) for part in inner)
+        above.discard(node)
+        if sizes[node] > LARGEST_TREE:
+            problem = f"with its aliases written out this holds more than {LARGEST_TREE} values"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+    return sizes[node]
+
+
 def parse_yaml(text: str, source: str, error: type[ThermofitError], *, text_keys: bool = True) -> Any:
-    """The content of a YAML text; `text_keys`: every key must be a text. Where it cannot be read, `error` with `source` and line."""
+    """The content of a YAML text; `text_keys`: every key must be a text. Where it cannot be read, is longer than `TEXT_LIMIT` or
+    stands for too many values, `error` with `source` and line."""
+    if len(text) > TEXT_LIMIT:
+        raise error(
+            f"{source}: found {len(text)} characters of YAML, expected at most {TEXT_LIMIT}; put long tables into files of their own"
+        )
     loader = None
     try:
         loader = _Loader(text)
         loader.text_keys = text_keys
-        return loader.get_single_data()
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _written_out(node, {}, set())
+        return loader.construct_document(node)
     except yaml.MarkedYAMLError as wrong:
         mark = wrong.problem_mark or wrong.context_mark
         where = f"{source}, line {mark.line + 1}" if mark else source

@@ -81,7 +81,11 @@ class SmoothForce:
         """
         times = _within(self, t)
         design = self.finer.design(times)
-        root = np.diag(np.sqrt(self.covariance)) if self.covariance.ndim == 1 else np.linalg.cholesky(self.covariance)
+        if self.covariance.ndim == 1:
+            root = np.diag(np.sqrt(self.covariance))
+        else:
+            # A record without noise, such as a computed one, has no covariance to take a root of.
+            root = np.linalg.cholesky(self.covariance) if self.covariance.any() else self.covariance
         u, s, _ = np.linalg.svd(np.column_stack([design @ root, self._left_out(times)]), full_matrices=False)
         return np.asarray((u * s)[:, s > 1e-3 * s[0]])
 
@@ -120,6 +124,11 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     if noise is not None and not (np.isfinite(noise) and noise > 0.0):
         raise StudyError(f"force noise: found {noise}, expected a positive number of N or nothing (then it is measured)")
     level = force_noise(record) if noise is None else float(noise)
+    if level > np.ptp(record.force):
+        raise StudyError(
+            f"force noise: found {level:.3g} N, more than the force changes in the record ({np.ptp(record.force):.3g} N); expected "
+            "the noise of single samples in N, leave it out to have it measured"
+        )
     phases = find_phases(record, level)
     if smoothing == "none":
         inner = record.time[1:-1]

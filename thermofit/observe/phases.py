@@ -67,7 +67,7 @@ class _Kinks:
 
 
 def check_record(record: ForceRecord) -> None:
-    """Refuse a record that cannot be smoothed: DataError for too few samples, NaN, times that do not increase."""
+    """Refuse a record that cannot be smoothed: DataError for too few samples, NaN, times that do not increase, a constant force."""
     time, force, crosshead = record.time, record.force, record.crosshead
     if time.size < LEAST_SAMPLES:
         raise DataError(f"force record: found {time.size} samples, expected at least {LEAST_SAMPLES}; export the whole test")
@@ -88,6 +88,10 @@ def check_record(record: ForceRecord) -> None:
         raise DataError(
             f"force record: time goes from {time[i]:g} s to {time[i + 1]:g} s at sample {i + 2} ({back.size} such places), "
             "expected increasing times; sort or remove these rows"
+        )
+    if np.ptp(force) == 0.0:
+        raise DataError(
+            f"force record: the force is {force[0]:g} N throughout; expected a test under load, check which column holds the force"
         )
 
 

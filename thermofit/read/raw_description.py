@@ -11,6 +11,7 @@ from pydantic.fields import FieldInfo
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, Landmarks, Specimen
+from thermofit.core.files import TEXT_LIMIT
 from thermofit.core.units import known_unit
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.read.formats.clock import Above0, Rules
@@ -234,7 +235,7 @@ def read_description(folder: Path) -> Description:
     if not folder.is_dir():
         raise DataError(f"{folder}: the folder of the experiment does not exist; correct the path")
     path = folder / DESCRIPTION
-    tree = parse_yaml("\n".join(read_lines(path, "the description of the experiment")), str(path), DataError, text_keys=False)
+    tree = parse_yaml("\n".join(read_lines(path, "the description of the experiment", TEXT_LIMIT)), str(path), DataError, text_keys=False)
     if not isinstance(tree, dict):
         raise DataError(f"{path}: found {shorten(tree)}, expected keys such as 'specimen:' and 'temperatures:'; see the raw format")
     try:

@@ -9,10 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
+from thermofit.core.files import check_regular
 from thermofit.core.units import Unit, known_unit
 
 _TIME = re.compile(r"#\s*time_([^\s:]+)\s*:\s*(\S+)\s*")
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
+
+LARGEST = 1e15
+"""Size of a number beyond which it was not measured, in any unit: squares of it and their sums are still finite."""
 
 
 def shorten(text: object, length: int = 40) -> str:
@@ -21,12 +25,13 @@ def shorten(text: object, length: int = 40) -> str:
     return quoted if len(quoted) <= length else quoted[: length - 4] + "...'"
 
 
-def read_lines(path: Path, what: str) -> list[str]:
+def read_lines(path: Path, what: str, largest: int | None = None) -> list[str]:
     """Lines of a text file without the empty ones at its end; `what` says in words what the file should hold.
 
-    DataError where the file is missing, unreadable, empty or no UTF-8 text.
+    DataError where the file is missing, unreadable, no regular file, larger than `largest` bytes, empty or no UTF-8 text.
     """
     try:
+        check_regular(path, largest)
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise DataError(f"{path}: found bytes that are no UTF-8 text, expected {what}; export the file again as text") from None
@@ -136,7 +141,7 @@ def read_table(lines: list[str], path: Path, first: int, columns: list[str] | No
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except ValueError:
         table = None
-    if table is None or table.shape != (len(lines), width) or not np.isfinite(table).all():
+    if table is None or table.shape != (len(lines), width) or not np.all(np.abs(table) <= LARGEST):
         raise _defect(lines, path, first, width, columns)
     return np.asarray(table)
 
@@ -148,9 +153,10 @@ def _defect(lines: list[str], path: Path, first: int, width: int, columns: list[
         if not line.strip():
             return DataError(f"{path}, line {number}: the line is empty, expected {width} numbers; remove it or export the file again")
         for k, cell in enumerate(cells[:width]):
-            if not _NUMBER.fullmatch(cell) or not np.isfinite(float(cell)):
+            if not _NUMBER.fullmatch(cell) or not abs(float(cell)) <= LARGEST:
                 name = f"column {k + 1}" + (f" ({columns[k]})" if columns is not None else "")
-                return DataError(f"{path}, line {number}, {name}: found {shorten(cell)}, expected a finite number; correct the cell")
+                expected = f"a measured value of at most {LARGEST:g}" if _NUMBER.fullmatch(cell) else "a finite number"
+                return DataError(f"{path}, line {number}, {name}: found {shorten(cell)}, expected {expected}; correct the cell")
         if len(cells) != width:
             above = "in the header" if columns is not None else f"in line {first}"
             return DataError(f"{path}, line {number}: found {len(cells)} cells, expected {width} as {above}; export the file again")

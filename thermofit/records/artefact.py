@@ -33,6 +33,7 @@ from thermofit import __version__
 from thermofit.core.atomic import remove_partial, replacing
 from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
+from thermofit.core.files import check_regular
 from thermofit.core.jsonable import json_text, jsonable
 
 SCHEMA = "thermofit"
@@ -317,6 +318,7 @@ def storage_of(value: np.ndarray) -> dict[str, Any]:
 def _reading(path: Path) -> Iterator[h5py.File]:
     """Open for reading; what HDF5 says of a damaged file becomes a DataError."""
     try:
+        check_regular(path)
         with h5py.File(path, "r", locking=False) as file:
             yield file
     except (OSError, RuntimeError, KeyError) as error:

@@ -27,5 +27,11 @@ def expanded(text: str, where: str) -> str:
 
 
 def path_from(folder: Path, text: str, where: str) -> Path:
-    """The path that a text of the study names: relative to `folder`, ~ and ${VARIABLES} replaced."""
-    return folder.absolute() / Path(expanded(text, where)).expanduser()
+    """The path that a text of the study names: relative to `folder`, ~ and ${VARIABLES} replaced. StudyError where it names none."""
+    plain = expanded(text, where)
+    if "\0" in plain:
+        raise StudyError(f"{where} is {plain!r}, which holds a zero byte; expected the name of a file or folder")
+    try:
+        return folder.absolute() / Path(plain).expanduser()
+    except RuntimeError:
+        raise StudyError(f"{where} is '{plain}', but the home folder of that user is not known; give the path without ~") from None

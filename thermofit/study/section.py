@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -198,12 +198,23 @@ Times = Annotated[tuple[Number, ...], Field(min_length=1), AfterValidator(increa
 Interval = Annotated[tuple[Number, Number], AfterValidator(increasing)]
 
 
+LARGEST_MESH = 200_000
+"""Nodes of a mesh that is asked for by numbers of elements; 24 x 160 x 8 elements have 36,225."""
+
+
 class MeshSize(Section):
     """Elements of the quarter model: across half the width, along the length, across half the thickness."""
 
     n_x: Count
     n_y: Count
     n_z: Count
+
+    @model_validator(mode="after")
+    def _can_be_solved(self) -> Self:
+        nodes = (self.n_x + 1) * (self.n_y + 1) * (self.n_z + 1)
+        if nodes > LARGEST_MESH:
+            raise content_error(f"asks for {nodes} nodes; expected at most {LARGEST_MESH}, `full` has 5265")
+        return self
 
 
 PRESETS: Mapping[str, MeshSize] = {"coarse": MeshSize(n_x=6, n_y=40, n_z=2), "full": MeshSize(n_x=12, n_y=80, n_z=4)}

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Experiment, Specimen
+from thermofit.core.files import TEXT_LIMIT, check_regular
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
@@ -273,6 +274,7 @@ def _say(source: Path, error: ValidationError, overrides: Sequence[str]) -> str:
 def _read_tree(source: Path) -> dict[str, Any]:
     """The study file as nested dictionaries."""
     try:
+        check_regular(source, TEXT_LIMIT)
         text = source.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise StudyError(f"{source}: expected a YAML text in UTF-8, found other bytes") from None

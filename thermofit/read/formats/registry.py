@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 from thermofit.core.errors import DataError
+from thermofit.core.files import check_regular
 from thermofit.read.formats import (
     aramis_csv,
     aramis_legacy,
@@ -56,6 +57,7 @@ _QUOTED = 60
 def head_of(path: Path) -> Head:
     """The beginning of a file. DataError where it cannot be read or is empty."""
     try:
+        check_regular(path)
         size = path.stat().st_size
         with path.open("rb") as file:
             first = file.read(HEAD_BYTES)

@@ -11,12 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
+from thermofit.core.files import check_regular
 from thermofit.read.formats.contents import Head
 
 BLANKS = " "
 """Separator of columns that any number of blanks part."""
 SEPARATOR_WORDS = {";": "semicolon", ",": "comma", "\t": "tab", BLANKS: "blanks", "|": "bar"}
 _MAX_WIDTH = 100_000
+_LONGEST_NAME = 1000
+"""Characters of a header cell that are looked at: the search for a unit in it takes a time that grows with the square."""
 _DIGITS = {".": r"(?:\d+\.?\d*|\.\d+)", ",": r"(?:\d+,?\d*|,\d+)"}
 _CELL = {sign: re.compile(rf"[+-]?{digits}(?:[eEdD][+-]?\d+)?", re.ASCII) for sign, digits in _DIGITS.items()}
 _QUOTED_COMMA = re.compile(r'"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*"', re.ASCII)
@@ -95,6 +98,7 @@ def split_lines(text: str) -> list[str]:
 def read_text(path: Path, what: str) -> Text:
     """Lines of a text file; `what` says in words what it should hold. DataError where it is unreadable, empty or no text."""
     try:
+        check_regular(path)
         data = path.read_bytes()
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
@@ -132,7 +136,7 @@ def split_cells(line: str, separator: str) -> list[str]:
 
 def name_and_unit(cell: str) -> tuple[str, str]:
     """Name and unit of a header cell such as `Name [unit]`, `Name (unit)`; the unit is empty where none is written, "1" for `[ ]`."""
-    match = _UNIT.match(cell.strip().strip('"'))
+    match = _UNIT.match(cell.strip().strip('"')[:_LONGEST_NAME])
     if match is None or not match.group(1).strip():
         return cell.strip().strip('"').strip(), ""
     return match.group(1).strip(), match.group(2).strip() or "1"

@@ -78,7 +78,7 @@ def made(folder: Path, seed: int) -> tuple[Path, str]:
     content["simulate"] |= {"truth": truth, "seed": seed}
     content["simulate"]["dic"] = {"stages": 30, "spacing": 2.0}
     furthest = _bearable(tiny.write(folder, content), truth)
-    for less in (1.0, 0.75, 0.5):  # the slices know nothing of heat and rates
+    for less in (1.0, 0.75, 0.5, 0.3, 0.15):  # the slices know nothing of heat and rates
         target = less * share * furthest
         programme = [{"hold": 3.0}, {"crosshead_to": target, "rate": 0.14}, {"force_to": 0.0, "rate": -0.14}]
         content["simulate"]["programme"] = [*programme, {"hold_force_until": 10.0 + 2.5 * target / 0.14}]

@@ -9,7 +9,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.fit.covariance import Covariance
 from thermofit.fit.evaluate import Counts, Evaluation, Evaluations
-from thermofit.fit.gauss_newton import AT_EDGE, full_step
+from thermofit.fit.gauss_newton import full_step
 from thermofit.fit.jacobian import derivative_error, jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.linear_model import LinearModel
@@ -58,8 +58,8 @@ class FitResult:
 
     @property
     def at_edge(self) -> bool:
-        """True where the search was kept from a minimum by parameters for which the forward model fails."""
-        return not self.converged and self.message.startswith(AT_EDGE)
+        """True where the search found no minimum and met parameters for which the forward model fails."""
+        return not self.converged and any(evaluation.failed for evaluation in self.log)
 
 
 def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str], ending: Ending) -> FitResult:

@@ -31,7 +31,12 @@ def test_fifty_random_materials_and_starts(tmp_path: Path, seed: int) -> None:
 def test_sections_drive_where_the_force_is_near_its_maximum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All later stages follow, a second run finds them fresh, one remark says why, and the force is a channel."""
     content = tiny.tree(tmp_path / "run")
-    content["simulate"]["programme"] = [{"hold": 3.0}, {"crosshead_to": 9.0, "rate": 0.14}, {"force_to": 0.0, "rate": -0.14}]
+    content["simulate"]["programme"] = [
+        *tiny.PROGRAMME[:1],
+        {"crosshead_to": 9.0, "rate": 0.14},
+        tiny.PROGRAMME[2],
+        {"hold_force_until": 160.0},
+    ]
     content["simulate"]["dic"] = {"stages": 30, "spacing": 2.0}
     path = tiny.write(tmp_path, content)
     monkeypatch.setattr("thermofit.experiment.drive.FLAT", 10.0)

@@ -76,20 +76,25 @@ class EndMotion:
             return float("inf")
         knee = min([t for t in force.phases.knees if t > first.t0], default=first.t1)
         here = (self.time >= first.t0 - 1e-9) & (self.time <= knee)
-        f = np.asarray(force.evaluate(self.time[here]))
+        f = _force_at(force, self.time[here])
         e = self.elongation[here]
         return float(f @ f / (f @ e)) if len(f) and float(f @ e) > 0.0 else float("inf")
 
     def force_error(self, force: SmoothForce) -> np.ndarray:
         """What the noise of the elongation makes of the force at the stages, N (n_t,): by the steeper slope to a neighbouring stage, no
         more than the elastic one."""
-        stiff, f = self.stiffness(force), np.asarray(force.evaluate(self.time))
+        stiff, f = self.stiffness(force), _force_at(force, self.time)
         if not np.isfinite(stiff):
             return np.zeros_like(f)
         moved, pulled = np.abs(np.diff(self.elongation)), np.abs(np.diff(f))
         slope = np.where(moved > 3.0 * self.noise, np.minimum(pulled / np.maximum(moved, 1e-300), stiff), stiff)
         steeper = np.maximum(np.append(slope, 0.0), np.append(0.0, slope))
         return np.asarray(steeper * self.noise)
+
+
+def _force_at(force: SmoothForce, time: np.ndarray) -> np.ndarray:
+    """Force N at times s; before and after its record that of the ends, where a stage lies a moment outside it."""
+    return np.asarray(force.evaluate(np.clip(time, force.time[0], force.time[-1])))
 
 
 def _unloadings(motion: EndMotion, force: SmoothForce) -> dict[int, float]:
@@ -99,7 +104,7 @@ def _unloadings(motion: EndMotion, force: SmoothForce) -> dict[int, float]:
         here = (motion.time >= phase.t0 - 1e-9) & (motion.time <= phase.t1 + 1e-9)
         if phase.kind != "unloading" or here.sum() < _LEAST_STAGES:
             continue
-        f, e = np.asarray(force.evaluate(motion.time[here])), motion.elongation[here]
+        f, e = _force_at(force, motion.time[here]), motion.elongation[here]
         f, e = f - f.mean(), e - e.mean()
         if float(f @ e) > 0.0:
             found[k] = float(f @ f / (f @ e))
@@ -113,7 +118,7 @@ def _turned(motion: EndMotion, times: np.ndarray, force: SmoothForce) -> np.ndar
         return np.interp(times, motion.time, motion.elongation)
     grid = np.union1d(np.union1d(times, motion.time), np.concatenate([[p.t0, p.t1] for p in force.phases.items]))
     grid = grid[(grid >= motion.time[0]) & (grid <= motion.time[-1])]
-    f = np.asarray(force.evaluate(grid))
+    f = _force_at(force, grid)
     middle = 0.5 * (grid[1:] + grid[:-1])
     loaded = np.zeros(len(middle), dtype=bool)
     for phase in force.phases.items:
@@ -128,7 +133,7 @@ def _turned(motion: EndMotion, times: np.ndarray, force: SmoothForce) -> np.ndar
     for k, value in own.items():
         phase = force.phases.items[k]
         stiff[(motion.time[1:] > phase.t0) & (motion.time[:-1] < phase.t1)] = value
-    ends = np.asarray(force.evaluate(motion.time))
+    ends = _force_at(force, motion.time)
     before = motion.elongation[:-1] - ends[:-1] / stiff
     after = motion.elongation[1:] - ends[1:] / stiff
     at, tick = np.interp(times, grid, clock), np.interp(motion.time, grid, clock)

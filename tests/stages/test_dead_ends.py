@@ -37,7 +37,7 @@ def test_sections_drive_where_the_force_is_near_its_maximum(tmp_path: Path, monk
         tiny.PROGRAMME[2],
         {"hold_force_until": 160.0},
     ]
-    content["simulate"]["dic"] = {"stages": 30, "spacing": 2.0}
+    content["simulate"]["dic"] = {"stages": 90, "spacing": 2.0}
     path = tiny.write(tmp_path, content)
     monkeypatch.setattr("thermofit.experiment.drive.FLAT", 10.0)
     tiny.stage_run("simulate")(tiny.load_study(path))

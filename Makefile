@@ -17,7 +17,7 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow lint format schema bench mutations exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow lint format schema bench dead-ends mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
@@ -26,6 +26,7 @@ help:
 	@echo "make format            format the sources   make schema      rewrite docs/study.schema.json"
 	@echo "make thesis            sections 5.3 to 5.5 of the thesis, tables and figures to docs/reproduction [MESH=coarse: minutes]"
 	@echo "make bench             timings              make exp1 | exp2 | exp3   one section of them"
+	@echo "make dead-ends         fifty random materials and starts whose law lacks something strong: does the chain come to an end?"
 	@echo "make mutations         do the tests notice wrong formulas and rules? (docs/tests.md; tens of minutes)"
 	@echo "make real              records measured by others, from THERMOFIT_DATA: parameters with intervals, effects that are missing"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
@@ -64,6 +65,9 @@ schema: install
 bench: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python scripts/bench.py --write docs/performance.md
+
+dead-ends: install
+	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py
 
 # Wrong edits of a kept list, one at a time in a copy of the tree; exit 1 where the tests notice fewer than 95 %. It resumes.
 mutations: install

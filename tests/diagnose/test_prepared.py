@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,12 +12,14 @@ import pytest
 from refits import fitted
 from seen_field import case_of
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import prepared as module
 from thermofit.diagnose.prepared import Prepared, prepared
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import JointProblem
 from thermofit.fit.result import FitResult
+from thermofit.records.staging import Job
 from thermofit.study.section import MeshSize
 
 STUDY = cast(Any, SimpleNamespace(source=SimpleNamespace(name="study.yaml"), bounds=lambda _: (0.0, 1.0)))
@@ -41,8 +44,8 @@ def joint_of(model: StageModel, base: Parameters, **known: Any) -> JointProblem:
 
 
 def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: JointProblem, end: tuple[Parameters, FitResult]) -> Prepared:
-    experiment = SimpleNamespace(start=lambda: joint.base, diagnosed=lambda base: joint, unseen=())
-    monkeypatch.setattr(module, "experiment_of", lambda _: experiment)
+    experiment = SimpleNamespace(start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), drive="force")
+    monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit(end))
     return prepared(STUDY, cast(Any, None), ())
 
@@ -52,3 +55,20 @@ def test_the_correlation_length_of_the_noise_reaches_the_case(monkeypatch: pytes
     found = prepared_from(monkeypatch, joint_of(case.model, case.parameters, correlation_length=3.5), (case.parameters, fit))
     assert found.case.correlation_length == 3.5 and found.remarks == ()
     assert replace(found.case, correlation_length=0.0).cheap is False
+
+
+def test_where_the_force_cannot_be_carried_the_diagnosis_is_driven_by_sections(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, fit = fitted(case_of(1))
+    joint = joint_of(case.model, case.parameters)
+    other = SimpleNamespace(
+        start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), drive="sections", sections="the sections y = -23 and 23 mm"
+    )
+
+    def fails(base: Parameters) -> JointProblem:
+        raise NumericsError("time step to t = 60 s failed")
+
+    first = SimpleNamespace(start=lambda: joint.base, diagnosed=fails, by_sections=other)
+    monkeypatch.setattr(module, "experiment_after", lambda *_: first)
+    monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit((case.parameters, fit)))
+    (said,) = prepared(STUDY, Job("diagnose", Path("diagnose.h5"), {}, {}), ()).remarks
+    assert "the sections y = -23 and 23 mm" in said and "time step to t = 60 s failed" in said

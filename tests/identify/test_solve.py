@@ -14,7 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
 from thermofit.identify.outcome import made
-from thermofit.identify.solve import Solved, remembering, solve, stage_problem
+from thermofit.identify.solve import NotCarriedError, Solved, remembering, solve, stage_problem
 from thermofit.observe.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change
 from thermofit.records.staging import Job
 from thermofit.study.section import MeshSize
@@ -226,3 +226,53 @@ def test_remembered_fields_are_those_of_the_last_parameters() -> None:
     assert counted.plain == 2
     model.errors(first)
     assert counted.plain == 3
+
+
+def refusing(limit: float) -> StageModel:
+    """The model of the wall that fails where kappa is above a limit, as a specimen fails that cannot carry its force."""
+    inner = wall_model(comparisons(), OBSERVATIONS)
+    assert inner.linearise is not None
+
+    def errors(parameters: Parameters) -> dict[str, np.ndarray]:
+        if parameters["kappa"] > limit:
+            raise NumericsError("time step to t = 3 s failed")
+        return inner.errors(parameters)
+
+    def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        errors(parameters)
+        return inner.linearise(parameters, names)  # type: ignore[misc]
+
+    return dataclasses.replace(inner, errors=errors, linearise=linearise)
+
+
+def begun(case: Study, limit: float, *, to_the_end: bool = True, starts: tuple[float, ...] = (190.0, 170.0, 150.0)) -> Solved:
+    """Solved from kappa = 200 with other starts in turn."""
+    task = Job("identify-thermal", case.run_dir / "identify-thermal.h5", {}, {})
+    model, stage = refusing(limit), case.stage("thermal")
+
+    def again(start: Parameters) -> list[tuple[str, Parameters]]:
+        return [(f"with kappa = {kappa:g}", start.replace(kappa=kappa)) for kappa in starts]
+
+    return solve(case, stage, START, lambda size, base: model, task, scalable=False, again=again, to_the_end=to_the_end)
+
+
+def test_where_a_start_fails_the_others_are_taken_in_turn(tmp_path: Path) -> None:
+    """The fit ends where the one from a start that does not fail ends; the first one that runs is the one."""
+    found = begun(study(tmp_path), 180.0)
+    assert found.fit.converged and found.parameters["kappa"] == pytest.approx(WALL_TRUTH["kappa"], rel=0.01)
+    assert [text for text in found.remarks if "started again" in text] == [
+        "the mesh 2 x 8 x 1 fails at its first start; started again with kappa = 170"
+    ]
+
+
+def test_where_all_starts_fail_the_first_reason_is_told(tmp_path: Path) -> None:
+    with pytest.raises(NumericsError, match="time step to t = 3 s failed"):
+        begun(study(tmp_path), 100.0)
+
+
+def test_a_fit_that_is_kept_from_its_minimum_may_be_given_up(tmp_path: Path) -> None:
+    """The minimum at kappa = 130 lies where the model fails: the fit ends at the edge, or is no result at all."""
+    case = study(tmp_path)
+    assert begun(case, 120.0, starts=(110.0,)).fit.at_edge
+    with pytest.raises(NotCarriedError, match="edge of a region"):
+        begun(case, 120.0, starts=(110.0,), to_the_end=False)

@@ -18,7 +18,7 @@ from thermofit.diagnose.trace import room_of, split_of
 from thermofit.diagnose.worth import Criteria, criteria, independent, least, mean_squares
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.fields import with_identified
-from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.forms import experiment_after
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.trust import WHOLE
@@ -104,7 +104,7 @@ def _is_effect(name: str) -> bool:
 def fitted(study: Study, name: str, candidate: Candidate, task: Job) -> Contender:
     """A candidate fitted from where the stages ended. NumericsError where its model fails at the start."""
     own = candidate_study(study, candidate)
-    experiment = experiment_of(own)
+    experiment = experiment_after(own, identified_stages(study))
     settings = experiment.joint_settings(wanted_of(candidate, experiment.joint_settings(), own, study))
     free = settings.free
     base, _ = with_identified(study, experiment.start(), identified_stages(study))

@@ -17,14 +17,17 @@ from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rows import rows_of_tests
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.effects.catalogue import BASE, effect_of_param, effects, is_of_effect
+from thermofit.experiment.drive import FORCE, carried
+from thermofit.experiment.drive import SECTIONS as BY_SECTIONS
 from thermofit.experiment.errors_told import told, too_far
 from thermofit.experiment.fields import with_identified
-from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.forms import experiment_after, experiment_of
 from thermofit.experiment.instruments import station_names
-from thermofit.experiment.protocol import JointProblem
+from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
+from thermofit.identify.solve import DRIVE
 from thermofit.records.artefact import open_record
 from thermofit.records.key import read_of
 from thermofit.records.staging import Job, artefact_path, job
@@ -54,6 +57,8 @@ class Prepared:
     numerical: np.ndarray
     size: MeshSize
     remarks: tuple[str, ...] = ()
+    drive: str = FORCE
+    """What drives the test."""
 
 
 def inputs_of(study: Study) -> dict[str, Path]:
@@ -85,14 +90,22 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
     """Joint fit of everything that the stages identified, from where they ended; `known`: that fit, where it has been made.
 
     A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
-    scores are those after a joint step of all fitted parameters in any case.
+    scores are those after a joint step of all fitted parameters in any case. Where the model cannot carry the measured force, the motion of
+    sections drives it.
     """
-    experiment = experiment_of(study)
+    experiment = experiment_after(study, stages if known is None else (*stages, DIAGNOSE))
+    _, found, turned = carried(experiment, lambda driven: _prepared(study, task, stages, known, driven))
+    return replace(found, remarks=(*found.remarks, turned)) if turned else found
+
+
+def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None, experiment: Experiment) -> Prepared:
+    """The same in the drive that the experiment has. NumericsError where its model fails."""
     base, _ = with_identified(study, experiment.start(), stages)
     joint = experiment.diagnosed(base)
     shown, said = (joint.known, ()) if joint.flow is None else untold(joint.known, joint.base, joint.flow)
     elsewhere = tuple(elsewhere_of(test, joint.settings, joint.base, shown) for test in experiment.unseen)
     fitting = within(study, joint.base, joint.told)
+    task = replace(task, config={**task.config, DRIVE: experiment.drive}) if experiment.drive == BY_SECTIONS else task
     refit = JointFit(fitting, joint.settings, joint.model, task, parts=joint.parts)
     if known is None:
         _refuse_one_family(study, joint)
@@ -121,7 +134,8 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
         bounds=fitting.bounds,
     )
     assert joint.numerical is not None
-    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, (*said, *_unknown_force(study, joint)))
+    remarks = (*said, *_unknown_force(experiment, joint))
+    return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, remarks, experiment.drive)
 
 
 def within(study: Study, base: Parameters, told: Mapping[str, tuple[float, float]]) -> Study:
@@ -130,11 +144,11 @@ def within(study: Study, base: Parameters, told: Mapping[str, tuple[float, float
     return study.model_copy(update={"parameters": {**study.parameters, **starts}}) if told else study
 
 
-def _unknown_force(study: Study, joint: JointProblem) -> tuple[str, ...]:
+def _unknown_force(experiment: Experiment, joint: JointProblem) -> tuple[str, ...]:
     """A remark where the error of a prescribed force is not known."""
-    if joint.errors is None or joint.errors.whole.knows_force_error or study.force.drives != "force":
+    if joint.errors is None or joint.errors.whole.knows_force_error or experiment.drive != FORCE:
         return ()
-    again = f"thermofit interpolate {study.source.name} --force"
+    again = f"thermofit interpolate {experiment.study.source.name} --force"
     return (f"the force is taken as exact: interpolate.h5 holds no error of it ({again} adds that to a record of an earlier version)",)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from thermofit.effects.catalogue import Effect
 from thermofit.experiment.body_check import checked
 from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import corrected
+from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, start_parameters, temperature_of
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
@@ -25,7 +26,7 @@ from thermofit.experiment.programmes import NAMES, OWN, programme_named
 from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
-from thermofit.experiment.start import feasible_start
+from thermofit.experiment.start import feasible_start, other_starts
 from thermofit.experiment.verification import Checked
 from thermofit.experiment.window import window_times
 from thermofit.records.artefact import Record
@@ -39,16 +40,43 @@ from thermofit.study.study import Study
 
 @dataclass(frozen=True)
 class BodyExperiment:
-    """One specimen under cameras; `name` among several. `given`: what was measured, where it is not that of the artefact."""
+    """One specimen under cameras; `name` among several. `given`: what was measured, where it is not that of the artefact. `turned`: the
+    motion of sections drives it, although the study says that the force should."""
 
     study: Study
     name: str = ""
     given: Measured | None = None
+    turned: bool = False
 
     @cached_property
     def data(self) -> Measured:
         """What was measured. StudyError that names the command where it has not been interpolated."""
-        return measured(self.study) if self.given is None else self.given
+        found = measured(self.study) if self.given is None else self.given
+        return with_driven_force(found) if self.study.force.drives == "dic" else found
+
+    @property
+    def drive(self) -> str:
+        """As the study says, or by its sections."""
+        return SECTIONS if self.turned else self.study.force.drives
+
+    @property
+    def sections(self) -> str:
+        """The two heights."""
+        if self.data.gauge is None:
+            return "" if self.data.stretched is None else "the ends of the model"
+        return "the sections y = {:.1f} and {:.1f} mm".format(*self.data.gauge.sections)
+
+    @property
+    def by_sections(self) -> BodyExperiment | None:
+        """The same study with that drive."""
+        if self.study.force.drives != "force" or self.data.stretched is None:
+            return None
+        return replace(self, study=_with_drive(self.study, "dic"), turned=True)
+
+    @property
+    def near_maximum(self) -> str:
+        """By the growth of its force at the end of loading."""
+        return near_maximum(self.data) if self.study.force.drives == "force" else ""
 
     @property
     def spans(self) -> tuple[Span, ...]:
@@ -74,7 +102,7 @@ class BodyExperiment:
     @cached_property
     def unseen(self) -> tuple[UnseenBody, ...]:
         """The declared held-out experiments of the study."""
-        return unseen_bodies(self.study)
+        return unseen_bodies(_with_drive(self.study, "force") if self.turned else self.study)
 
     def compile(self) -> None:
         """The drivers of specimen and machine, side by side."""
@@ -130,8 +158,13 @@ class BodyExperiment:
         """A start whose largest force lies above the measured one."""
         return feasible_start(self.study, self.data, start)
 
+    def again(self, start: Parameters) -> Iterator[tuple[str, Parameters]]:
+        """A little stronger, then from the mean curve."""
+        return other_starts(self.study, self.data, start)
+
     def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
-        """The finite element model of the stage on a mesh."""
+        """The finite element model of the stage on a mesh; where it has turned to its sections, the force is compared as well."""
+        settings = with_force_channel(settings) if self.turned else settings
         times = window_times(settings.window, self.data, self.data.steps["displacement"])
         return stage_model(self.study, self.data, settings, base, size, times)
 
@@ -157,7 +190,8 @@ class BodyExperiment:
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""
         own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
-        return joint_settings(self.study, tuple(dict.fromkeys(own)), self.data)
+        settings = joint_settings(self.study, tuple(dict.fromkeys(own)), self.data)
+        return with_force_channel(settings) if self.turned else settings
 
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
         """One coupled run through all observations."""
@@ -194,6 +228,11 @@ class BodyExperiment:
     def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
         """One coupled run on the mesh of the study."""
         return checked(self.study, self.data, parameters, thermal, word)
+
+
+def _with_drive(study: Study, drive: str) -> Study:
+    """The study with another drive."""
+    return study.model_copy(update={"force": study.force.model_copy(update={"drives": drive})})
 
 
 def _clocked(data: Measured, seconds: float) -> Measured:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -144,6 +144,30 @@ class CouponExperiment:
     def start(self) -> Parameters:
         """Start values; the air is that of the first record where the study gives none."""
         return start_parameters(self.study, self.data)
+
+    @property
+    def drive(self) -> str:
+        """What of its records drives it."""
+        return self.study.coupon_section.control
+
+    @property
+    def sections(self) -> str:
+        """None: a point has no places."""
+        return ""
+
+    @property
+    def by_sections(self) -> None:
+        """None: see `sections`."""
+        return None
+
+    @property
+    def near_maximum(self) -> str:
+        """Nothing is said of it."""
+        return ""
+
+    def again(self, start: Parameters) -> Iterator[tuple[str, Parameters]]:
+        """None: there is one mesh of one point."""
+        return iter(())
 
     def feasible(self, start: Parameters) -> tuple[Parameters, str]:
         """The given start: a record can always be followed."""

@@ -12,6 +12,7 @@ import numpy as np
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
+from thermofit.observe.end_motion import Gauge
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.artefact import Dataset, Record
 from thermofit.records.staging import artefact_path
@@ -59,6 +60,15 @@ class TestPhase:
 
 
 @dataclass(frozen=True)
+class Stretched:
+    """Elongation mm (n,) at the DIC stages s (n,), and what its noise makes of the force of a model that it drives, N (n,)."""
+
+    time: np.ndarray
+    elongation: np.ndarray
+    force_error: np.ndarray
+
+
+@dataclass(frozen=True)
 class Measured:
     """One experiment as the identification sees it; times in s, temperatures in K."""
 
@@ -73,6 +83,10 @@ class Measured:
     phases: tuple[TestPhase, ...]
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together, the larger one of the two fields; 0: it is not known."""
+    gauge: Gauge | None = None
+    """Sections inside the model between which the elongation was measured; None: it is that of the model's ends, or not known."""
+    stretched: Stretched | None = None
+    """The elongation as DIC saw it; None: not known."""
 
 
 def field_datasets(observation: FieldObservation) -> dict[str, Dataset]:
@@ -126,7 +140,16 @@ def measured_of(record: Record) -> Measured:
         correlation_length=max(
             float(summary.get(name, {}).get("correlation_length_mm") or 0.0) for name in ("displacement", "temperature")
         ),
+        gauge=Gauge(record["elongation/xy"].value, record["elongation/weight"].value) if record.has("elongation/xy") else None,
+        stretched=_stretched(record),
     )
+
+
+def _stretched(record: Record) -> Stretched | None:
+    """The elongation in an open record of `interpolate`."""
+    if not record.has("elongation/force_error"):
+        return None
+    return Stretched(*(record[f"elongation/{key}"].value for key in ("time", "value", "force_error")))
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:

@@ -7,15 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.body.body import Body, tension_body
+from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.quality import symmetry_of
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.body.sensitivity.march import Sensitivity
+from thermofit.body.solve.gauge import GaugeLoading, march_between
 from thermofit.body.solve.history import NOBODY, Watch
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured
+from thermofit.observe.end_motion import Gauge
 from thermofit.observe.observation import FaceOperator, FieldObservation, face_operator
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study
@@ -28,7 +31,8 @@ def specimen_body(study: Study, data: Measured, size: MeshSize, control: str = "
 
 
 def loading_of(study: Study, steps: LoadSteps) -> Loading:
-    """What drives the model: the smoothed force, the crosshead less compliance times force, or the elongation seen by DIC.
+    """What drives the model: the smoothed force, the crosshead less compliance times force, or the elongation seen by DIC (that of its
+    ends; of sections between them, `run_of` takes it as such).
 
     DataError where the record has no crosshead, StudyError where it was interpolated for another drive.
     """
@@ -50,7 +54,17 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
 def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> Run:
     """The run of a study's specimen through load steps."""
     loading = loading_of(study, steps)
-    return Run(specimen_body(study, data, size, loading.control), loading, settings)
+    body = specimen_body(study, data, size, loading.control)
+    if study.force.drives == "dic" and data.gauge is not None:
+        gauge = nodal_gauge(body.mesh, data.gauge)
+        loading = GaugeLoading(loading.time, loading.value, loading.control, loading.from_rest, None, gauge)
+    return Run(body, loading, settings)
+
+
+def nodal_gauge(mesh: Mesh, gauge: Gauge) -> np.ndarray:
+    """Weights (n_np,) of the nodal u_y in an elongation that is made of points of the face."""
+    at = face_operator(mesh, gauge.xy)
+    return np.bincount(at.node.ravel(), (at.weight * gauge.weight[:, None]).ravel(), minlength=mesh.n_nodes)
 
 
 def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_points: bool = False) -> MarchSettings:
@@ -84,6 +98,8 @@ class Run:
 
     def __call__(self, parameters: Parameters, watch: Watch = NOBODY) -> History:
         """History at the load steps. NumericsError where a step fails."""
+        if isinstance(self.loading, GaugeLoading):
+            return march_between(self.body, parameters, self.loading, self.loading.time, self.settings, watch)
         return march(self.body, parameters, self.loading, self.loading.time, self.settings, watch)
 
 

@@ -19,7 +19,7 @@ from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Sp
 from thermofit.experiment.fields import TestPhase, field_datasets, specimen_dict
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
-from thermofit.observe.end_motion import EndMotion, end_motion
+from thermofit.observe.end_motion import end_motion, sections_inside
 from thermofit.observe.face_quads import distance_to_edge, face_quads
 from thermofit.observe.fixed_pattern import fixed_pattern
 from thermofit.observe.force import SmoothForce, smooth_force, step_times
@@ -114,9 +114,8 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     ]
     displacement, temperature = fields[0], fields[1] if len(fields) > 1 else None
     datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
-    if study.force.drives == "dic":
-        ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
-        datasets |= _elongation(end_motion(experiment.dic, ends, study.force.band), datasets, load_start, summary)
+    ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
+    datasets |= _elongation(study, experiment.dic, ends, smooth, datasets, summary)
     for field in fields:
         datasets.update(field_datasets(field))
     datasets["points/node"] = Dataset(points.node, "1", ("point",))
@@ -383,14 +382,34 @@ def _force_datasets(
     return datasets
 
 
-def _elongation(motion: EndMotion, datasets: dict[str, Dataset], load_start: float, summary: dict[str, Any]) -> dict[str, Dataset]:
-    """What the DIC points say of the elongation of the model, at the load steps."""
-    summary["elongation"] = {"noise_mm": motion.noise, "points": motion.points}
-    out = {"elongation/time": Dataset(motion.time, "s", ("stage",)), "elongation/value": Dataset(motion.elongation, "mm", ("stage",))}
-    for name in ("displacement", "temperature", "all"):
-        steps = datasets[f"steps/{name}/time"].value
-        out[f"steps/{name}/elongation"] = Dataset(motion.at(steps, load_start), "mm", ("step",))
-    return out
+def _elongation(
+    study: Study, dic: DicField, ends: tuple[float, float], smooth: SmoothForce, datasets: dict[str, Dataset], summary: dict[str, Any]
+) -> dict[str, Dataset]:
+    """What the DIC points say of the elongation of the model, or of the part of it that the field covers, at the load steps; nothing where
+    they cannot say it and another drive is asked for.
+
+    DataError where DIC is to drive and does not tell the elongation.
+    """
+    names = ("displacement", "temperature", "all")
+    try:
+        sections = sections_inside(dic, ends, study.force.band)
+        motion = end_motion(dic, sections, study.force.band, summary["load_start_s"])
+        steps = {name: motion.at(datasets[f"steps/{name}/time"].value, summary["load_start_s"], smooth) for name in names}
+    except DataError as error:
+        if study.force.drives == "dic":
+            raise
+        summary["elongation"] = {"missing": str(error)}
+        return {}
+    summary["elongation"] = {"noise_mm": motion.noise, "points": motion.points, "sections_mm": list(sections)}
+    out = {
+        "elongation/time": Dataset(motion.time, "s", ("stage",)),
+        "elongation/value": Dataset(motion.elongation, "mm", ("stage",)),
+        "elongation/force_error": Dataset(motion.force_error(smooth), "N", ("stage",)),
+    }
+    if sections != ends:
+        out["elongation/xy"] = Dataset(motion.gauge.xy, "mm", ("gauge_point", "axis"))
+        out["elongation/weight"] = Dataset(motion.gauge.weight, "1", ("gauge_point",))
+    return out | {f"steps/{name}/elongation": Dataset(value, "mm", ("step",)) for name, value in steps.items()}
 
 
 _CLOSEST = 1e-3

@@ -6,7 +6,7 @@ test is modelled as if it were alone, with the parameters as they read for it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +16,7 @@ from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
+from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
@@ -49,6 +50,39 @@ class SeveralExperiments:
     def fields(self) -> tuple[BodyExperiment, ...]:
         """All of them."""
         return self.tests
+
+    @property
+    def drive(self) -> str:
+        """That of those which have turned to their sections, else the common one."""
+        drives = {test.drive for test in self.tests}
+        return SECTIONS if SECTIONS in drives else self.tests[0].drive
+
+    @property
+    def sections(self) -> str:
+        """Those of each."""
+        return "; ".join(f"{test.sections} of {test.name}" for test in self.tests if test.sections)
+
+    @property
+    def by_sections(self) -> SeveralExperiments | None:
+        """All whose sections are known driven by them; None where none is."""
+        turned = [test.by_sections for test in self.tests]
+        if all(test is None for test in turned):
+            return None
+        return replace(self, given=tuple(new or old for new, old in zip(turned, self.tests, strict=True)))
+
+    @property
+    def near_maximum(self) -> str:
+        """Of the first one near it."""
+        return next((f"{test.name}: {why}" for test in self.tests if (why := test.near_maximum)), "")
+
+    def again(self, start: Parameters) -> Iterator[tuple[str, Parameters]]:
+        """What the first one that the force drives would try: the material is common."""
+        first = next((test for test in self.tests if test.study.force.drives == "force"), None)
+        if first is None:
+            return
+        here = seen_by(start, first.name).with_free(n for n in start.free if AT not in n)
+        for words, other in first.again(here):
+            yield words, start.replace(**{name: other[name] for name in here.free})
 
     @cached_property
     def own(self) -> frozenset[str]:
@@ -195,7 +229,7 @@ class SeveralExperiments:
         parts = {}
         for test in self.tests:
             own = joint_settings(test.study, tuple(free_in(settings.free, test.name).values()), test.data)
-            parts[test.name] = Joint(test.study, test.data, own, size)
+            parts[test.name] = Joint(test.study, test.data, with_force_channel(own) if test.turned else own, size)
         return JointSeveral(parts)
 
     def _problem(self, settings: StageSettings, base: Parameters, parts: JointParts, size: MeshSize) -> JointProblem:

@@ -6,7 +6,7 @@ several specimens that share their material (`many`). `forms.experiment_of` make
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -206,6 +206,28 @@ class Experiment(Protocol):
 
     def feasible(self, start: Parameters) -> tuple[Parameters, str]:
         """A start that can carry the measured force, and a remark where it is not the given one. NumericsError where there is none."""
+
+    def again(self, start: Parameters) -> Iterator[tuple[str, Parameters]]:
+        """Other starts in turn for a mesh on which the model fails at the given one, each with what it is in words."""
+
+    # What drives it
+
+    @property
+    def drive(self) -> str:
+        """What drives it: force, sections, crosshead, dic; of records strain or stress."""
+
+    @property
+    def sections(self) -> str:
+        """The sections whose motion could drive it, or does, in words; empty where none is known."""
+
+    @property
+    def by_sections(self) -> Experiment | None:
+        """The same driven by the motion of sections that DIC saw, with the force as a channel; None where the force does not drive it, or
+        no such motion is known."""
+
+    @property
+    def near_maximum(self) -> str:
+        """Why the force says too little about the strain at the end of the test to drive it, in words; empty where it may."""
 
     def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
         """StageModel of a stage within its window, on a mesh (where it has one); `base`: the parameters to start from."""

@@ -7,6 +7,8 @@ exp(r Lambda) along y and exp(-F Lambda / r) along x, M_22 = sigma_y(Lambda) / r
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from thermofit.core.errors import NumericsError
@@ -20,6 +22,8 @@ from thermofit.study.study import Study
 from thermofit.virtual.machine import bar_of, uniaxial_law
 
 _MARGIN = 1.005
+STRONGER = (1.002, 1.01, 1.04)
+"""Factors of the yield stress that are tried in turn where a mesh carries a little less than another."""
 _RAISE = 1.005
 _LEAST_STAGES = 5
 _POINTS = 2001
@@ -54,11 +58,7 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
     plastic = [name for name in (*own.fitted, "F") if name in parameters.free]
     if not plastic or study.force.drives != "force" or carries(study, data, parameters):
         return parameters, ""
-    found = _read_off(study, data, parameters)
-    raised = [name for name in own.raises if name in plastic]
-    while not carries(study, data, found) and any(found[name] < study.bounds(name)[1] for name in raised):
-        # A mean curve that the law does not fit to its end may fall short of the largest force.
-        found = found.replace(**{name: min(_RAISE * found[name], study.bounds(name)[1]) for name in raised})
+    found = _carrying(study, data, _read_off(study, data, parameters), [name for name in own.raises if name in plastic])
     if not carries(study, data, found):
         raise NumericsError(
             f"start of {', '.join(plastic)}: it cannot carry the measured {np.max(data.steps['displacement'].force):.0f} N, nor can "
@@ -66,6 +66,30 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
         )
     values = ", ".join(f"{name} = {found[name]:.4g}" for name in plastic)
     return found, f"the start cannot carry the measured force; replaced by {values} from the mean stress-stretch curve"
+
+
+def other_starts(study: Study, data: Measured, parameters: Parameters) -> Iterator[tuple[str, Parameters]]:
+    """Starts in turn for a mesh on which the given one cannot carry the measured force: a little stronger ones, then what the mean curve
+    says; none where the force does not drive or nothing plastic is free."""
+    own = hardening(study.hardening_law)
+    raised = [name for name in own.raises if name in parameters.free]
+    if not raised or study.force.drives != "force":
+        return
+    for factor in STRONGER:
+        stronger = {name: min(factor * parameters[name], study.bounds(name)[1]) for name in raised}
+        yield f"with {', '.join(raised)} {100.0 * (factor - 1.0):.3g} % higher", parameters.replace(**stronger)
+    try:
+        yield "from the mean stress-stretch curve", _carrying(study, data, _read_off(study, data, parameters), raised)
+    except NumericsError:
+        return
+
+
+def _carrying(study: Study, data: Measured, found: Parameters, raised: Sequence[str]) -> Parameters:
+    """The parameters with the named ones raised until the largest force is carried, or a bound reached: a mean curve that the law does not
+    fit to its end may fall short of it."""
+    while not carries(study, data, found) and any(found[name] < study.bounds(name)[1] for name in raised):
+        found = found.replace(**{name: min(_RAISE * found[name], study.bounds(name)[1]) for name in raised})
+    return found
 
 
 def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameters:

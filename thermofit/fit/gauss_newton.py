@@ -16,6 +16,9 @@ UNRESOLVED = 25.0
 """Predicted drop, in units of the tolerance, that noise of the residual or of its derivatives may promise wrongly at the optimum: a
 trial step that then raises f ends the search. With f_tolerance = 0.01 this is half a standard error."""
 
+AT_EDGE = "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start"
+"""Message of a search whose last trials failed."""
+
 AT_NOISE = "the objective no longer changes by more than it is resolved"
 """Message of a search that ends so."""
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.optimize
 
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import AT_NOISE, UNRESOLVED, full_step, pinned, reached, unresolved
+from thermofit.fit.gauss_newton import AT_EDGE, AT_NOISE, UNRESOLVED, full_step, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.linear_model import Step
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
@@ -60,7 +60,7 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
     except EvaluationLimit as limit:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
     if search.at_edge:
-        return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
+        return Ending(False, AT_EDGE)
     if result.status > 0 and search.unresolved:
         return Ending(True, AT_NOISE)
     if result.status > 0:

@@ -56,6 +56,11 @@ class FitResult:
     counts: Counts
     log: tuple[Evaluation, ...]
 
+    @property
+    def at_edge(self) -> bool:
+        """True where the search found no minimum and met parameters for which the forward model fails."""
+        return not self.converged and any(evaluation.failed for evaluation in self.log)
+
 
 def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str], ending: Ending) -> FitResult:
     """FitResult at the best step; `ran` = (method, algorithm).

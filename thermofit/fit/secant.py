@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
-from thermofit.fit.gauss_newton import AT_NOISE, pinned, reached, unresolved
+from thermofit.fit.gauss_newton import AT_EDGE, AT_NOISE, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.linear_model import LinearModel, Step
@@ -263,7 +263,7 @@ def _stuck(evaluations: Evaluations, state: SearchState, settings: Settings) -> 
     if not state.failed and unresolved(curved, state.local.f, state.residual.size, settings):
         return Ending(True, AT_NOISE)
     if state.failed:
-        return Ending(False, "stopped at the edge of a region in which the forward model fails; narrow the bounds or move the start")
+        return Ending(False, AT_EDGE)
     return Ending(
         False,
         "stopped: no step lowers the objective although its derivative says so; the residual is not smooth enough for its "

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from thermofit.core.digest import path_digest, source_digest
-from thermofit.core.errors import UntrustworthyError
+from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
@@ -48,6 +48,14 @@ SETTLED = 0.1
 ModelOn = Callable[[MeshSize, Parameters], StageModel]
 Target = tuple[ModelOn, MeshSize, float]
 """Model maker, mesh, and tolerance of the objective of one fit."""
+Again = Callable[[Parameters], Iterable[tuple[str, Parameters]]]
+"""Starts in turn that replace one at which the forward model fails, each with what it is in words."""
+DRIVE = "drive"
+"""Key of a job's config whose model is driven otherwise than its study says."""
+
+
+class NotCarriedError(NumericsError):
+    """A fit was kept from its minimum by parameters for which the forward model fails."""
 
 
 def model_on(experiment: Experiment, settings: StageSettings) -> ModelOn:
@@ -79,27 +87,59 @@ def solve(
     *,
     scalable: bool,
     f_tolerance: float = F_TOLERANCE,
+    again: Again | None = None,
+    to_the_end: bool = True,
 ) -> Solved:
     """Minimise a stage's objective from `base` to `f_tolerance`; on a fine mesh, if `scalable`, the optimum of the coarse one is the start.
 
     A one-way stage takes its mechanics from a coupled run with the parameters that it starts from; thermal strain in that run takes
     part in the heat balance (9 K alpha_exp^2 theta beside c0). So the mechanics is solved anew at the optimum until that settles.
 
-    A killed run resumes: finished evaluations are read from `<run_dir>/<stage>.evaluations/`, which goes when the artefact is
-    written. NumericsError where the forward model fails at the start.
+    A mesh carries a little more or less than another: where the forward model fails at a start, `again` gives others in turn. A killed run
+    resumes: finished evaluations are read from `<run_dir>/<stage>.evaluations/`, which goes when the artefact is written. NumericsError
+    where the forward model fails at every start; unless `to_the_end`, NotCarriedError where it keeps a fit from its minimum.
     """
     base = base.with_free(settings.free)
     size, coarse_size = study.mesh_size, PRESETS["coarse"]
     fits: list[FitResult] = []
+    said: list[str] = []
     if scalable and _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
-        _, coarse = _settled(study, settings, base, (model_on, coarse_size, F_TOLERANCE), job)
-        fits += coarse
+        _, coarse, remark = _begun(study, settings, base, (model_on, coarse_size, F_TOLERANCE), job, None, again)
+        _refuse_edge(coarse[-1], to_the_end)
+        fits, said = coarse, [remark]
         base = base.with_vector(coarse[-1].x)
-    model, fine = _settled(study, settings, base, (model_on, size, f_tolerance), job, fits[-1].jacobian if fits else None)
+    first = fits[-1].jacobian if fits else None
+    model, fine, remark = _begun(study, settings, base, (model_on, size, f_tolerance), job, first, again)
+    _refuse_edge(fine[-1], to_the_end)
+    said.append(remark)
     fit, fits = fine[-1], fits + fine
     spread, remark = covariance_of(model, fit)
     restless = "" if _close(*fine[-2:]) else "the mechanics of the one-way stage has not settled: the optimum still moves with it"
-    return Solved(base.with_vector(fit.x), model, fit, spread, tuple(fits[:-1]), tuple(r for r in (remark, restless) if r))
+    return Solved(base.with_vector(fit.x), model, fit, spread, tuple(fits[:-1]), tuple(r for r in (remark, restless, *said) if r))
+
+
+def _refuse_edge(fit: FitResult, to_the_end: bool) -> None:
+    if fit.at_edge and not to_the_end:
+        raise NotCarriedError(fit.message)
+
+
+def _begun(
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, jacobian: np.ndarray | None, again: Again | None
+) -> tuple[StageModel, list[FitResult], str]:
+    """Model and fits on one mesh from the first start at which the model runs, and a remark where that is another than `base`."""
+    try:
+        return *_settled(study, settings, base, on, job, jacobian), ""
+    except NumericsError as error:
+        failed = error
+    for number, (words, start) in enumerate(() if again is None else again(base), start=1):
+        here = dataclasses.replace(job, config={**job.config, "start": number})
+        try:
+            model, fits = _settled(study, settings, start, on, here)
+        except NumericsError:
+            continue
+        size = on[1]
+        return model, fits, f"the mesh {size.n_x} x {size.n_y} x {size.n_z} fails at its first start; started again {words}"
+    raise failed
 
 
 def _settled(
@@ -161,6 +201,7 @@ def _minimise(
     (model_on, size, f_tolerance), (jacobian, turn) = on, start
     model = remembering(model_on(size, base))
     label = ("point" if model.cheap else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")
+    label += "".join(f".{job.config[key]}" for key in (DRIVE, "start") if key in job.config)
     store = Checkpoint(job.path.parent / checkpoint_folder(job, label), evaluation_key(job, base))
     problem, change = stage_problem(study, settings, base, model, jacobian)
     options = Settings(

@@ -9,17 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.drive import driven_remark
 from thermofit.experiment.fields import with_identified
-from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.forms import experiment_after
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Experiment, FieldTest
 from thermofit.fit.memory import memories
 from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.outcome import made, nothing_identified
-from thermofit.identify.solve import Solved, discard_checkpoints, model_on, solve
+from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve
 from thermofit.law.bounds import beta_warning
 from thermofit.records.key import stage_key
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
@@ -33,6 +35,8 @@ EARLIER: dict[str, tuple[str, ...]] = {
     "thermal": ("identify-elastic", "identify-plastic"),
 }
 """The earlier stages whose results a stage takes, by its key under `stages`."""
+PLASTIC = "plastic"
+"""The stage that a load maximum matters to."""
 Remarks = Callable[[FieldTest, Solved], tuple[str, ...]]
 """What is particular about the result of a stage on one specimen, in words."""
 
@@ -64,11 +68,16 @@ def ready(study: Study, key: str) -> Ready:
     """The stage of that key. StudyError where an artefact is missing (names the command that makes it)."""
     config = stage_key(study, key)
     with reading(config):
-        experiment = experiment_of(study)
+        experiment = experiment_after(study, EARLIER[key])
         settings, kept = experiment.stage(key)
         base, _ = with_identified(study, experiment.start(), EARLIER[key])
         inputs = {**experiment.inputs, **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
     return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept)
+
+
+def as_recorded(study: Study, stage: Ready, key: str) -> Ready:
+    """The stage of that key, ready and identified before, driven as its record says."""
+    return replace(stage, experiment=experiment_after(study, (*EARLIER[key], f"identify-{key}")))
 
 
 def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
@@ -87,21 +96,47 @@ def identify(study: Study, kind: StageKind, *, force: bool = False) -> Outcome:
 
 def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
     """Solve a stage; its evaluations are kept under the name of `task` until that has left its record. A stage of coupons in which nothing
-    is free leaves a record that says so, and the chain goes on."""
+    is free leaves a record that says so, and the chain goes on.
+
+    Where the model cannot carry the measured force, or that is near its maximum where plastic flow is identified, the motion of sections
+    drives the specimen; the record tells it, and later stages follow. NumericsError where that fails too, or is not known.
+    """
+    other = stage.experiment.by_sections
+    if other is None:
+        return _identified(study, stage, kind, task)
+    plastic = kind.key == PLASTIC
+    why = stage.experiment.near_maximum if plastic else ""
+    if not why:
+        try:
+            return _identified(study, stage, kind, task, to_the_end=not plastic)
+        except NumericsError as error:
+            why = f"the model cannot carry the measured force ({error})"
+    turned, keyed = replace(stage, experiment=other), replace(task, config={**task.config, DRIVE: other.drive})
+    return _identified(study, turned, kind, keyed, driven_remark(other, why))
+
+
+def _identified(study: Study, stage: Ready, kind: StageKind, task: Job, said: str = "", *, to_the_end: bool = True) -> Made:
+    """Solve a stage in the drive that its experiment has; `said`: why that is not the force."""
     kept = _kept(stage)
     if not stage.settings.free:
         return nothing_identified(stage.base, kept or ("nothing is free: E is prescribed by the study (a number without a start)",))
     experiment = stage.experiment
     start, replaced = experiment.feasible(stage.base)
-    solved = solve(study, stage.settings, start, model_on(experiment, stage.settings), task, scalable=experiment.scalable)
+    model, scalable, again = model_on(experiment, stage.settings), experiment.scalable, experiment.again
+    solved = solve(study, stage.settings, start, model, task, scalable=scalable, again=again, to_the_end=to_the_end)
     solved, honest = _widened(study, solved)
     warning = beta_warning(solved.parameters, study.hardening_law)
-    remarks = (*kept, replaced, *_own_remarks(stage, kind, solved), warning or "", honest)
+    remarks = (*kept, said, replaced, *_own_remarks(stage, kind, solved), warning or "", honest)
     if not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
-        return made(study, stage.base, solved, remarks)
+        return _driven(made(study, stage.base, solved, remarks), experiment)
     rows = answers(study, stage.settings, solved, experiment, task, lambda other: _widened(study, other))
     record = made(study, stage.base, solved, (*remarks, remark_of(rows)))
-    return replace(record, summary={**record.summary, "side_by_side": rows})
+    return _driven(replace(record, summary={**record.summary, "side_by_side": rows}), experiment)
+
+
+def _driven(record: Made, experiment: Experiment) -> Made:
+    """The record that says what drove its model."""
+    return replace(record, summary={**record.summary, "drive": experiment.drive})
 
 
 def _kept(stage: Ready) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.programmes import OWN
 from thermofit.identify.linear import MOTION, Linear, Shift, linear_of, motion_shift
 from thermofit.identify.solve import remembering
-from thermofit.identify.stage import Ready, ready
+from thermofit.identify.stage import Ready, as_recorded, ready
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
@@ -77,7 +77,7 @@ def optimum_of(study: Study, key: str) -> tuple[Ready, Mapping[str, Path]]:
     """A stage at its optimum, and the artefacts that it rests on. StudyError where one is missing (names its command)."""
     stage = ready(study, key)
     optimum, found = with_identified(study, stage.base, (f"identify-{key}",))
-    return replace(stage, base=optimum.with_free(stage.settings.free)), {**stage.inputs, **found}
+    return replace(as_recorded(study, stage, key), base=optimum.with_free(stage.settings.free)), {**stage.inputs, **found}
 
 
 def _planned(subject: Subject, name: str) -> Prepared:

@@ -157,7 +157,8 @@ def _answer(common: Setup, keep: Job, given: Mapping[str, float], first: bool) -
         own = common.shared is None or other.reach == "data"
         models = other.wrap(model_on(stage.experiment, stage.settings) if own else _models(common))
         start, remark = stage.experiment.feasible(stage.base)
-        solved = solve(study, stage.settings, start, models, keep, scalable=stage.experiment.scalable, f_tolerance=COMPARED)
+        again, scalable = stage.experiment.again, stage.experiment.scalable
+        solved = solve(study, stage.settings, start, models, keep, scalable=scalable, f_tolerance=COMPARED, again=again)
         row = trial_summary(given, stage.base, solved, remark)
         if first and common.change is not None:
             row |= _response(common, stage, solved, models)

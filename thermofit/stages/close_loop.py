@@ -42,7 +42,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         said = loop_summary(found, closed, study.run_dir / STUDY)
         told = decided(said, closed.last, added_families(closed), found.refit.parts)
-        summary = with_unlisted(told, described(study, closed.last, missing))
+        summary = {**with_unlisted(told, described(study, closed.last, missing)), "drive": found.drive}
         return Made({**loop_datasets(closed), **unlisted_datasets(missing)}, summary, parameters)
 
     outcome = produce(task, make, force=force)

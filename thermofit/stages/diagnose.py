@@ -33,7 +33,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out))
         missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
-        summary = with_unlisted(told, described(study, here, missing))
+        summary = {**with_unlisted(told, described(study, here, missing)), "drive": found.drive}
         fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **fitted}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))

@@ -13,7 +13,7 @@ from thermofit.core.parameters import Parameters, units_of
 from thermofit.experiment.fields import with_identified
 from thermofit.identify.draws import drawn_starts
 from thermofit.identify.solve import discard_checkpoints
-from thermofit.identify.stage import Ready, ready
+from thermofit.identify.stage import Ready, as_recorded, ready
 from thermofit.identify.trials import Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.uniqueness import Uniqueness, uniqueness
 from thermofit.records.artefact import Dataset, of_parameters
@@ -51,7 +51,7 @@ def with_optimum(study: Study, settings: GridSearch, stage: Ready) -> tuple[Read
     if not artefact_path(study.run_dir, command).exists():
         return stage, stage.base
     optimum, found = with_identified(study, stage.base, (command,))
-    return replace(stage, inputs={**stage.inputs, **found}), optimum.with_free(stage.settings.free)
+    return replace(as_recorded(study, stage, settings.stage), inputs={**stage.inputs, **found}), optimum.with_free(stage.settings.free)
 
 
 def settings_of(study: Study) -> GridSearch:

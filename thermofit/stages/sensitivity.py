@@ -14,7 +14,7 @@ from thermofit.experiment.fields import with_identified
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.several import own_names
 from thermofit.identify.solve import discard_checkpoints
-from thermofit.identify.stage import Ready, ready
+from thermofit.identify.stage import Ready, as_recorded, ready
 from thermofit.identify.trials import Setup, Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.variation import nominal
 from thermofit.records.artefact import Dataset
@@ -61,7 +61,9 @@ def _warm(study: Study, settings: Sensitivity) -> Ready:
     """The stage with its identified optimum as the start."""
     stage = ready(study, settings.stage)
     optimum, found = with_identified(study, stage.base, (f"identify-{settings.stage}",))
-    return dataclasses.replace(stage, base=optimum.with_free(stage.settings.free), inputs={**stage.inputs, **found})
+    return dataclasses.replace(
+        as_recorded(study, stage, settings.stage), base=optimum.with_free(stage.settings.free), inputs={**stage.inputs, **found}
+    )
 
 
 def _make(study: Study, stage: Ready, begin: float, task: Job, where: Executor) -> Made:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import AT, Parameters
+from thermofit.experiment.drive import carried
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.protocol import Experiment, UnseenTest
@@ -68,8 +69,8 @@ def _make(study: Study, experiment: Experiment, parameters: Parameters, stages: 
     for test in experiment.unseen:
         name = test.experiment.name
         here, fitted = _own_fitted(test, test.predicted(parameters, identified), task)
-        one = test.experiment.checked(here, None, "valid")
-        remarks = [*one.summary["remarks"], *fitted, *test.taken(parameters, identified)]
+        _, one, said = carried(test.experiment, lambda driven, here=here: driven.checked(here, None, "valid"))  # type: ignore[misc]
+        remarks = [*([said] if said else []), *one.summary["remarks"], *fitted, *test.taken(parameters, identified)]
         found[name] = dataclasses.replace(one, summary={**one.summary, "remarks": remarks})
         datasets |= {f"{name}/{key}" if name else key: value for key, value in one.datasets.items()}
     summary = with_remarks(together(found, "valid").summary, stages_remarks(study, stages, results))

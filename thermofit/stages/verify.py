@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from thermofit.core.jit import set_threads
+from thermofit.experiment.drive import carried
 from thermofit.experiment.fields import with_identified
-from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.forms import experiment_after
 from thermofit.experiment.protocol import Experiment
 from thermofit.experiment.verification import (
     Checked,
@@ -39,7 +40,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     stages = identified_stages(study)
     key = key_of(study, NAME)
     with reading(key):
-        experiment = experiment_of(study)
+        experiment = experiment_after(study, stages)
         parameters, identified = with_identified(study, experiment.start(), stages)
         inputs: dict[str, Path] = {**experiment.inputs, **identified}
     others = made_otherwise(study, stages)
@@ -52,7 +53,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found: dict[str, Checked] = {}
         for test in experiment.tests:
             thermal = None if test.name else thermal_record(study, stages)
-            found[test.name] = one = test.checked(experiment.seen_by(parameters, test.name), thermal)
+            here = experiment.seen_by(parameters, test.name)
+            driven, one, said = carried(test, lambda one, here=here, thermal=thermal: one.checked(here, thermal))  # type: ignore[misc]
+            own_remarks = {"drive": driven.drive, "remarks": [said] if said else []}
+            found[test.name] = one = replace(one, summary=with_remarks(one.summary, own_remarks))
             if test.name:
                 own = Made(one.datasets, {**one.summary, "stages": list(stages)}, results_in(results, test.name))
                 inputs_there = {**test.inputs, **identified}

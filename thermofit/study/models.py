@@ -98,12 +98,13 @@ class Force(Section):
     noise: Positive | None = None
     """Standard deviation of the load cell in N; null: estimated from the data."""
     drives: Literal["force", "crosshead", "dic"] = "force"
-    """What loads the model: the measured force; the crosshead less `compliance` times the force; or `dic`, the elongation that the
-    DIC points near the model's end sections show. Where it is not the force, compare channel force."""
+    """What loads the model: the measured force (the motion of sections where the model cannot carry it); the crosshead less `compliance`
+    times the force; or `dic`, the elongation that the DIC points show between the model's ends, or between the outermost sections of their
+    field where the model is longer. Where it is not the force, compare channel force."""
     compliance: NonNegative = 0.0
     """Compliance of the machine in mm/N, where the crosshead drives."""
     band: Positive = 2.0
-    """Where DIC drives: points within this many mm of the model's end sections give its elongation."""
+    """Where DIC drives: points within this many mm of the two sections give the elongation."""
 
 
 class Infrared(Section):

@@ -221,8 +221,9 @@ class Factor:
             x, size = self._refined(right)
         if not size <= _RESIDUAL_LIMIT:
             raise NumericsError(
-                f"linear solve: relative residual {size:.1e} after refinement ({self.method}), expected below {_RESIDUAL_LIMIT:.0e}; "
-                "check the boundary conditions"
+                f"linear solve: relative residual {size:.1e} after refinement ({self.method}), expected below {_RESIDUAL_LIMIT:.0e}: the "
+                "matrix is nearly singular, as at the load maximum of a specimen that its force drives; prescribe the displacement of its "
+                "end or of sections instead"
             )
         return x.reshape(b.shape)
 

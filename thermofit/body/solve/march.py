@@ -52,6 +52,16 @@ def march(
     differentiated. Effects of the machine (slot load) stand between the loading and the specimen. NumericsError where a step fails even
     after `max_cuts` bisections; the message names the time. StudyError where times, loading, body and parameters do not fit together.
     """
+    law, conditions = beginning(body, parameters, loading, times, settings)
+    run = Run(body, law, conditions, loading.acting(parameters), settings)
+    load_rates = np.empty((0, 0)) if watch.sensitivities is None else loading.rates(parameters, watch.sensitivities.names)
+    return marched(run, parameters, load_rates, times, watch)
+
+
+def beginning(
+    body: Body, parameters: Parameters, loading: Loading, times: np.ndarray, settings: MarchSettings
+) -> tuple[Law, HeatConditions]:
+    """Law and conditions at the first time of a march. StudyError where times, loading, body and parameters do not fit together."""
     if len(times) < 2 or np.any(np.diff(times) <= 0.0):
         raise StudyError("march: at least two increasing times are needed; check the evaluation times of the study")
     loading.check(body, times)
@@ -61,11 +71,15 @@ def march(
     conditions = conditions_of(body, parameters, settings.films)
     if settings.coupling == "one-way":
         conditions = at_constant_stress(conditions, law)
-    conditions = conditions.at(float(times[0]), float(times[0]), np.empty(0))
-    run = _Run(body, law, conditions, loading.acting(parameters), settings)
+    return law, conditions.at(float(times[0]), float(times[0]), np.empty(0))
+
+
+def marched(run: Run, parameters: Parameters, load_rates: np.ndarray, times: np.ndarray, watch: Watch) -> History:
+    """The history of a run through its times; `load_rates` (n, n_p) are the derivatives of the loading by what `watch` asks for."""
+    body, settings = run.body, run.settings
     run.structured = is_structured(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
     if watch.sensitivities is not None:
-        run.differentiate(parameters, watch.sensitivities, loading.rates(parameters, watch.sensitivities.names))
+        run.differentiate(parameters, watch.sensitivities, load_rates)
     start = run.initial(float(times[0]))
     past: tuple[Passed, ...] = ()
     records, balances, energy = [recorded(body, start, settings)], [], run.energy(start)
@@ -89,7 +103,7 @@ def march(
     return history(body, records, tuple(balances), run.counts(len(times) - 1))
 
 
-class _Run:
+class Run:
     """One march: body, law, conditions and the solver with its buffers."""
 
     def __init__(self, body: Body, law: Law, conditions: HeatConditions, loading: Loading, settings: MarchSettings) -> None:

@@ -1,0 +1,103 @@
+"""A body driven by the elongation between two of its sections: the same run as by its end, exact derivatives, beyond the load maximum."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from small_bodies import ADIABATIC, NOMINAL, SPECIMEN
+from test_newton import necked, run
+
+from thermofit.body.body import Body, tension_body
+from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.solve.gauge import GaugeLoading, march_between
+from thermofit.body.solve.history import History, MarchSettings, Watch
+from thermofit.body.solve.march import Loading, march
+from thermofit.body.solve.newton import NewtonSettings
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.observe.observation import face_operator
+
+TIME = np.array([0.0, 3, 5, 7, 10, 14, 20, 30, 32, 34, 36, 40, 50, 52, 56])
+END = np.interp(TIME, [0.0, 3, 30, 36, 50, 56], [0.0, 0.0, 5.0, 4.6, 8.0, 7.4])
+"""Loading, a partial unloading, loading and unloading."""
+EXACT = MarchSettings(newton=NewtonSettings(tolerance=2e-9), coupling_tolerance=1e-7)
+
+
+@cache
+def dogbone() -> tuple[Body, np.ndarray]:
+    """The reference specimen on few elements, and the weights of the elongation between y = -20 and 20 mm."""
+    body = tension_body(dogbone_mesh(SPECIMEN, 2, 12, 1), control="displacement")
+    at = face_operator(body.mesh, np.array([[0.0, -20.0], [0.0, 20.0]]))
+    weights = np.bincount(at.node.ravel(), (at.weight * np.array([[-1.0], [1.0]])).ravel(), minlength=body.mesh.n_nodes)
+    return body, weights
+
+
+@cache
+def by_end() -> History:
+    return march(dogbone()[0], NOMINAL, Loading(TIME, END, "displacement", from_rest=True), TIME, EXACT)
+
+
+def between(elongation: np.ndarray) -> GaugeLoading:
+    return GaugeLoading(TIME, elongation, "displacement", True, None, dogbone()[1])
+
+
+def driven(parameters: Parameters, watch: Watch | None = None) -> History:
+    e = by_end().u[:, :, 1] @ dogbone()[1]
+    return march_between(dogbone()[0], parameters, between(e - e[0]), TIME, EXACT, watch or Watch())
+
+
+def test_the_run_is_that_of_the_end_which_makes_the_elongation() -> None:
+    found, known = driven(NOMINAL), by_end()
+    assert found.u == pytest.approx(known.u, abs=2e-6)
+    assert found.force == pytest.approx(known.force, abs=0.02)
+    assert found.theta == pytest.approx(known.theta, abs=2e-5)
+
+
+@pytest.mark.parametrize("coupling", ["full", "one-way"])
+def test_derivatives_are_of_second_order(coupling: str) -> None:
+    """Five parameters at once, along a random direction: what the derivative misses falls with the square of the step."""
+    names, body = ("E", "M_y0", "H_exp", "alpha_exp", "c0"), dogbone()[0]
+    settings = MarchSettings(newton=EXACT.newton, coupling_tolerance=EXACT.coupling_tolerance, coupling=coupling)
+    e = by_end().u[:, :, 1] @ dogbone()[1]
+    loading, found = between(e - e[0]), {}
+
+    def collect(n: int, at: Sensitivity) -> None:
+        found[n] = (at.force.copy(), at.u.copy(), at.theta.copy())
+
+    along = np.array([0.7, -1.0, 0.6, 0.8, 0.8]) * np.array([NOMINAL[n] for n in names])
+    here = march_between(body, NOMINAL, loading, TIME, settings, Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-5)))
+    missed = []
+    for step in (4e-3, 2e-3):
+        moved = NOMINAL.replace(**{n: NOMINAL[n] + step * d for n, d in zip(names, along, strict=True)})
+        there = march_between(body, moved, loading, TIME, settings)
+        left = [
+            np.linalg.norm(new - old - step * np.array([found[n][k] @ along for n in range(len(TIME))]))
+            for k, (new, old) in enumerate(((there.force, here.force), (there.u, here.u), (there.theta, here.theta)))
+        ]
+        missed.append(left)
+    order = np.log2(np.array(missed[0]) / np.array(missed[1]))
+    assert np.all(order > 1.8), order
+    assert found[5][1].shape == (body.mesh.n_nodes, 3, 5)
+
+
+def test_sections_beside_the_neck_lead_beyond_the_load_maximum() -> None:
+    """A necked bar of 30 mm between sections at 5 and 25 mm: the force falls as under its end."""
+    known = run(necked("displacement"), [0.0, 1.0], [0.0, 6.0], steps=40)
+    body = necked("displacement")
+    y = body.mesh.nodes[:, 1]
+    weights = np.isclose(y, 25.0) / np.isclose(y, 25.0).sum() - np.isclose(y, 5.0) / np.isclose(y, 5.0).sum()
+    e = known.u[:, :, 1] @ weights
+    found = march_between(body, ADIABATIC, GaugeLoading(known.time, e - e[0], "displacement", False, None, weights), known.time)
+    assert found.force[-1] < 0.95 * found.force.max()
+    assert found.force == pytest.approx(known.force, abs=1e-4 * known.force.max())
+
+
+def test_an_elongation_that_no_end_makes_says_so() -> None:
+    """Weights of nothing: the elongation does not follow the end."""
+    body, weights = dogbone()
+    nothing = GaugeLoading(TIME, 0.01 * TIME, "displacement", True, None, 0.0 * weights)
+    with pytest.raises(NumericsError, match="sections"):
+        march_between(body, NOMINAL, nothing, TIME, MarchSettings(max_cuts=0))

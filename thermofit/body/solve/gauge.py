@@ -1,0 +1,172 @@
+"""A march driven by the elongation between two sections of the body: the displacement of its end and its force follow.
+
+Beyond the load maximum no force is an equilibrium, and cameras seldom see the ends of a specimen; the motion of two sections inside is
+measured. With the gauge g (n_np,), e = g . u_y the elongation between the sections and U the displacement of the end,
+
+    e(U) - e(rest) = prescribed,
+
+is one equation for U in every step, solved by secants around the equilibrium under U. Its derivative needs the answer of the step to U
+alone: a direction of its own, q, whose history is zero at the start of every step. With the rates r of a parameter at the guess U' = c,
+
+    U' = c - (g . u_y'|_c - e'(rest)) / (g . q_y),      rates = r + (U' - c) q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.body.body import Body
+from thermofit.body.heat.conduction import HeatConditions
+from thermofit.body.heat.coupling import HeatOfStep
+from thermofit.body.sensitivity.step_rates import Linearised, Rates, Sensitivities, Sensitivity, StepEnds
+from thermofit.body.solve.history import DEFAULTS, NOBODY, Balance, History, MarchSettings, State, Watch
+from thermofit.body.solve.loading import Loading
+from thermofit.body.solve.march import Run, beginning, marched
+from thermofit.body.solve.predictor import Passed, predicted
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.effects.catalogue import LOAD, effects
+from thermofit.law.page import Law, law_in_step
+
+_EXACT = 1e-9
+"""Open elongation, as a share of the body's length, at which the end of a step is found: 0.15 nm of 150 mm."""
+_MAX_SECANTS = 20
+_STEEPEST = 20.0
+"""Most by which a secant may take the end farther than the one before would."""
+
+
+@dataclass(frozen=True)
+class GaugeLoading(Loading):
+    """The elongation mm (n_t,) between two sections since the rest drives a body whose end displacement is prescribed (found, that is).
+
+    `gauge` (n_np,): weights of the nodal u_y that make the elongation.
+    """
+
+    gauge: np.ndarray | None = None
+
+    def elongation(self, u: np.ndarray) -> np.ndarray:
+        """g . u_y of displacements (n_np, 3), or of their rates (n_np, 3, m)."""
+        assert self.gauge is not None
+        return np.asarray(self.gauge @ u[:, 1])
+
+
+def march_between(
+    body: Body,
+    parameters: Parameters,
+    loading: GaugeLoading,
+    times: np.ndarray,
+    settings: MarchSettings = DEFAULTS,
+    watch: Watch = NOBODY,
+) -> History:
+    """`march` under the elongation between two sections; errors as there."""
+    law, conditions = beginning(body, parameters, loading, times, settings)
+    run = _Between(body, law, conditions, loading, settings)
+    names = watch.sensitivities.names if watch.sensitivities is not None else ()
+    return marched(run, parameters, np.zeros((len(loading.time), len(names))), times, watch)
+
+
+class _Between(Run):
+    """One march between two sections."""
+
+    def __init__(self, body: Body, law: Law, conditions: HeatConditions, loading: GaugeLoading, settings: MarchSettings) -> None:
+        super().__init__(body, law, conditions, loading, settings)
+        self.between = loading
+        self.rest = 0.0
+        self.rest_rates = np.empty(0)
+        self.ratio = 1.0
+        self.lane = 0
+        self.end_rates = np.empty(0)
+
+    def differentiate(self, parameters: Parameters, asked: Sensitivities, load_rates: np.ndarray) -> None:
+        """As in any march; the last direction is that of the end alone, under the name of a Param of the machine: no such one acts."""
+        wanted, count = asked.collect, len(asked.names)
+
+        def collect(n: int, at: Sensitivity) -> None:
+            wanted(n, Sensitivity(at.u[:, :, :count], at.theta[:, :count], at.force[:count]))
+
+        names = (*asked.names, _of_machine(asked.names))
+        unit = np.ones((len(load_rates), 1))
+        super().differentiate(parameters, replace(asked, names=names, collect=collect), np.concatenate([load_rates, unit], axis=1))
+        assert self.rates is not None
+        self.lane = len(self.rates.asked.names) - 1
+        self.end_rates = np.zeros(self.rates.m)
+        self.end_rates[self.lane] = 1.0
+
+    def load(self, t: float) -> float:
+        """Displacement of the end where the specimen rests, whatever the noise of the elongation is then."""
+        return self.rest_displacement
+
+    def initial(self, t: float) -> State:
+        """The state at rest, from which the elongation counts."""
+        start = super().initial(t)
+        self.rest = float(self.between.elongation(start.u))
+        if start.rates is not None:
+            self.rest_rates = self.between.elongation(start.rates.u)
+        return start
+
+    def _step(self, start: State, past: tuple[Passed, ...], t: float) -> tuple[State, Balance]:
+        """One step: the end by secants, then its derivatives."""
+        wanted = self.loading.at(t) + self.rest
+        before = float(self.between.elongation(start.u))
+        end = start.load + self.ratio * (wanted - before)
+        self.solver.law = law_in_step(self.law, t - start.time)
+        u, theta, fresh = predicted(self.body, start, past, t, end)
+        one_way = self.settings.coupling == "one-way"
+        heat = HeatOfStep(self.body, self.law, self.conditions, start, (t, self.settings.heat_scheme))
+        tried, open_before, there = start.load, wanted - before, start.u
+        for _ in range(_MAX_SECANTS):
+            theta = self.resting_temperature if one_way else theta
+            found = self._mechanics(u, theta, start, end, fresh, None if one_way else heat)
+            left = wanted - float(self.between.elongation(found.u))
+            if abs(left) <= _EXACT * self.length:
+                break
+            moved, closed = end - tried, open_before - left
+            ratio = moved / closed if closed * moved > 0.0 else self.ratio
+            if tried != start.load:
+                ratio = float(np.clip(ratio, self.ratio / _STEEPEST, self.ratio * _STEEPEST))
+            onwards = ratio * left / moved if moved != 0.0 else 0.0
+            u, fresh = found.u + onwards * (found.u - there), False
+            tried, open_before, there, end = end, left, found.u, end + ratio * left
+            if not one_way:
+                theta = heat.solve(found.u, found.state, found.dilatation, theta)
+        else:
+            raise NumericsError(
+                f"sections: no displacement of the end gives the prescribed elongation within {_MAX_SECANTS} trials ({left:.1e} mm left); "
+                "the strain may have left the part between them: use smaller steps, or sections that are farther apart"
+            )
+        if one_way:
+            heat.solve(found.u, found.state, found.dilatation, start.theta)
+        grown = float(self.between.elongation(found.u)) - before
+        if abs(grown) > 1e3 * _EXACT * self.length and (end - start.load) / grown > 0.0:
+            self.ratio = (end - start.load) / grown
+        state, balance = heat.finish(found, end)
+        if self.rates is None or start.rates is None:
+            return state, balance
+        mechanics = self._linearised(found, self.resting_temperature if one_way else state.theta, start.points)
+        return replace(state, rates=self._rates_of(start.rates, mechanics, heat.ends(found))), balance
+
+    def _rates_of(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
+        """Rates at the end of a step under the prescribed elongation."""
+        assert self.rates is not None
+        k = self.lane
+        for old in (start.u, start.theta, start.points, start.dilatation, *(theta for _, theta in start.past)):
+            old[..., k] = 0.0
+        found = self.rates.step(start, mechanics, ends, self.end_rates)
+        elongation = self.between.elongation(found.u)
+        if elongation[k] == 0.0:
+            raise NumericsError("sections: the elongation does not follow the end of the body; use smaller steps")
+        change = -(elongation - self.rest_rates) / elongation[k]
+        change[k:] = 0.0
+        self.end_rates = self.end_rates + change
+        for new in (found.u, found.theta, found.points, found.dilatation):
+            new += new[..., k : k + 1] * change
+        return replace(found, top_force=found.top_force + found.top_force[k] * change)
+
+
+def _of_machine(names: Sequence[str]) -> str:
+    """Name of a Param of the machine that is not among `names`."""
+    every = [name for e in effects(LOAD) for name in e.names]
+    return next((name for name in every if name not in names), every[0])

@@ -1,0 +1,96 @@
+"""What drives a specimen, and when the motion of its sections drives it instead of the force.
+
+A forward model that cannot carry the measured force has no equilibrium under it; near the load maximum, and beyond it, the force says next
+to nothing about the strain. The elongation between two sections that DIC sees drives any model, and the force is then a channel that is
+fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.experiment.fields import Measured
+from thermofit.study.stages import ChannelSettings, StageSettings
+
+if TYPE_CHECKING:
+    from thermofit.experiment.protocol import Experiment
+
+FORCE, SECTIONS = "force", "sections"
+"""The drives of a test as records and results name them, besides `crosshead` and `dic` where the study says so."""
+FLAT = 0.3
+"""Growth of the force, relative and per strain, at the end of loading below which it is near its maximum: a force wrong by one part in a
+thousand is then a strain wrong by one in a hundred."""
+_LAST = 0.9
+"""Share of the largest elongation from which on the end of loading is looked at."""
+_FLOWS = 0.9
+"""Share of the largest force so far above which the specimen flows."""
+_LEAST = 4
+
+_T = TypeVar("_T")
+
+
+def last_growth(data: Measured) -> float | None:
+    """d ln F / d ln(l + e) at the end of loading, l + e the distance of the sections; None where the stages do not tell it."""
+    if data.stretched is None or data.gauge is None:
+        return None
+    steps, e = data.steps["displacement"], data.stretched.elongation
+    force = np.interp(data.stretched.time, steps.time, steps.force)
+    low, high = data.gauge.sections
+    end = int(np.argmax(e))
+    pulled = np.zeros(len(e), dtype=bool)
+    for phase in data.phases:
+        if phase.label in ("elastic", "loading"):
+            pulled |= (data.stretched.time > phase.t0) & (data.stretched.time <= phase.t1)
+    flows = force >= _FLOWS * np.maximum.accumulate(np.maximum(force, 1e-300))
+    here = pulled & flows & (np.arange(len(e)) <= end) & (e >= _LAST * e[end])
+    if here.sum() < _LEAST:
+        return None
+    return float(np.polyfit(np.log(high - low + e[here]), np.log(force[here]), 1)[0])
+
+
+def near_maximum(data: Measured) -> str:
+    """Why the force should not drive a test, in words; empty where it may."""
+    growth = last_growth(data)
+    if growth is None or growth >= FLAT:
+        return ""
+    where = "falls" if growth < 0.0 else "hardly grows"
+    return f"the measured force {where} at the end of loading ({100.0 * growth:.2g} % per 100 % of strain)"
+
+
+def with_driven_force(data: Measured) -> Measured:
+    """Measured values for a model that the elongation drives: the error of the elongation is one of the force that answers to it, and is
+    counted there once."""
+    if data.stretched is None:
+        return data
+    own = np.interp(data.force.time, data.stretched.time, data.stretched.force_error)[:, None, None]
+    known = replace(data.stretched, force_error=np.zeros_like(data.stretched.force_error))
+    return replace(data, force=replace(data.force, sigma=np.hypot(data.force.sigma, own)), stretched=known)
+
+
+def with_force_channel(settings: StageSettings) -> StageSettings:
+    """Settings of a stage that compares displacements, with the force among its channels."""
+    if not {"u", "du", "strain"} & set(settings.channels) or {"force", "stress"} & set(settings.channels):
+        return settings
+    return settings.model_copy(update={"channels": {**settings.channels, "force": ChannelSettings()}})
+
+
+def driven_remark(experiment: Experiment, why: str) -> str:
+    """One sentence on a turn to the sections."""
+    return f"driven by the motion of {experiment.sections} (DIC), with the force as a channel that is fitted, because {why}"
+
+
+def carried(experiment: Experiment, attempt: Callable[[Experiment], _T]) -> tuple[Experiment, _T, str]:
+    """What `attempt` makes of an experiment; where its model cannot carry the measured force, of the same one driven by its sections, and a
+    remark. NumericsError where it fails in either drive, or sections are not known."""
+    try:
+        return experiment, attempt(experiment), ""
+    except NumericsError as error:
+        other = experiment.by_sections
+        if other is None:
+            raise
+        return other, attempt(other), driven_remark(other, f"the model cannot carry the measured force ({error})")

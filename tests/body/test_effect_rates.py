@@ -20,7 +20,7 @@ AMPLITUDES = tuple(p.name for e in law_effects() for p in e.amplitudes)
 EFFECT_PARAMS = tuple(name for e in law_effects() for name in e.names)
 FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
 TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
-SETTINGS = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8)
+SETTINGS = MarchSettings(newton=NewtonSettings(tolerance=2e-9, max_iterations=80), coupling_tolerance=1e-8, keep_energy=True)
 
 
 def body(control: str = "force") -> Body:

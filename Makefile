@@ -46,7 +46,9 @@ demo: install
 test: install
 	$(BIN)/python -m pytest -q -n $(JOBS)
 
+# The notebooks and the fields for ParaView are tried here alone: what they need is large.
 test-slow: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow
 
 lint: install

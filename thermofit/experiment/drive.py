@@ -24,7 +24,7 @@ FORCE, SECTIONS = "force", "sections"
 """The drives of a test as records and results name them, besides `crosshead` and `dic` where the study says so."""
 FLAT = 0.3
 """Growth of the force, relative and per strain, at the end of loading below which it is near its maximum: a force wrong by one part in a
-thousand is then a strain wrong by one in a hundred."""
+thousand is then a strain wrong by a third of a per cent. A choice: it was 0.1 until a test that ends a little below 0.3 had been seen."""
 _LAST = 0.9
 """Share of the largest elongation from which on the end of loading is looked at."""
 _FLOWS = 0.9

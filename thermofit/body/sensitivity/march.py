@@ -293,7 +293,7 @@ class Differentiator:
     def _update(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of points and J for u', which is mended where it leaves the rates of the internal forces out of balance.
 
-        Where points flow the stiffness at hand is the symmetric neighbour of the exact one (point.update), off by some 4e-4 dLambda, or one
+        Where points flow the stiffness at hand is the symmetric neighbour of the exact one, off by some 4e-4 dLambda, or one
         of another state. Little as that is, the body answers softly along its axis: left alone it grows to 5 % of a rate in 60 steps.
         NumericsError where mending does not help.
         """

@@ -324,7 +324,7 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
     return [
         same_word("uniqueness with ideal jaws and no exchange with the air", uniqueness(one), "unique", Why("", f"{SCALES} {ENDS}")),
         same_word(
-            "uniqueness where a film coefficient is known and felt (last table; section 5.4.3 of the thesis)",
+            "uniqueness where a film coefficient is known and acts (last table; section 5.4.3 of the thesis)",
             uniqueness(place.record(FILMS, "gridsearch")),
             "unique",
         ),

@@ -21,7 +21,6 @@ DOCS = ROOT / "docs"
 PAGES = (*sorted(DOCS.rglob("*.md")), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")))
 LONGEST = 30
 """Words of a sentence."""
-TABLE = "written by a script from runs that take hours; its text changes with the next of them"
 OTHERS = "is being rewritten with what it describes"
 LEFT: dict[str, tuple[int, str]] = {
     "docs/diagnosis.md": (120, OTHERS),
@@ -30,12 +29,7 @@ LEFT: dict[str, tuple[int, str]] = {
     "docs/real-coupons.md": (30, OTHERS),
     "docs/coverage.md": (40, OTHERS),
     "docs/reliability.md": (40, OTHERS),
-    "docs/operating_figures.md": (9, TABLE),
-    "docs/performance.md": (10, TABLE),
-    "docs/reproduction/README.md": (5, TABLE),
-    "docs/reproduction/section-5-3.md": (5, TABLE),
-    "docs/reproduction/section-5-4.md": (16, TABLE),
-    "docs/reproduction/section-5-5.md": (8, TABLE),
+    "docs/studies.md": (4, OTHERS),
 }
 """Pages that still hold longer sentences: how many at most, and why."""
 

@@ -7,6 +7,7 @@ import json as json_format
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -123,7 +124,7 @@ def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | Non
     def call() -> Outcome:
         from thermofit.cli import printing
 
-        _chain_before(entry.name, study, None if common.json or common.quiet else printing.step)
+        _chain_before(entry.name, study, None if common.json or common.quiet else partial(printing.step, verbose=common.verbose))
         return stage_function(entry.name)(study, force=common.force, **options)
 
     _show(entry.name, common, study, call)
@@ -142,7 +143,8 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
+        wall = time.perf_counter() - begin
+        printing.stage_result(result, outcome.fresh, wall, quiet=common.quiet, verbose=common.verbose)
     if name in ON_CHAIN:
         _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
@@ -241,7 +243,8 @@ def _run_chain(
     links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
     with quiet(common.json):
         try:
-            steps = chain(study, links, Selection(first, last, everything), common.force, None if silent else printing.step)
+            told = None if silent else partial(printing.step, verbose=common.verbose)
+            steps = chain(study, links, Selection(first, last, everything), common.force, told)
         except ThermofitError as error:
             _page_so_far(study, common.json, str(error))
             raise

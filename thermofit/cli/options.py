@@ -95,7 +95,9 @@ def _shared(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
     json: AsJson = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="One plain line per iteration on stderr.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="A plain line per iteration on stderr, and notes that ask for nothing.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the verdict alone, and no progress.")] = False,
 ) -> None:
     """Signature of the shared options."""

@@ -105,7 +105,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     phases = label_phases(smooth)
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
-    summary: dict[str, Any] = {"load_start_s": load_start, "remarks": []}
+    summary: dict[str, Any] = {"load_start_s": load_start, "remarks": [], "notes": []}
     mask = study.evaluation.mask
     frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
     tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
@@ -295,7 +295,7 @@ def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) ->
     """Noise (2,) mm of u_x and u_y of one point, estimated or declared; what is found is added to the summary."""
     raw = displacement_noise(dic, summary["load_start_s"])
     if study.noise.displacement is None:
-        summary["remarks"] += _floor_remark("displacement", "stages", raw[0].temporal, summary["load_start_s"])
+        summary["notes"] += _floor_note("displacement", "stages", raw[0].temporal, summary["load_start_s"])
     noise = np.array([raw[0].sigma, raw[1].sigma]) if study.noise.displacement is None else np.full(2, study.noise.displacement)
     noise = np.maximum(noise, _LEAST_NOISE["mm"])
     summary["displacement"] = {
@@ -310,7 +310,7 @@ def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) ->
 def _temperature_noise(study: Study, raw: FieldNoise, camera: CameraPose, summary: dict[str, Any]) -> float:
     """Noise K of one pixel, estimated or declared; what is found is added to the summary."""
     if study.noise.temperature is None:
-        summary["remarks"] += _floor_remark("temperature", "frames", raw.temporal, summary["load_start_s"])
+        summary["notes"] += _floor_note("temperature", "frames", raw.temporal, summary["load_start_s"])
     noise = max(raw.sigma if study.noise.temperature is None else study.noise.temperature, _LEAST_NOISE["K"])
     summary["temperature"] = {
         "noise_K": noise,
@@ -339,13 +339,13 @@ def _frame_times(study: Study, infrared: InfraredSequence, stages: np.ndarray) -
     return np.asarray(infrared.time[(infrared.time >= stages[0]) & (infrared.time <= stages[-1])])
 
 
-def _floor_remark(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
+def _floor_note(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
     """What the user is told where the noise of a channel does not come from the rest before loading."""
     if found.at_rest >= LEAST_AT_REST:
         return []
     return [
-        f"{channel} noise by {found.method}: only {found.at_rest} {fields} before loading at {load_start:.1f} s hold {LEAST_VALUES} values "
-        f"or more that scatter, {LEAST_AT_REST} are needed"
+        f"{channel} noise is estimated by {found.method}: only {found.at_rest} {fields} with {LEAST_VALUES} values or more before loading "
+        f"at {load_start:.1f} s; record {LEAST_AT_REST} or more for a direct estimate"
     ]
 
 
@@ -486,5 +486,6 @@ def _verdict(summary: dict[str, Any], fields: list[FieldObservation]) -> str:
     parts.append(f"force smoothed to {force['residual_rms_N']:.2f} N (noise {force['noise_N']:.2f} N)")
     size = {"mm": (1e3, "um"), "K": (1e3, "mK")}
     each = [f"{size[f.unit][0] * float(np.nanmedian(f.sigma)):.2f} {size[f.unit][1]}" for f in fields]
-    lost = [f"standard error of a nodal value {', '.join(each)}", f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
+    out, of = sum(int((~f.mask).sum()) for f in fields), sum(f.mask.size for f in fields)
+    lost = [f"standard error of a nodal value {', '.join(each)}", f"{out} of {of} nodal values left out ({100.0 * out / of:.1f} %)"]
     return "; ".join(parts + lost)

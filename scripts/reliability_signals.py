@@ -44,6 +44,8 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("close-loop", "--max-effects", "1"),
 )
 TIMES_OUT_S = 600.0
+TIMES = {"log", "facts", "wall_s"}
+"""Parts of names of datasets that tell of time."""
 LAWFUL = {signal.SIGKILL: {-signal.SIGKILL}, signal.SIGINT: {130}, signal.SIGTERM: {130}, signal.SIGUSR1: {130}}
 
 
@@ -64,7 +66,7 @@ def values_of(run_dir: Path, stage: str) -> dict[str, bytes]:
     found = {name: repr((p.value, p.sigma)).encode() for name, p in record.parameters.items()}
     for name in record.names:
         value = record[name].value
-        if not name.startswith("evaluations/") and "wall" not in name:
+        if not name.startswith("evaluations/") and not set(name.split("/")) & TIMES:
             found[name] = repr(value.tolist()).encode() if value.dtype.kind in "UO" else np.ascontiguousarray(value).tobytes()
     return found
 

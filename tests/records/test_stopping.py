@@ -72,6 +72,16 @@ def test_interrupt_in_a_finaliser_is_not_lost() -> None:
         pytest.fail("it went on")
 
 
+def test_interrupt_that_a_library_wraps_is_one() -> None:
+    with pytest.raises(Stopped, match="SIGINT"), stoppable():
+        try:
+            send(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("SchemaError: KeyboardInterrupt:") from None
+    with pytest.raises(ValueError, match="of its own"), stoppable():
+        raise ValueError("of its own")
+
+
 def test_other_threads_hear_nothing() -> None:
     before = signal.getsignal(signal.SIGTERM)
     seen = []

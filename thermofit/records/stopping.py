@@ -48,7 +48,7 @@ def stoppable() -> Iterator[None]:
         yield
         return
     heard: dict[str, Callable[[int, FrameType | None], Any]] = {
-        "SIGINT": signal.default_int_handler,
+        "SIGINT": _on_interrupt,
         "SIGTERM": _on_signal,
         "SIGUSR1": _on_signal,
         "SIGALRM": _on_alarm,
@@ -58,6 +58,10 @@ def stoppable() -> Iterator[None]:
     hook, sys.unraisablehook = sys.unraisablehook, _again(sys.unraisablehook)
     try:
         yield
+    except Exception as error:
+        if _asked:  # a library has made an error of its own of the interrupt
+            raise Stopped(_asked) from error
+        raise
     finally:
         _asked = ""
         sys.unraisablehook = hook
@@ -65,6 +69,13 @@ def stoppable() -> Iterator[None]:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         for name, handler in before.items():
             signal.signal(getattr(signal, name), signal.SIG_DFL if handler is None else handler)
+
+
+def _on_interrupt(number: int, frame: FrameType | None) -> None:
+    """At once."""
+    global _asked
+    _asked = signal.Signals(number).name
+    raise Stopped(_asked)
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:

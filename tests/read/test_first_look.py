@@ -10,7 +10,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.experiment import DicField, Experiment, ForceRecord, Specimen
 from thermofit.read.first_look import FirstLook, looked_at
 from thermofit.study.study import load_study

@@ -35,7 +35,7 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study, quiet
+from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Refine, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
@@ -110,16 +110,23 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def adding_command(common: Common, max_effects: MaxEffects = None) -> None:
         _one_stage(entry, common.setting("diagnosis.max_effects", max_effects))
 
+    def refining_command(common: Common, refine: Refine = False) -> None:
+        _one_stage(entry, common, refine=refine)
+
+    if entry.refines:
+        return refining_command
     return spread_command if entry.spread else adding_command if entry.adds else command
 
 
-def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
+def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None, **more: Any) -> None:
     """Run a stage, behind what it rests on, and print its result."""
     if entry.name == REPORT and common.study.is_dir():
         _report_of_folder(common)
         return
     study = common.load()
-    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
+    options: dict[str, Any] = (
+        {"where": executor_of(study, jobs, scheduler)} if entry.spread else {key: value for key, value in more.items() if value}
+    )
 
     def call() -> Outcome:
         from thermofit.cli import printing

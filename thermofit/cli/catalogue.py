@@ -20,6 +20,8 @@ class Entry:
     """True where it solves many independent problems, which --jobs or --scheduler spread."""
     adds: bool = False
     """True where it adds effects to the model, as many as --max-effects lets it."""
+    refines: bool = False
+    """True where --refine asks for the errors of mesh and steps."""
 
     @property
     def help(self) -> str:
@@ -105,8 +107,11 @@ STAGES: tuple[Entry, ...] = (
         "verify",
         TRUST,
         "All parameters in one coupled run against all data.",
-        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance.",
-        "verify study.yaml --json",
+        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance. With "
+        "--refine besides, in RUN_DIR/refinement.h5: the error of mesh and steps of every channel, with the order that refinements "
+        "show, and how far it draws every parameter off.",
+        "verify study.yaml --refine",
+        refines=True,
     ),
     Entry(
         "report",

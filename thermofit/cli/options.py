@@ -27,6 +27,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", metavar="URL", help="Dask scheduler whose workers do it, such as tcp://host:8786.", show_default=False),
 ]
+Refine = Annotated[bool, typer.Option("--refine", help="Errors of mesh and steps besides, by six further runs.")]
 MaxEffects = Annotated[
     int | None,
     typer.Option("--max-effects", metavar="N", help="Most effects to add, instead of diagnosis.max_effects.", show_default=False),

@@ -16,7 +16,7 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
-from thermofit.experiment.fields import TestPhase, field_datasets, specimen_dict
+from thermofit.experiment.fields import TestPhase, field_datasets, refined, specimen_dict
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import end_motion, sections_inside
@@ -372,7 +372,7 @@ def _force_datasets(
     numerics = study.numerics
     for name, times in required.items():
         steps = step_times(smooth, times, numerics.force_tolerance, numerics.max_time_step)
-        steps = _refined(_merged(steps, times), numerics.steps_per_interval)
+        steps = refined(_merged(steps, times), numerics.steps_per_interval)
         datasets[f"steps/{name}/time"] = Dataset(steps, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(smooth.evaluate(steps), "N", ("step",))
         datasets[f"steps/{name}/force_error"] = Dataset(smooth.error_modes(steps), "N", ("step", "mode"))
@@ -421,12 +421,6 @@ def _merged(steps: np.ndarray, required: np.ndarray) -> np.ndarray:
     distance = np.min(np.abs(steps[:, None] - required[None, :]), axis=1)
     others = steps[distance > _CLOSEST]
     return np.union1d(others[np.concatenate([[True], np.diff(others) > _CLOSEST])], required)
-
-
-def _refined(steps: np.ndarray, parts: int) -> np.ndarray:
-    """Every interval cut into `parts` equal ones."""
-    share = np.arange(parts) / parts
-    return np.append((steps[:-1, None] + np.diff(steps)[:, None] * share).ravel(), steps[-1])
 
 
 _UNLOADED = 0.02

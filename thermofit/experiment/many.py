@@ -200,6 +200,10 @@ class SeveralExperiments:
             "parameter or weight.<channel>"
         )
 
+    def with_steps(self, parts: int) -> SeveralExperiments:
+        """Those of each."""
+        return replace(self, given=tuple(test.with_steps(parts) for test in self.tests))
+
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""
         own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)

@@ -244,6 +244,9 @@ class Experiment(Protocol):
     def with_prescribed(self, quantity: str, value: float) -> Experiment:
         """The same with another value of it. StudyError as `prescribed`."""
 
+    def with_steps(self, parts: int) -> Experiment:
+        """The same with every step in time cut into so many equal ones."""
+
     # All channels at once
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:

@@ -154,7 +154,7 @@ class Numerics(Section):
 class Sections(Section):
     """All sections whose values mean the same in the file and in the loaded study."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Annotated[str, Field(pattern=r"^[.]*[A-Za-z0-9_-][A-Za-z0-9_.-]*$")]
     """Name of the study; letters, digits and _ . -"""
     model: ModelNumber = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7) of the thesis: hardening voce or model2."""

@@ -89,10 +89,12 @@ def new(
 
 
 def _looked(folder: Path) -> tuple[float, float, float] | str:
-    """What a raw folder says of its material; readers are imported when there is something to read."""
-    from thermofit.read.first_look import first_look
+    """What a raw folder says of its material; readers are imported when there is something to read. DataError where it makes no sense."""
+    from thermofit.read.plausible import first_look
 
-    found = first_look(folder)
+    found, remarks = first_look(folder)
+    for remark in remarks:
+        typer.echo(f"! {remark}", err=True)
     return found if isinstance(found, str) else (found.modulus, found.stress, found.strain)
 
 

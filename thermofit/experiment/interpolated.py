@@ -53,6 +53,7 @@ from thermofit.observe.projection import (
     sight_of,
 )
 from thermofit.observe.selection import masked
+from thermofit.read.plausible import asked
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset, Record, read_record
 from thermofit.records.staging import Made, artefact_path
@@ -63,6 +64,10 @@ from thermofit.study.study import Study
 CALIBRATE = "calibrate-ir"
 _LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
 """Noise of data without noise: sigma must not vanish, because it divides the residual."""
+
+
+Frames = Callable[[], Record]
+"""Reads the artefact of `calibrate-ir`."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +104,16 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     if experiment.dic is None:
         raise DataError(f"{study.experiment}: experiment.yaml declares no displacements; add its dic section")
     specimen, size = study.specimen_of(experiment.specimen), mesh_size(study.evaluation.nodes)
+    frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
+    remarks = _asked(replace(experiment, specimen=specimen), frames)
     mesh = specimen_mesh(study.geometry, specimen, size, study.mesh_file)
     window = study.evaluation.window
     points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     phases = label_phases(smooth)
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
-    summary: dict[str, Any] = {"load_start_s": load_start, "remarks": []}
+    summary: dict[str, Any] = {"load_start_s": load_start, "remarks": list(remarks)}
     mask = study.evaluation.mask
-    frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
     tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
     fields = [
         masked(field, mask, "evaluation.mask") for field in tried(study, experiment.dic, frames, Face(mesh, specimen, points), summary)
@@ -131,6 +137,12 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     return Made(datasets, summary)
 
 
+def _asked(experiment: Experiment, frames: Frames | None) -> tuple[str, ...]:
+    """Remarks on the plausibility of all data together; the frames are let go again."""
+    infrared, camera = (None, None) if frames is None else _infrared(frames())
+    return asked(replace(experiment, ir=infrared), camera)
+
+
 @dataclass(frozen=True)
 class Face:
     """The face that the cameras see: mesh of the comparison, specimen, and the points that are compared."""
@@ -146,8 +158,6 @@ class Face:
 
 
 Fields = list[FieldObservation]
-Frames = Callable[[], Record]
-"""Reads the artefact of `calibrate-ir`."""
 
 
 def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, summary: dict[str, Any]) -> Fields:

@@ -13,6 +13,7 @@ from thermofit.observe.camera import CameraPose, landmark_checks, make_pose, pix
 from thermofit.observe.camera_edges import EdgeRefinement, pixel_noise, refine_pose
 from thermofit.observe.check_picture import draw_check_picture
 from thermofit.observe.phases import find_phases
+from thermofit.read.plausible import asked
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset
 from thermofit.records.each import each
@@ -50,6 +51,7 @@ def _make(study: Study) -> Made:
         )
     landmarks = _landmarks(study, experiment)
     specimen, ir = study.specimen_of(experiment.specimen), experiment.ir
+    remarks = asked(replace(experiment, specimen=specimen))
     if not 0 <= landmarks.frame < len(ir.time):
         raise DataError(f"ir.landmarks_frame: frame {landmarks.frame} does not exist, there are {len(ir.time)}; give a number from 0")
     pose = pose_from_landmarks(landmarks, ir.side, ir.frames.shape[1:])
@@ -77,6 +79,7 @@ def _make(study: Study) -> Made:
         },
         "picture": str(picture),
         "repairs": list(experiment.repairs),
+        "remarks": list(remarks),
         "range_degC": [float(ir.frames.min()) - CELSIUS, float(ir.frames.max()) - CELSIUS],
     }
     return Made(_datasets(ir, used), summary)

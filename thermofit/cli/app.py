@@ -34,7 +34,7 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study, quiet
+from thermofit.cli.options import AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
@@ -111,7 +111,23 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def adding_command(common: Common, max_effects: MaxEffects = None) -> None:
         _one_stage(entry, common.setting("diagnosis.max_effects", max_effects))
 
+    def picking_command(common: Common, pick: Pick = False, length_mm: LengthMm = None) -> None:
+        _one_stage(entry, _picked(common, length_mm) if pick else common)
+
+    if entry.picks:
+        return picking_command
     return spread_command if entry.spread else adding_command if entry.adds else command
+
+
+def _picked(common: Common, length_mm: float | None) -> Common:
+    """The command with landmarks that are clicked now, and the lines that keep them."""
+    from thermofit.stages.calibrate_ir import pick
+
+    if length_mm is None:
+        raise StudyError("--pick needs --length-mm: the distance in mm between the first two points that are clicked")
+    text = json_format.dumps(pick(common.load(), length_mm))
+    typer.echo(f"to keep these landmarks, put this into {common.study}:\nir: {{landmarks: {text}}}", err=common.json)
+    return common.setting("ir.landmarks", text)
 
 
 def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:

@@ -19,6 +19,7 @@ from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.hardening.curves import fitted_to_curve
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
+from thermofit.study.geometry import STRAIGHT
 from thermofit.study.study import Study
 from thermofit.virtual.machine import bar_of, uniaxial_law
 
@@ -74,7 +75,7 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
 
 def _check_modulus(study: Study, data: Measured, parameters: Parameters) -> None:
     """The elastic slope of a straight specimen beside the bounds of a free E, before an identification is spent on finding the bound."""
-    if "E" not in parameters.free or study.geometry.shape not in ("dogbone", "bar") or (found := elastic_slope(data)) is None:
+    if "E" not in parameters.free or study.geometry.shape not in STRAIGHT or (found := elastic_slope(data)) is None:
         return
     slope, sigma = found
     low, high = study.bounds("E")

@@ -235,7 +235,7 @@ def _place(experiment: Experiment) -> Iterator[Question]:
     slack = 1.05 * room + 1.0
     middle = np.abs(0.5 * (low + high))
     found = (
-        f"the DIC points cover {_shown(size[0])} x {_shown(size[1])} mm about ({0.5 * (low + high)[0]:.3g}, {0.5 * (low + high)[1]:.3g})"
+        f"the DIC field covers {_shown(size[0])} x {_shown(size[1])} mm about ({0.5 * (low + high)[0]:.3g}, {0.5 * (low + high)[1]:.3g})"
     )
     wanted = f"the specimen {_shown(room[0])} x {_shown(room[1])} mm about (0, 0)"
     begin = f"{found}, {wanted}"

@@ -35,7 +35,7 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Refine, Scheduler, executor_of, on_study, quiet
+from thermofit.cli.options import AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Refine, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
@@ -90,10 +90,12 @@ def new(
 
 
 def _looked(folder: Path) -> tuple[float, float, float] | str:
-    """What a raw folder says of its material; readers are imported when there is something to read."""
-    from thermofit.read.first_look import first_look
+    """What a raw folder says of its material; readers are imported when there is something to read. DataError where it makes no sense."""
+    from thermofit.read.plausible import first_look
 
-    found = first_look(folder)
+    found, remarks = first_look(folder)
+    for remark in remarks:
+        typer.echo(f"! {remark}", err=True)
     return found if isinstance(found, str) else (found.modulus, found.stress, found.strain)
 
 
@@ -113,9 +115,25 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def refining_command(common: Common, refine: Refine = False) -> None:
         _one_stage(entry, common, refine=refine)
 
+    def picking_command(common: Common, pick: Pick = False, length_mm: LengthMm = None) -> None:
+        _one_stage(entry, _picked(common, length_mm) if pick else common)
+
     if entry.refines:
         return refining_command
+    if entry.picks:
+        return picking_command
     return spread_command if entry.spread else adding_command if entry.adds else command
+
+
+def _picked(common: Common, length_mm: float | None) -> Common:
+    """The command with landmarks that are clicked now, and the lines that keep them."""
+    from thermofit.stages.calibrate_ir import pick
+
+    if length_mm is None:
+        raise StudyError("--pick needs --length-mm: the distance in mm between the first two points that are clicked")
+    text = json_format.dumps(pick(common.load(), length_mm))
+    typer.echo(f"to keep these landmarks, put this into {common.study}:\nir: {{landmarks: {text}}}", err=common.json)
+    return common.setting("ir.landmarks", text)
 
 
 def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None, **more: Any) -> None:

@@ -22,6 +22,8 @@ class Entry:
     """True where it adds effects to the model, as many as --max-effects lets it."""
     refines: bool = False
     """True where --refine asks for the errors of mesh and steps."""
+    picks: bool = False
+    """True where --pick opens a window to click landmarks in."""
 
     @property
     def help(self) -> str:
@@ -48,10 +50,11 @@ STAGES: tuple[Entry, ...] = (
         "calibrate-ir",
         CHAIN,
         "Pixels of the infrared camera to coordinates in mm.",
-        "Algorithm 1: reads the infrared frames and their hand-picked landmarks, finds scale, centre and axes of the specimen, refines "
-        "them on its visible edges, "
-        "and draws RUN_DIR/calibrate-ir.png: look at it.",
-        "calibrate-ir study.yaml --set ir.refine=false",
+        "Algorithm 1: reads the infrared frames and their landmarks, finds scale, centre and axes of the specimen, refines them on its "
+        "visible edges, and draws RUN_DIR/calibrate-ir.png: look at it. Landmarks that nobody gives are found where the frames show edges "
+        "and a shoulder; given ones are compared with what is found. --pick opens a window to click them in.",
+        "calibrate-ir study.yaml --pick --length-mm 60",
+        picks=True,
     ),
     Entry(
         "interpolate",

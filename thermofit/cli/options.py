@@ -32,6 +32,11 @@ MaxEffects = Annotated[
     int | None,
     typer.Option("--max-effects", metavar="N", help="Most effects to add, instead of diagnosis.max_effects.", show_default=False),
 ]
+Pick = Annotated[bool, typer.Option("--pick", help="Open a window and click the landmarks in a frame.")]
+LengthMm = Annotated[
+    float | None,
+    typer.Option("--length-mm", metavar="MM", help="With --pick: distance of the first two points.", min=1e-3, show_default=False),
+]
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,8 @@ def _own(path: Path, known: Known) -> dict[str, Any]:
 
 
 def _raw_folder(path: Path) -> dict[str, Any]:
-    parts = look_at_raw(path)
+    parts, questions = look_at_raw(path)
+    refused = next((question.text for question in questions if question.nonsense), "")
     names = ", ".join(f"{part.name} ({part.points})" for part in parts)
     suggestion = f"experiment: {path}     # key of a study; `thermofit new study.yaml --experiment {path}` writes one"
     return _result(
@@ -113,9 +114,11 @@ def _raw_folder(path: Path) -> dict[str, Any]:
         points=sum(part.points for part in parts),
         missing=sum(part.missing for part in parts),
         parts=[_part(part) for part in parts],
-        remarks=[remark for part in parts for remark in part.remarks],
-        suggestion=suggestion,
-        verdict=f"thermofit raw folder with {names} values: ready for a study",
+        remarks=[*(remark for part in parts for remark in part.remarks), *(question.text for question in questions)],
+        questions=[vars(question) for question in questions],
+        suggestion="" if refused else suggestion,
+        trustworthy=not refused,
+        verdict=f"thermofit raw folder with {names} values: " + (f"not ready for a study: {refused}" if refused else "ready for a study"),
     )
 
 

@@ -48,7 +48,7 @@ parameters:
   # theta_ref: 296.7                           # absent: theta_clamp
 
 # evaluation:
-#   window: {abs_x_max: 11.0, abs_y_max: 20.0} # mm, nodes that are compared
+#   window: {abs_x_max: null, abs_y_max: null} # mm, nodes that are compared; null: as far as there are DIC points
 #   interpolation: projection                  # or three-point (algorithms 2 and 3 of the thesis)
 #   displacement_times: stages                 # or a list of times in s
 #   temperature_times: frames                  # or a list of times in s

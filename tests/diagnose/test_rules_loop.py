@@ -245,6 +245,7 @@ def looped(
     monkeypatch.setattr(module, "retraced", lambda t: t)
     monkeypatch.setattr(module, "next_round", turn)
     monkeypatch.setattr(module, "rejudged", judged)
+    monkeypatch.setattr(module, "exponents_again", lambda here, fit, earlier, means: said.append(("again", earlier)) or Rejudged(here, fit))
     monkeypatch.setattr(module, "ends_of_fit", lambda *_: {"E": "at its bound"})
     monkeypatch.setattr(module, "backward_check", lambda closed, _: replace(closed, remarks=("backward",)))
     monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))
@@ -257,7 +258,7 @@ def test_what_is_accepted_is_judged_again_and_what_was_taken_back_is_not_asked_a
     asked: list[Any] = []
     found = looped(monkeypatch, [], trial("e", 0.5), 3, ("e",), asked)
     assert found.accepted == () and found.dropped == ("e",) and found.remarks == ("backward", "base")
-    assert asked == [("e", "rival"), (("e",), {"E": "at its bound"}), ("rival",)]
+    assert asked == [("e", "rival"), (("e",), {"E": "at its bound"}), ("again", []), ("rival",)], "what is new was asked in its round"
     assert looped(monkeypatch, [], trial("e", 0.5), 3).dropped == ()
 
 

@@ -15,7 +15,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
-from thermofit.diagnose.rejudge import ends_of_fit, rejudged
+from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, traced
@@ -118,7 +118,11 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         here, fit = again.here, again.fit
         dropped += again.dropped
         remarks += again.remarks
-        accepted = [n for n in (*accepted, *trial.effects) if n not in dropped]
+        earlier = [n for n in accepted if n not in dropped]
+        accepted = [*earlier, *(n for n in trial.effects if n not in dropped)]
+        again = exponents_again(here, fit, earlier, Means(refit, numerical, how))
+        here, fit = again.here, again.fit
+        remarks += again.remarks
     unjudged = dict(here.unjudged) | {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
     full = len(accepted) >= max_effects
     still = tuple(s.effect for s in here.promising()) if full else ()

@@ -150,6 +150,10 @@ class BodyExperiment:
         """Settings as the study gives them."""
         return self.study.stage(key), ()
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """None: a stage on fields tells what it frees."""
+        return {}
+
     def start(self) -> Parameters:
         """Start values; boundary temperatures are those of the thermocouples where the study gives none."""
         return start_parameters(self.study, self.data)

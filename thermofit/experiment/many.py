@@ -143,6 +143,10 @@ class SeveralExperiments:
         settings = self.study.stage(key)
         return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), ()
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """None: a stage on fields tells what it frees."""
+        return {}
+
     def expanded(self, free: Sequence[str]) -> tuple[str, ...]:
         """Free parameters of the joint fit: one for every experiment of those that each has for itself."""
         out: list[str] = []

@@ -201,6 +201,9 @@ class Experiment(Protocol):
         """Settings of an identification stage on these data, and the elastic constants that it leaves as the study gives them because no
         datum tells them."""
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """Parameters that an earlier stage has told and this stage of that key tells again, and within which bounds."""
+
     def start(self) -> Parameters:
         """Start values; temperatures of air and jaws in K are the measured ones where the study gives none."""
 

@@ -18,7 +18,7 @@ from thermofit.diagnose.proof_elsewhere import proof_of_refit
 from thermofit.diagnose.rejudge import ends_of_fit, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
-from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
 from thermofit.fit.result import FitResult
 
@@ -87,14 +87,22 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     accepted: list[str] = []
     dropped: list[str] = []
     remarks: list[str] = []
-    here = first = traced(case, numerical, how)
+    here = first = traced(case, numerical, how, fit=fit)
     base: FitResult | None = fit
+    unasked: dict[str, str] = {}
     while True:
         try:
             sharp = _sharpened(here, first, how)
         except NumericsError as error:
             sharp, here = None, replace(here, case=replace(here.case, sharper=None))
             remarks.append(f"the force is taken as exact to the end: a run of the problem that knows its error failed ({error})")
+        if sharp is None and not here.whole:
+            try:
+                here = Means(refit, numerical, how).traced(here, fit)
+            except NumericsError as error:
+                unasked = {"any further effect": str(error)}
+                rounds.append(Round(here, (), ()))
+                break
         if sharp is not None:
             held = tuple(n for n in here.case.parameters.free if n not in sharp[1].case.parameters.free)
             if held:
@@ -119,12 +127,23 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         dropped += again.dropped
         remarks += again.remarks
         accepted = [n for n in (*accepted, *trial.effects) if n not in dropped]
-    unjudged = dict(here.unjudged) | {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
+    untried = {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
+    unjudged = unasked | dict(here.unjudged) | untried
     full = len(accepted) >= max_effects
     still = tuple(s.effect for s in here.promising()) if full else ()
     names = tuple(accepted)
     closed = Closed(tuple(rounds), first, here, fit, names, tuple(dropped), refit, numerical, tuple(remarks), unjudged, still, base)
-    return against_base(backward_check(closed, how), how).as_base()
+    return whole(against_base(backward_check(closed, how), how).as_base(), how)
+
+
+def whole(closed: Closed, how: str) -> Closed:
+    """The result with the dormant effects asked at its end as well; where that run fails, it says that nothing further was judged."""
+    if closed.last.whole:
+        return closed
+    try:
+        return replace(closed, last=Means(closed.refit, closed.numerical, how).traced(closed.last, closed.fit))
+    except NumericsError as error:
+        return replace(closed, unjudged={**closed.unjudged, "any further effect": str(error)})
 
 
 def _without_scores(here: Traced, names: Sequence[str]) -> Traced:
@@ -241,10 +260,10 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
         return None
     case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
     parameters, fit = sharp.nearby(case.parameters, "error of the force")
-    now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
+    now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split, fit)
     if here is first:
         return now, now, fit, sharp.refit, sharp.numerical
-    begin = traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
+    begin = at_end(replace(case, parameters=first.case.parameters), None, here.split, now)
     # What was found first was found where nothing was hidden: only the error there is told again.
     begin = replace(begin, ranking=first.ranking, proofs=first.proofs, settings=first.settings, warmed=first.warmed)
     return begin, now, fit, sharp.refit, sharp.numerical

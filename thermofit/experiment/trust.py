@@ -98,11 +98,14 @@ def doubts(
     unjudged: Mapping[str, str] | None = None,
     unsettled: str = "",
     ends: Mapping[str, str] | None = None,
+    unpredicted: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Sentences that speak against an answer, none where it is trusted. `readings` = (declared values, the parameters beside them),
-    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end, `ends` what is `undetermined`."""
+    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end, `ends` what is `undetermined`, `unpredicted` declared
+    held-out tests that the model cannot be run through, with the reason."""
     out = [f"{one.words}: more than noise is left" for one in above_floor(levels)]
     out += [] if readings is None else off_declared(*readings, READING)
     out += list((ends or {}).values())
     out += [f"{name} could not be judged, and may be what is missing: {why}" for name, why in (unjudged or {}).items()]
+    out += [f"held-out {name} was not predicted and judges nothing: {why}" for name, why in (unpredicted or {}).items()]
     return out + ([f"the last fit has not settled: {unsettled}"] if unsettled else [])

@@ -110,7 +110,11 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
     else:
         line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
     against = doubts(
-        _levels(here, found.numerical), (here.case.model.priors, here.case.parameters), here.unjudged, ends=_ends(here, found.fit)
+        _levels(here, found.numerical),
+        (here.case.model.priors, here.case.parameters),
+        here.unjudged,
+        ends=_ends(here, found.fit),
+        unpredicted=here.unpredicted,
     )
     return {
         **_common(found, here, against),
@@ -213,7 +217,12 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     table = before_after(closed.first, closed.last)
     here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
     against = doubts(
-        _levels(here, found.numerical), (here.case.model.priors, here.case.parameters), closed.unjudged, unsettled, _ends(here, closed.fit)
+        _levels(here, found.numerical),
+        (here.case.model.priors, here.case.parameters),
+        closed.unjudged,
+        unsettled,
+        _ends(here, closed.fit),
+        here.unpredicted,
     )
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")

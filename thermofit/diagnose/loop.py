@@ -73,6 +73,8 @@ class Closed:
     open_ones: tuple[str, ...] = ()
     base: FitResult | None = None
     """The fit that ends at `first`; None where `first` is no optimum of the last problem."""
+    stand_ins: Mapping[str, tuple[str, ...]] | None = None
+    """Effects that the data do not tell from an accepted one at the end, by its name; None where that was not asked."""
 
     def as_base(self) -> Closed:
         """The base model at its optimum where nothing is added in the end: a refit without what was taken back may stop short of it."""
@@ -245,6 +247,14 @@ def against_base(closed: Closed, how: str) -> Closed:
         left = closed.accepted[:-1]
         closed = replace(closed, last=here, fit=fit, accepted=left, dropped=(*closed.dropped, name), remarks=(*closed.remarks, why))
     return closed
+
+
+def like_of(closed: Closed) -> dict[str, tuple[str, ...]]:
+    """Effects that the data do not tell from each accepted one, without what was accepted besides, which is needed at the end: as the end
+    tells them, or else the rounds that accepted them."""
+    found = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
+    families = found if closed.stand_ins is None else closed.stand_ins
+    return {name: tuple(n for n in families.get(name, ()) if n != name and n not in closed.accepted) for name in closed.accepted}
 
 
 def place_of(here: Traced) -> Place:

@@ -92,6 +92,22 @@ def undetermined(parameters: Parameters, fit: FitResult, bounds: Bounds = physic
     return out
 
 
+def grade(added: Mapping[str, Sequence[str]], more_than_noise: bool, unlisted: Mapping[str, object] | None) -> str:
+    """What kind of answer a diagnosis is. `added`: effects that it names, each with those that the data do not tell from it; whether more
+    than its floor is left in a channel; the entry `unlisted` of a result.
+
+    `complete`: nothing is missing; `named`; `named-as-family`; `unlisted`: a term without a name, reconstructed in place and time;
+    `unexplained`: more than noise, and no term takes it.
+    """
+    if unlisted is not None:
+        return "unexplained" if unlisted.get("when_s") is None else "unlisted"
+    if more_than_noise:
+        return "unexplained"
+    if not added:
+        return "complete"
+    return "named-as-family" if any(added.values()) else "named"
+
+
 def doubts(
     levels: Iterable[Level],
     readings: tuple[Sequence[Prior], Parameters] | None = None,

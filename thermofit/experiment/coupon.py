@@ -319,6 +319,10 @@ class UnseenRecords:
         """They have no parameters of their own."""
         return ()
 
+    @property
+    def by_sections(self) -> None:
+        """They have none."""
+
     def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
         """The fitted parameters."""
         return found

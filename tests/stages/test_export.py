@@ -263,6 +263,8 @@ def test_hill_constants_of_mfront_act_where_they_should(card: Card) -> None:
     p, size = card.parameters, card.parameters["F"] + card.parameters["H"]
     ours = {"F": "F", "G": "H", "H": "G", "L": "L", "M": "N", "N": "M"}
     assert found == pytest.approx({theirs: p[mine] / size for theirs, mine in ours.items()}, rel=1e-6)
+    assert f"thermal_expansion : {p['alpha_exp']:.8g}, thermal_expansion_reference_temperature : {p['theta_ref']:.8g}" in text
+    assert text.count("{") == text.count("}")
 
 
 def test_ls_dyna_fields_lie_in_their_columns(card: Card) -> None:

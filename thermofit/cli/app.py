@@ -39,6 +39,7 @@ from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
 if TYPE_CHECKING:
+    from thermofit.read.describe import Described
     from thermofit.records.executor import Executor
     from thermofit.records.staging import Outcome
     from thermofit.study.study import Study
@@ -67,11 +68,26 @@ def _top(
     """What comes before a command."""
 
 
-@app.command("new", rich_help_panel=START, epilog="[bold]Example:[/] thermofit new study.yaml --experiment lab/test-07")
+@app.command("new", rich_help_panel=START, epilog="[bold]Example:[/] thermofit new study.yaml --raw lab/test-07")
 def new(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Study file to write.", show_default=False)],
     experiment: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Raw folder of the experiment, with experiment.yaml.", show_default=False)
+    ] = None,
+    raw: Annotated[
+        Path | None,
+        typer.Option(
+            "--raw",
+            metavar="FOLDER",
+            help="Folder of measured files; its experiment.yaml is written where there is none, with what is missing marked.",
+            show_default=False,
+        ),
+    ] = None,
+    material: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CLASS", help="steel, aluminium, ...: its starts and bounds; else by the notes of the test.", show_default=False
+        ),
     ] = None,
     law: Annotated[
         str | None, typer.Option("--hardening", metavar="NAME", help="Hardening law, such as swift; else model2.", show_default=False)
@@ -83,9 +99,46 @@ def new(
     with reporting(json):
         from thermofit.study.template import write_template
 
-        said = write_template(file, experiment, overwrite=force, look=_looked, law=law)
-        line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
-        typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
+        described = None
+        if raw is not None:
+            if experiment is not None:
+                raise StudyError("--raw and --experiment are both given; --raw is enough, it keeps an experiment.yaml that is there")
+            experiment, described = str(raw), _described(raw)
+        chosen = _material(experiment) if material is None else material
+        said = write_template(file, experiment, overwrite=force, look=_looked, law=law, material=chosen)
+        missing = () if described is None else described.missing
+        line = f"study written: {file}; {said}; "
+        if described is not None and missing:
+            line += (
+                f"next: fill in {len(missing)} values in {described.file} ({', '.join(missing)}), then "
+                f"`thermofit new {file} --raw {raw} --force`, which takes bounds from the data, and `thermofit run {file}`"
+            )
+        else:
+            line += f"next: look at starts and bounds in it, then `thermofit run {file}`"
+        if json:
+            more = {} if described is None else {"found": described.found, "missing": missing, "experiment": str(described.file)}
+            typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file), **more}))
+            return
+        if described is not None:
+            typer.echo(f"{described.file} written: {'; '.join(described.found)}")
+        typer.echo(line)
+
+
+def _described(raw: Path) -> Described | None:
+    """A first experiment.yaml of a folder that has none."""
+    from thermofit.read.describe import describe
+    from thermofit.read.raw_description import DESCRIPTION
+
+    return None if (raw / DESCRIPTION).is_file() else describe(raw)
+
+
+def _material(experiment: str | None) -> str:
+    """The class of metals that the notes of a raw folder name."""
+    if experiment is None or "${" in experiment:
+        return ""
+    from thermofit.read.describe import material_of
+
+    return material_of(Path(experiment).expanduser())
 
 
 def _looked(folder: Path) -> tuple[float, float, float] | str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json as json_format
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,7 +34,7 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Scheduler, executor_of, on_study, quiet
+from thermofit.cli.options import Also, AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
@@ -167,8 +167,13 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def picking_command(common: Common, pick: Pick = False, length_mm: LengthMm = None) -> None:
         _one_stage(entry, _picked(common, length_mm) if pick else common)
 
+    def drawing_command(common: Common, also: Also = None) -> None:
+        _one_stage(entry, common, also=also)
+
     if entry.picks:
         return picking_command
+    if entry.draws:
+        return drawing_command
     return spread_command if entry.spread else adding_command if entry.adds else command
 
 
@@ -183,13 +188,15 @@ def _picked(common: Common, length_mm: float | None) -> Common:
     return common.setting("ir.landmarks", text)
 
 
-def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
+def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None, also: Sequence[str] | None = None) -> None:
     """Run a stage, behind what it rests on, and print its result."""
     if entry.name == REPORT and common.study.is_dir():
+        if also:
+            raise StudyError(f"--also: {common.study} is a run folder, and the figures are drawn by its study; name the study file")
         _report_of_folder(common)
         return
     study = common.load()
-    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
+    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {"also": tuple(also)} if also else {}
 
     def call() -> Outcome:
         from thermofit.cli import printing

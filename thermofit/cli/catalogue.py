@@ -22,6 +22,8 @@ class Entry:
     """True where it adds effects to the model, as many as --max-effects lets it."""
     refines: bool = False
     """True where --refine asks for the errors of mesh and steps."""
+    draws: bool = False
+    """True where --also gives its figures in further formats."""
     picks: bool = False
     """True where --pick opens a window to click landmarks in."""
 
@@ -124,6 +126,7 @@ STAGES: tuple[Entry, ...] = (
         "RUN_DIR/figures and RUN_DIR/report.md. In place of a study it takes a run folder, also of a run that stopped half way: then it "
         "writes the page of what is there.",
         "report study.yaml",
+        draws=True,
     ),
 )
 

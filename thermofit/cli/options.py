@@ -33,6 +33,9 @@ MaxEffects = Annotated[
     typer.Option("--max-effects", metavar="N", help="Most effects to add, instead of diagnosis.max_effects.", show_default=False),
 ]
 Pick = Annotated[bool, typer.Option("--pick", help="Open a window and click the landmarks in a frame.")]
+Also = Annotated[
+    list[str] | None, typer.Option("--also", metavar="FORMAT", help="Figures also as pdf or svg; may be repeated.", show_default=False)
+]
 LengthMm = Annotated[
     float | None,
     typer.Option("--length-mm", metavar="MM", help="With --pick: distance of the first two points.", min=1e-3, show_default=False),

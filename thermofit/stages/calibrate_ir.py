@@ -110,7 +110,7 @@ def _proposed(study: Study, found: Proposal, specimen: Specimen, ir: InfraredSeq
         seen = found.reason or "the edges are seen, but no shoulder, and nothing else tells where the middle is"
         raise DataError(
             f"{study.experiment}: neither experiment.yaml nor the study gives ir.landmarks, and the frames do not show them: {seen}; pick "
-            f"length, edge_left, edge_right and circle, or run `thermofit {NAME} {study.source.name} --pick`"
+            f"length, edge_left, edge_right and circle, or run `thermofit {NAME} {study.source.name} --pick --length-mm MM`"
         )
     return landmarks_from(found.pose, specimen, study.ir.landmarks_frame or 0, (ir.frames.shape[1], ir.frames.shape[2]))
 

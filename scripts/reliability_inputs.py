@@ -20,9 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-import fuzz  # of tests/support
-import tiny
-from reliability_study import small_study
+from reliability_study import fuzz, small_study, tiny
 
 from thermofit.core.errors import ThermofitError
 from thermofit.read.raw import read_experiment

@@ -156,7 +156,7 @@ def _mutations(found: Answer) -> list[str]:
         "",
         *table(("room", "tried", "noticed"), body),
         "",
-        f"Not noticed: {missed}",
+        f"Not noticed: {', '.join(missed) or 'none'}",
     ]
 
 

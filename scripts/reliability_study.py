@@ -7,12 +7,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
+import fuzz  # noqa: E402  (damage to files)
 import tiny  # noqa: E402  (the study of the tests)
+
+__all__ = ["ROOT", "command", "environment", "fuzz", "small_study", "tiny"]
 
 
 def small_study(folder: Path, **sections: Any) -> Path:
@@ -28,9 +29,3 @@ def command(*words: str) -> list[str]:
 def environment() -> dict[str, str]:
     """That of this process, with this tree first on the path."""
     return {**os.environ, "PYTHONPATH": str(ROOT)}
-
-
-def written(path: Path, tree: dict[str, Any]) -> Path:
-    """A study file of a tree of keys."""
-    path.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
-    return path

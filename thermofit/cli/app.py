@@ -145,7 +145,7 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
         wall = time.perf_counter() - begin
-        then = _next(name, study) if name != LOOP_STAGE or result.get("added") else ""
+        then = _next(name, common.study, study) if name != LOOP_STAGE or result.get("added") else ""
         printing.stage_result(result, outcome.fresh, wall, quiet=common.quiet, verbose=common.verbose, then=then)
     if name in ON_CHAIN:
         _page_so_far(study, common.json)
@@ -155,12 +155,12 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
 LOOP_STAGE = "close-loop"
 
 
-def _next(stage: str, study: Study) -> str:
-    """The command that comes after a stage, with what it answers; "" where none does."""
+def _next(stage: str, file: Path, study: Study) -> str:
+    """The command that comes after a stage, with what it answers; "" where none does. `file`: the study as it was named."""
     added = study.run_dir / "with-effects.yaml"
     following = {
-        "verify": f"thermofit close-loop {study.source}    asks whether the model lacks an effect",
-        "diagnose": f"thermofit close-loop {study.source}    adds what is missing, and proves it",
+        "verify": f"thermofit close-loop {file}    asks whether the model lacks an effect",
+        "diagnose": f"thermofit close-loop {file}    adds what is missing, and proves it",
         LOOP_STAGE: f"thermofit run {added} --until verify    identifies with what was added",
     }
     return following.get(stage, "")
@@ -269,7 +269,7 @@ def _run_chain(
         printing.as_json(summary)
     else:
         done = {step.name for step in steps if step.outcome is not None}
-        printing.chain_result(summary, quiet=common.quiet, then=_next("verify", study) if "verify" in done else "")
+        printing.chain_result(summary, quiet=common.quiet, then=_next("verify", common.study, study) if "verify" in done else "")
     _leave(summary["trustworthy"])
 
 

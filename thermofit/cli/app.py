@@ -22,6 +22,7 @@ from thermofit.cli.catalogue import (
     DEMO_HELP,
     IDENTIFIABILITY_EXAMPLES,
     IDENTIFIABILITY_HELP,
+    LOOP,
     MANUAL,
     ON_CHAIN,
     REPORT,
@@ -229,10 +230,25 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
         wall = time.perf_counter() - begin
-        printing.stage_result(result, outcome.fresh, wall, quiet=common.quiet, verbose=common.verbose)
+        then = _next(name, common.study, study) if name != LOOP_STAGE or result.get("added") else ""
+        printing.stage_result(result, outcome.fresh, wall, quiet=common.quiet, verbose=common.verbose, then=then)
     if name in ON_CHAIN:
         _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
+
+
+LOOP_STAGE = "close-loop"
+
+
+def _next(stage: str, file: Path, study: Study) -> str:
+    """The command that comes after a stage, with what it answers; "" where none does. `file`: the study as it was named."""
+    added = study.run_dir / "with-effects.yaml"
+    following = {
+        "verify": f"thermofit close-loop {file}    asks whether the model lacks an effect",
+        "diagnose": f"thermofit close-loop {file}    adds what is missing, and proves it",
+        LOOP_STAGE: f"thermofit run {added} --until verify    identifies with what was added",
+    }
+    return following.get(stage, "")
 
 
 def _report_of_folder(common: Common) -> None:
@@ -337,7 +353,8 @@ def _run_chain(
     if common.json:
         printing.as_json(summary)
     else:
-        printing.chain_result(summary, quiet=common.quiet)
+        done = {step.name for step in steps if step.outcome is not None}
+        printing.chain_result(summary, quiet=common.quiet, then=_next("verify", common.study, study) if "verify" in done else "")
     _leave(summary["trustworthy"])
 
 
@@ -350,7 +367,7 @@ def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
     return call
 
 
-for _entry in (*STAGES, *ASIDE):
+for _entry in sorted((*STAGES, *ASIDE), key=lambda entry: entry.panel != LOOP):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
 
 

@@ -63,9 +63,9 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], tex
     return made
 
 
-def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = False, verbose: bool = False) -> None:
-    """Tables of one stage, its warnings, the path of its artefact, and last its verdict; where `quiet` the verdict alone, where `verbose`
-    the notes as well, which ask for nothing."""
+def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = False, verbose: bool = False, then: str = "") -> None:
+    """Tables of one stage, its warnings, the path of its artefact, what to do next (`then`), and last its verdict. Where `quiet` it is
+    the verdict alone, where `verbose` the notes as well, which ask for nothing."""
     console = make_console()
     if quiet:
         print_verdict(console, result)
@@ -83,6 +83,7 @@ def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = Fals
     for figure in _figures(result):
         console.print(f"figure    {figure}", soft_wrap=True)
     console.print(f"artefact  {result['artefact']}", soft_wrap=True)
+    _then(console, then)
     print_verdict(console, result)
 
 
@@ -101,8 +102,14 @@ def step(result: Result, *, verbose: bool = False) -> None:
         console.print(_wrapped(console, " " * 31 + "- ", note), style="dim")
 
 
-def chain_result(result: Result, *, quiet: bool = False) -> None:
-    """The final table of the chain, the figures, and the verdict; where `quiet` the verdict alone."""
+def _then(console: Console, command: str) -> None:
+    """The command that comes next, where there is one."""
+    if command:
+        console.print(f"next      {command}", soft_wrap=True)
+
+
+def chain_result(result: Result, *, quiet: bool = False, then: str = "") -> None:
+    """The final table of the chain, the figures, what to do next (`then`), and the verdict; where `quiet` the verdict alone."""
     console = make_console()
     if quiet:
         print_verdict(console, result)
@@ -119,6 +126,7 @@ def chain_result(result: Result, *, quiet: bool = False) -> None:
     if (page := result.get("page")) is not None:
         console.print(f"report    {page}", soft_wrap=True)
     console.print(f"results   {result['run_dir']}", soft_wrap=True)
+    _then(console, then)
     print_verdict(console, result)
 
 

@@ -146,6 +146,8 @@ def test_of_refits_within_one_standard_error_one_that_drives_nothing_to_a_bound_
     assert won(monkeypatch, gains, **own, bounds={"": ("E",), "a": ("E",)}) == "a"
     assert won(monkeypatch, gains, **own | {"near": ()}, bounds={"b": ("E",)}) == "b", "not at the price of the prediction"
     assert won(monkeypatch, gains, **own, adrift="a") == "b", "nor one with an exponent adrift"
+    apart: Any = {"left": False, "fitted": "b", "same": ("a", "b")}
+    assert won(monkeypatch, gains, **apart) == "b" and won(monkeypatch, gains, **apart, adrift="b") == "a", "told apart for sure"
 
 
 def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:

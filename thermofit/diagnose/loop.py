@@ -195,8 +195,12 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
 def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]], before: Mapping[str, str]) -> tuple[Trial, Accepted]:
     """Of the refits that the best one does not beat by more than a standard error, the one with the fewest parameters that have no value of
     their own and were not so `before` (at a bound, or an exponent adrift), of these the one with the fewest fitted ones (the rule of one
-    standard error, Breiman et al. 1984), of these the one with the largest gain."""
-    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], NEAR)]
+    standard error, Breiman et al. 1984), of these the one with the largest gain.
+
+    A best one whose exponents are adrift has to be told apart for SURE: all of the data have brought them there, the held-out ones too.
+    """
+    by = SURE if best[0].adrift else NEAR
+    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], by)]
 
     def loose(one: tuple[Trial, Accepted]) -> int:
         return len(set(ends_of_fit(*one[1])) - set(before)) + len(one[0].adrift)

@@ -108,8 +108,8 @@ def test_what_cannot_be_run_at_all_is_said_and_is_no_trusted_answer(tmp_path: Pa
             raise NumericsError("no equilibrium at 3 s")
         return columns_of(case, effect, values)
 
-    def without(case: Case) -> Any:
-        found = true(case)
+    def without(case: Case, fit: Any) -> Any:
+        found = true(case, fit)
         found.dormant.pop("second_hardening", None)
         found.failed["second_hardening"] = "no equilibrium at 3 s"
         return found

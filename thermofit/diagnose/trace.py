@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from thermofit.experiment.priors import improbable
 from thermofit.fit.linear_model import LinearModel, Room, projection
 from thermofit.fit.result import FitResult
 
+PLAIN = 4.0
+"""Standard errors of the square sum of noise beyond which a residual holds something."""
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
 _BLOCKS = (25, 5)
@@ -53,8 +56,17 @@ class Traced:
     """Of effects whose exponents were scanned: every set of values that could be run, the best first."""
     unpredicted: Mapping[str, str] = field(default_factory=dict)
     """Declared held-out tests that the model cannot be run through at these parameters, and why."""
+    shown: Mapping[str, Any] = field(default_factory=dict)
+    """Where the refits of `warmed` effects on the known motion end."""
     whole: bool = True
     """False where no dormant effect was asked: the end of a refit, whose own parameters are all that judges it."""
+
+    def beyond_floor(self, f: float) -> float:
+        """What a square sum f of the residual holds beyond noise and what the error of mesh and steps that may be left would make; no more
+        than chance where it is not above PLAIN standard errors of the square sum of noise, then zero."""
+        n, numerical = len(self.columns.residual), self.problem.numerical
+        beyond = f - n - (0.0 if numerical is None else float(numerical @ numerical))
+        return beyond if beyond >= PLAIN * np.sqrt(2.0 * n) else 0.0
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first; where gains differ by no more than their errors, one that a refit on the

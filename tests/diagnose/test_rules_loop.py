@@ -218,6 +218,7 @@ class Shown:
     unjudged: Mapping[str, str]
     promising: Any
     columns: Any
+    whole: bool = True
 
 
 def looped(
@@ -243,7 +244,7 @@ def looped(
         columns=SimpleNamespace(residual=np.ones(2)),
     )
     turns = iter([(trials, winner and (winner, (here, FIT))), ([trial("late", 0.1, "no run", unjudged=True)], None)])
-    monkeypatch.setattr(module, "traced", lambda *_: here)
+    monkeypatch.setattr(module, "traced", lambda *_, **__: here)
     monkeypatch.setattr(module, "retraced", lambda t: t)
     monkeypatch.setattr(module, "next_round", turn)
     monkeypatch.setattr(module, "rejudged", judged)

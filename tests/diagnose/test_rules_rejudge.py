@@ -131,9 +131,9 @@ def fitted_again(
         there = start[0].replace(**dict.fromkeys(names, 77.0)).with_free((*start[0].free, *names))
         return (there, SimpleNamespace(converged=settles, names=there.free)), ""
 
-    def traced(_: Any, parameters: Parameters) -> Any:
+    def at_end(_: Any, end: tuple[Parameters, Any]) -> Any:
         there, _ = at({})
-        there.case.parameters = parameters
+        there.case.parameters = end[0]
         return there
 
     def compare(_: Any, end: Any, *__: Any) -> Proof:
@@ -144,7 +144,7 @@ def fitted_again(
     monkeypatch.setattr(module, "compared", compare)
     monkeypatch.setattr(module, "proof_of_refit", lambda *_: elsewhere)
     monkeypatch.setattr(module, "ends_of_fit", lambda t, _: {"E": "at its bound"} if leaves in t.case.parameters.free else {})
-    means: Any = SimpleNamespace(refit=None, traced=traced)
+    means: Any = SimpleNamespace(refit=None, at_end=at_end)
     return asked, exponents_again(here, fit, ("second_hardening", "backstress_first"), means)
 
 

@@ -153,6 +153,7 @@ def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
         split=split,
         problem=problem,
         columns=SimpleNamespace(residual=None),
+        unpredicted={},
         scanned={},
         settings={},
     )
@@ -389,7 +390,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
         return start, None
 
     end = BASE.replace(**{RATE: 0.02, "kappa": 90.0}).with_free(("kappa", "c0", RATE))
-    means: Any = SimpleNamespace(refit=refit, traced=lambda *_: None)
+    means: Any = SimpleNamespace(refit=refit, at_end=lambda *_: None)
     here = here_of(model=SimpleNamespace(priors=()))
     found, words = on_readings(here, [of("ir_drift")], end, GOOD, means)
     assert found == said and words.startswith("with kappa held held-out error falls")

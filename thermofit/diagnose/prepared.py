@@ -78,7 +78,7 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
     for stage in stages:
         record = open_record(artefact_path(study.run_dir, stage))
         if not record.summary.get("converged", True):
-            raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
+            raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); make it converge first")
     sections = (*SECTIONS, *(("experiments", "shared") if study.fitted or study.held_out else ()))
     config = read_of(study, *sections)
     if name == DIAGNOSE:  # which adds no effect

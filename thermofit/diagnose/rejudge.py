@@ -85,7 +85,7 @@ def exponents_again(here: Traced, fit: FitResult, earlier: Sequence[str], means:
         found = freed_refit((here.case.parameters, fit), names, " ".join(("again", *names)), means.refit)[0]
         if found is None or not found[1].converged:
             continue
-        there = means.traced(here, found[0])
+        there = means.at_end(here, found)
         if set(ends_of_fit(there, found[1])) - set(ends_of_fit(here, fit)):
             continue
         inside = compared(

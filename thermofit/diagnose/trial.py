@@ -246,7 +246,7 @@ def freed_refit(start: End, scanned: tuple[str, ...], label: str, refit: Refit) 
 def judged_trial(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
     """What a refit is worth on held-out data; `fit` is the one without the effects."""
     parameters, after = end
-    there = means.traced(here, parameters)
+    there = means.at_end(here, end)
     worth = worth_of(here, there, scores, after)
     refused, readings = worth.refused, ""
     if not refused:
@@ -267,7 +267,10 @@ class _Worth:
 
 
 def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitResult) -> _Worth:
-    """What a refit that ends `there` is worth."""
+    """What a refit that ends `there` is worth. NumericsError where it cannot be run through a held-out test that was predicted before."""
+    lost = {name: why for name, why in there.unpredicted.items() if name not in here.unpredicted}
+    for name, why in lost.items():
+        raise NumericsError(f"held-out {name}: {why}")
     own = [effect(s.effect) for s in scores]
     names = tuple(p.name for e in own for p in e.amplitudes)
     ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
@@ -341,10 +344,10 @@ def on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: P
     fixed = {*gone, *(p.name for e in own for p in e.params if p.scan)}
     start = end.replace(**{n: here.case.parameters[n] for n in gone}).with_free(tuple(n for n in end.free if n not in fixed))
     try:
-        parameters, after = means.refit(start, f"{' '.join(e.name for e in own)} readings")
+        end_held = means.refit(start, f"{' '.join(e.name for e in own)} readings")
     except NumericsError as error:
         return f"{said}; the refit with it held failed ({error})", ""
-    alone = worth_of(here, means.traced(here, parameters), scores, after)
+    alone = worth_of(here, means.at_end(here, end_held), scores, end_held[1])
     words = f"with {', '.join(gone)} held {alone.proof.words}"
     return (said, words) if alone.refused or alone.proof.gain < OWN_GAIN * proof.gain else ("", words)
 

@@ -216,6 +216,12 @@ class CouponExperiment:
             "parameter or weight.<channel>"
         )
 
+    def with_steps(self, parts: int) -> CouponExperiment:
+        """Every step between two samples in parts."""
+        numerics = self.study.numerics
+        cut = numerics.model_copy(update={"steps_per_interval": parts * numerics.steps_per_interval})
+        return replace(self, study=self.study.model_copy(update={"numerics": cut}), given=self.data)
+
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """All that the stages identify, on all that they compare; with temperatures, the air's too, held by a prior."""
         study = self.study
@@ -252,8 +258,7 @@ class CouponExperiment:
     def diagnosed(self, base: Parameters) -> JointProblem:
         """With the error of the steps, which is of first order: half the steps differ by half of it."""
         study, data, settings = self.study, self.data, self.widened(base)
-        fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
-        model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
+        model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, self.with_steps(2).study))
         run = coupon_run(study, data, settings.free)
         return JointProblem(
             settings=settings,
@@ -313,6 +318,10 @@ class UnseenRecords:
     def fit_own(self) -> tuple[str, ...]:
         """They have no parameters of their own."""
         return ()
+
+    @property
+    def by_sections(self) -> None:
+        """They have none."""
 
     def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
         """The fitted parameters."""

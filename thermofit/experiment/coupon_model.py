@@ -28,6 +28,7 @@ from thermofit.observe.comparison import Comparison, Weight, plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
+from thermofit.records.remarks import Note
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -190,7 +191,8 @@ def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[lis
             said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.end + 1 - line.begin} samples)")
     if not any(b >= a for a, b in found):
         raise DataError("stages.elastic.window: no record begins with a straight line; give the window as [t0, t1] in s")
-    return found, "elastic range: " + ", ".join(said)
+    whole = "elastic range: " + ", ".join(said)
+    return found, whole if any(test.line is None for test in data.tests) else Note(whole)
 
 
 def answerable(settings: StageSettings, data: CouponData) -> tuple[StageSettings, tuple[str, ...]]:

@@ -113,6 +113,10 @@ class UnseenTest(Protocol):
     def fit_own(self) -> tuple[str, ...]:
         """Its own parameters that are fitted on its own data before it is predicted."""
 
+    @property
+    def by_sections(self) -> UnseenTest | None:
+        """The same driven by the motion of its sections, with the force as a channel; None where that cannot be."""
+
     def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
         """Parameters that predict it from fitted ones, of which the names are `identified`."""
 
@@ -246,6 +250,9 @@ class Experiment(Protocol):
 
     def with_prescribed(self, quantity: str, value: float) -> Experiment:
         """The same with another value of it. StudyError as `prescribed`."""
+
+    def with_steps(self, parts: int) -> Experiment:
+        """The same with every step in time cut into so many equal ones."""
 
     # All channels at once
 

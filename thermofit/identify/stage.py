@@ -24,6 +24,7 @@ from thermofit.identify.outcome import made, nothing_identified
 from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve, within
 from thermofit.law.bounds import beta_warning
 from thermofit.records.key import stage_key
+from thermofit.records.remarks import Note, named
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.study.reading import reading
 from thermofit.study.stages import ElasticStage, StageSettings
@@ -114,7 +115,7 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
         try:
             return _identified(study, stage, kind, task, to_the_end=not plastic)
         except NumericsError as error:
-            why = f"the model cannot carry the measured force ({error})"
+            why = f"the model finds no equilibrium at the measured force ({error})"
     turned, keyed = replace(stage, experiment=other), replace(task, config={**task.config, DRIVE: other.drive})
     return _identified(study, turned, kind, keyed, driven_remark(other, why))
 
@@ -160,7 +161,7 @@ def _own_remarks(stage: Ready, kind: StageKind, solved: Solved) -> tuple[str, ..
     out = [*memory_remarks(solved.model, solved.fit.residual)]
     for test in stage.experiment.fields:
         here = replace(solved, parameters=stage.experiment.seen_by(solved.parameters, test.name))
-        out += [f"{test.name}: {text}" if test.name else text for text in kind.remarks(test, here)]
+        out += [named(test.name, text) for text in kind.remarks(test, here)]
     return tuple(out)
 
 
@@ -174,7 +175,7 @@ def memory_remarks(model: StageModel, residual: np.ndarray) -> tuple[str, ...]:
         here = [m for m in found if at <= m.part.start < at + c.n]
         at += c.n
         worth = sum(m.independent for m in here)
-        out.append(f"{c.channel}: {c.n} values count as {worth:.3g} independent ones, because their misfit is correlated in time")
+        out.append(Note(f"{c.channel}: {c.n} values count as {worth:.3g} independent ones, because their misfit is correlated in time"))
     return tuple(out)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 REPORT, PAGE = ROOT / "runs" / "nightly.xml", ROOT / "runs" / "nightly.md"
 LONGEST = 30
+EVERY = ("-m", "slow or not slow", "-o", "junit_family=xunit1")
 
 
 def main() -> int:

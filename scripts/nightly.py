@@ -26,10 +26,7 @@ def main() -> int:
         "-m",
         "pytest",
         "-q",
-        "-m",
-        "slow or not slow",
-        "-o",
-        "junit_family=xunit1",
+        *EVERY,
         f"--junitxml={REPORT}",
         *sys.argv[1:],
     ]

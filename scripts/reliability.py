@@ -76,8 +76,6 @@ def tested(part: Part) -> Answer:
         "-p",
         "no:cacheprovider",
         *EVERY,
-        "-o",
-        "junit_family=xunit1",
         f"--junitxml={report}",
         *part.tests,
     ]

@@ -37,6 +37,7 @@ def test_page_tells_what_was_found(scripts: Any, tmp_path: Path, monkeypatch: py
     for name, answer in ANSWERS.items():
         (tmp_path / f"{name}.json").write_text(json.dumps({"state": "now", "seconds": 12.0, "code": 0, **answer}), encoding="utf-8")
     (tmp_path / "faults.json").write_text(json.dumps({"state": "now", "seconds": 1.0, "code": 2, "error": "no pytest"}), encoding="utf-8")
+    before = {"state": "before", "seconds": 1.0, "code": 0, **ANSWERS["numerics"]}
     (tmp_path / "hostile.json").write_text(json.dumps(before), encoding="utf-8")
     page = module.page("now")
     for text in (

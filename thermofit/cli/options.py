@@ -32,6 +32,14 @@ MaxEffects = Annotated[
     int | None,
     typer.Option("--max-effects", metavar="N", help="Most effects to add, instead of diagnosis.max_effects.", show_default=False),
 ]
+Pick = Annotated[bool, typer.Option("--pick", help="Open a window and click the landmarks in a frame.")]
+Also = Annotated[
+    list[str] | None, typer.Option("--also", metavar="FORMAT", help="Figures also as pdf or svg; may be repeated.", show_default=False)
+]
+LengthMm = Annotated[
+    float | None,
+    typer.Option("--length-mm", metavar="MM", help="With --pick: distance of the first two points.", min=1e-3, show_default=False),
+]
 
 
 @dataclass(frozen=True)
@@ -96,7 +104,9 @@ def _shared(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
     json: AsJson = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="One plain line per iteration on stderr.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="A plain line per iteration on stderr, and notes that ask for nothing.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the verdict alone, and no progress.")] = False,
 ) -> None:
     """Signature of the shared options."""

@@ -261,12 +261,22 @@ def load_study(path: str | Path, overrides: Sequence[str] = (), check_effects: C
 
 
 def _refuse_elsewhere(run_dir: Path, source: Path) -> None:
-    """StudyError where a study, which may be someone else's, would write its results to a place that whoever runs it has not named."""
+    """StudyError where a study, which may be someone else's, would write into a folder of other things that whoever runs it has not named.
+
+    Below the current folder and that of the study, in a new or empty folder, and in one that holds results already, a study may write.
+    """
     homes = (Path.cwd().resolve(), source.absolute().parent.resolve())
-    if not any(run_dir.resolve().is_relative_to(home) for home in homes):
+    if any(run_dir.resolve().is_relative_to(home) for home in homes) or not run_dir.is_dir():
+        return
+    try:
+        held = [path.name for path in run_dir.iterdir()]
+    except OSError as error:
+        raise StudyError(f"{source}: key 'run_dir' is {run_dir}, which cannot be read ({error})") from None
+    if held and not any(name == "raw" or name.endswith(".h5") for name in held):
         raise StudyError(
-            f"{source}: key 'run_dir' is {run_dir}, which lies neither below the current folder nor below that of the study; expected one "
-            f"that does: say it on the command line, --run-dir {run_dir}, where it is meant"
+            f"{source}: key 'run_dir' is {run_dir}, a folder of other things ({len(held)}, among them {min(held)}) that lies neither below "
+            f"the current folder nor below that of the study; expected a new folder or one of results: say it on the command line, "
+            f"--run-dir {run_dir}, where it is meant"
         )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 REPORT, PAGE = ROOT / "runs" / "nightly.xml", ROOT / "runs" / "nightly.md"
 LONGEST = 30
+EVERY = ("-m", "slow or not slow", "-o", "junit_family=xunit1")
 
 
 def main() -> int:
@@ -20,7 +21,15 @@ def main() -> int:
     REPORT.parent.mkdir(exist_ok=True)
     REPORT.unlink(missing_ok=True)
     begin = time.perf_counter()
-    words = [sys.executable, "-m", "pytest", "-q", "-m", "slow or not slow", f"--junitxml={REPORT}", *sys.argv[1:]]
+    words = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        *EVERY,
+        f"--junitxml={REPORT}",
+        *sys.argv[1:],
+    ]
     code = subprocess.run(words, cwd=ROOT, check=False).returncode
     if not REPORT.exists():
         print("error: pytest has left no results", file=sys.stderr)

@@ -27,7 +27,8 @@ ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "runs" / "reliability"
 PAGE = ROOT / "docs" / "reliability.md"
 JUDGED_BY = ("thermofit", "tests", "scripts", "pyproject.toml")
-EVERY = ("-m", "slow or not slow")
+EVERY = ("-m", "slow or not slow", "-o", "junit_family=xunit1")
+"""All tests; the older form of reports alone holds figures."""
 Answer = Mapping[str, Any]
 
 
@@ -65,7 +66,19 @@ def state() -> str:
 def tested(part: Part) -> Answer:
     """Counts of the tests of a part, and the figures that they tell (`record_property`)."""
     report = KEPT / f"{part.name}.xml"
-    words = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *EVERY, f"--junitxml={report}", *part.tests]
+    words = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-n",
+        "0",
+        "-p",
+        "no:cacheprovider",
+        *EVERY,
+        f"--junitxml={report}",
+        *part.tests,
+    ]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     if not report.exists():
         return {"code": done.returncode, "error": (done.stdout + done.stderr)[-500:]}
@@ -87,11 +100,16 @@ def scripted(part: Part) -> Answer:
         return {"code": done.returncode, "error": (done.stdout + done.stderr)[-500:]}
 
 
+def last(part: Part) -> Answer | None:
+    """The answer of the last run, of whatever sources; None where there is none."""
+    path = KEPT / f"{part.name}.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+
 def kept(part: Part, now: str) -> Answer | None:
     """The answer of an earlier run, None where there is none of these sources."""
-    path = KEPT / f"{part.name}.json"
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    return found if found.get("state") == now else None
+    found = last(part)
+    return found if found is not None and found["state"] == now else None
 
 
 def ran(part: Part, now: str) -> None:
@@ -164,7 +182,7 @@ OF_SCRIPTS = {"inputs": _inputs, "signals": _signals, "same": _same, "large": _l
 
 
 def page(now: str) -> str:
-    """The page of all parts, those that have not run on these sources marked."""
+    """The page of all parts, those that have not run, or not on these sources, marked."""
     lines = [
         "# Reliability",
         "",
@@ -173,12 +191,13 @@ def page(now: str) -> str:
         "What each part does stands at the head of its script or test.",
     ]
     for part in PARTS:
-        found = kept(part, now)
+        found = last(part)
         lines += ["", f"## {part.title}", ""]
         source = f"`scripts/{part.script[0]}`" if part.script else ", ".join(f"`{name}`" for name in part.tests)
         if found is None:
-            lines.append(f"Not run on these sources ({source}).")
+            lines.append(f"Not run ({source}).")
         else:
+            lines += ["Of earlier sources.", ""] if found["state"] != now else []
             lines += [*rows(part, found), "", f"{source}: {found['seconds']:.0f} s"]
     return "\n".join(lines) + "\n"
 

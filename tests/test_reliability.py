@@ -37,7 +37,8 @@ def test_page_tells_what_was_found(scripts: Any, tmp_path: Path, monkeypatch: py
     for name, answer in ANSWERS.items():
         (tmp_path / f"{name}.json").write_text(json.dumps({"state": "now", "seconds": 12.0, "code": 0, **answer}), encoding="utf-8")
     (tmp_path / "faults.json").write_text(json.dumps({"state": "now", "seconds": 1.0, "code": 2, "error": "no pytest"}), encoding="utf-8")
-    (tmp_path / "hostile.json").write_text(json.dumps({"state": "before", "seconds": 1.0, "code": 0}), encoding="utf-8")
+    before = {"state": "before", "seconds": 1.0, "code": 0, **ANSWERS["numerics"]}
+    (tmp_path / "hostile.json").write_text(json.dumps(before), encoding="utf-8")
     page = module.page("now")
     for text in (
         "| NAFEMS T3, degC (36.60) | 36.58 |",
@@ -52,8 +53,10 @@ def test_page_tells_what_was_found(scripts: Any, tmp_path: Path, monkeypatch: py
         "Not finished: `no pytest`",
     ):
         assert text in page, text
-    assert page.count("Not run on these sources") == len(module.PARTS) - len(ANSWERS) - 1
-    assert "Not run" in page.partition("## Hostile files")[2].partition("## ")[0], "an answer of other sources is none"
+    assert page.count("Not run (") == len(module.PARTS) - len(ANSWERS) - 2 and page.count("Of earlier sources.") == 1
+    assert "Of earlier sources." in page.partition("## Hostile files")[2].partition("## ")[0]
+    hostile = next(part for part in module.PARTS if part.name == "hostile")
+    assert module.kept(hostile, "now") is None, "an answer of other sources is run again"
 
 
 def test_parts_name_what_is_there(scripts: Any) -> None:

@@ -87,10 +87,19 @@ def body_force(x: np.ndarray, law: Law) -> np.ndarray:
     return out
 
 
-def solved(mesh: Mesh, law: Law, f_bar: bool) -> np.ndarray:
-    """u (n_np, 3) with the exact displacement on the surface, by Newton with a sparse matrix of the element stiffnesses."""
-    data, theta = element_data(mesh.nodes, mesh.hexes, f_bar=f_bar), np.full(mesh.n_nodes, law.theta_ref)
-    load = loads(mesh, body_force(integration(mesh)[1], law))
+def solved(
+    mesh: Mesh,
+    law: Law,
+    f_bar: bool,
+    theta: np.ndarray | None = None,
+    force_at: Callable[[np.ndarray, Law], np.ndarray] = body_force,
+    displacement: Callable[[np.ndarray], np.ndarray] = displacement,
+) -> np.ndarray:
+    """u (n_np, 3) with the exact displacement on the surface, by Newton with a sparse matrix of the element stiffnesses; `theta`: nodal
+    temperatures (n_np,) K, None: those of reference."""
+    data = element_data(mesh.nodes, mesh.hexes, f_bar=f_bar)
+    theta = np.full(mesh.n_nodes, law.theta_ref) if theta is None else theta
+    load = loads(mesh, force_at(integration(mesh)[1], law))
     low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     held = np.any(np.isclose(mesh.nodes, low) | np.isclose(mesh.nodes, high), axis=1)
     free = np.flatnonzero(np.repeat(~held, 3))
@@ -162,3 +171,80 @@ def test_temperature_with_a_source_has_the_order_of_its_scheme_in_time(scheme: s
     errors = [np.abs(heated(mesh, steps, scheme) - exact).max() for steps in (4, 8, 16)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all(np.abs(orders - order) < 0.25), (errors, orders)
+
+
+STRETCH = np.array([0.12, 0.2, -0.1])
+EXPANSION = 4e-3
+"""Thermal expansion, 1/K, so large that 20 K strain the block by 8 %."""
+
+
+def pulled(x: np.ndarray) -> np.ndarray:
+    """u_i = A_i sin(pi X_i / (2 L_i)), each over its own coordinate: F is diagonal, so that no heat flows through the surface."""
+    return STRETCH * np.sin(0.5 * np.pi * x / SIZE)
+
+
+def pulled_f(x: np.ndarray) -> np.ndarray:
+    """Diagonal (..., 3) of F."""
+    return 1.0 + STRETCH * (0.5 * np.pi / SIZE) * np.cos(0.5 * np.pi * x / SIZE)
+
+
+def warm_force(t: float) -> Callable[[np.ndarray, Law], np.ndarray]:
+    """-Div P of that field with the thermal stress -3 alpha K (theta - theta_0)(1 - ln J)/J F^-T, by central differences of order 4."""
+
+    def stress_of(x: np.ndarray, law: Law) -> np.ndarray:
+        f = pulled_f(x)
+        j = f.prod(axis=-1)
+        thermal = 3.0 * law.alpha_exp * law.bulk * (temperature(x, t) - law.theta_ref) * (1.0 - np.log(j)) / j
+        pressure = law.lame * np.log(j) - thermal
+        return law.mu * (f - 1.0 / f) + pressure[..., None] / f
+
+    def force(x: np.ndarray, law: Law) -> np.ndarray:
+        out, h = np.zeros(x.shape), 1e-3
+        for j in range(3):
+            d = h * np.eye(3)[j]
+            slope = 8.0 * (stress_of(x + d, law) - stress_of(x - d, law)) - (stress_of(x + 2 * d, law) - stress_of(x - 2 * d, law))
+            out[..., j] = -slope[..., j] / (12.0 * h)
+        return out
+
+    return force
+
+
+def warm_source(x: np.ndarray) -> np.ndarray:
+    """c0 dtheta/dt - Div(kappa J C^-1 Grad theta) at t = 0, mW/mm^3 of reference volume; later it falls as e^(-0.35 t)."""
+
+    def flux(x: np.ndarray, j: int) -> np.ndarray:
+        f, wave = pulled_f(x), np.cos(np.pi * x / SIZE)
+        slope = -WARM * np.pi / SIZE[j] * np.sin(np.pi * x[..., j] / SIZE[j]) * np.prod(np.delete(wave, j, axis=-1), axis=-1)
+        return np.asarray(KAPPA * f.prod(axis=-1) / f[..., j] ** 2 * slope)
+
+    out, h = -C0 * RATE * (temperature(x, 0.0) - 300.0), 1e-3
+    for j in range(3):
+        d = h * np.eye(3)[j]
+        out = out - (8.0 * (flux(x + d, j) - flux(x - d, j)) - (flux(x + 2 * d, j) - flux(x - 2 * d, j))) / (12.0 * h)
+    return np.asarray(out)
+
+
+def coupled(mesh: Mesh, steps: int, end: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    """u (n_np, 3) and theta (n_np,) at `end` s: conduction through the deformed block, whose thermal stress the temperature makes; each
+    step takes the motion at its start."""
+    law = law_of(NOMINAL.replace(alpha_exp=EXPANSION, theta_ref=300.0, theta_clamp=300.0, nu=0.3), plastic=False)
+    body, dt, theta = tension_body(mesh), end / steps, temperature(mesh.nodes, 0.0)
+    conditions = HeatConditions(KAPPA, C0, {"air": (0.0, 300.0), "clamp": (0.0, 300.0)})
+    shape = loads(mesh, warm_source(integration(mesh)[1])[:, :, None])[:, 0]
+    for n in range(steps):
+        u = solved(mesh, law, True, theta, warm_force(n * dt), pulled)
+        released = shape * (np.exp(-RATE * n * dt) - np.exp(-RATE * (n + 1) * dt)) / RATE
+        theta = heat_step(body, thermal_geometry(body, u), conditions, theta, released, (dt, "sdirk2")).theta
+    return solved(mesh, law, True, theta, warm_force(end), pulled), theta
+
+
+def test_heat_and_motion_together_have_order_2(record_property: Callable[[str, object], None]) -> None:
+    """Each field with the other's error in it."""
+    errors = []
+    for n in (2, 4, 8):
+        mesh = distorted(n)
+        u, theta = coupled(mesh, 4)
+        errors.append([error(mesh, u, pulled), error(mesh, theta[:, None], lambda x: temperature(x, 2.0)[..., None])])
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    record_property("coupled manufactured solution, orders of u and theta in the mesh (2)", [round(float(v), 2) for v in orders[-1]])
+    assert np.all(orders[-1] > 1.8), (errors, orders)

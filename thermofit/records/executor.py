@@ -337,7 +337,7 @@ def _scheduler(address: str, threads: int) -> Iterator[_Scheduler]:
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"}):
         try:
             client = Client(address, timeout=CONNECT_S)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RuntimeError) as error:  # the last: encryption is asked for, and the address has none
             reason = str(error) or f"no answer within {CONNECT_S:g} s"
             raise StudyError(
                 f"--scheduler {address}: no Dask scheduler answers there ({reason}); expected an address such as tcp://host:8786: start "

@@ -20,7 +20,7 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow lint docs format schema bench dead-ends mutations exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow nightly reliability licences lint docs format schema bench dead-ends mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
@@ -31,6 +31,8 @@ help:
 	@echo "make thesis            sections 5.3 to 5.5 of the thesis, tables and figures to docs/reproduction [MESH=coarse: minutes]"
 	@echo "make bench             timings              make exp1 | exp2 | exp3   one section of them"
 	@echo "make dead-ends         fifty random materials and starts whose law lacks something strong: does the chain come to an end?"
+	@echo "make reliability       faults, mutated inputs, references, sameness, memory, mutations: docs/reliability.md (an hour; it resumes)"
+	@echo "make nightly           all tests, the slow ones too, and runs/nightly.md      make licences   docs/licences.md, docs/sbom.json"
 	@echo "make mutations         do the tests notice wrong formulas and rules? (docs/tests.md; tens of minutes)"
 	@echo "make real              records measured by others, from THERMOFIT_DATA: parameters with intervals, effects that are missing"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
@@ -79,6 +81,19 @@ bench: install
 
 dead-ends: install
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py
+
+nightly: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
+	$(BIN)/python scripts/nightly.py -n $(JOBS)
+
+# Runs unattended and goes on where it was stopped; exit 1 where anything is not as it should be.
+reliability: install
+	$(BIN)/python scripts/reliability.py --jobs $(if $(filter 0,$(JOBS)),1,$(JOBS))
+
+# Of the environment as it is installed; uv.lock holds the versions with which it was tested.
+licences: install
+	$(BIN)/python scripts/bill_of_materials.py > docs/sbom.json
+	$(BIN)/python scripts/bill_of_materials.py --page > docs/licences.md
 
 # Wrong edits of a kept list, one at a time in a copy of the tree; exit 1 where the tests notice fewer than 95 %. It resumes.
 mutations: install

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import thermofit
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.cli.catalogue import STAGES
 from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
 from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
@@ -136,7 +136,7 @@ def test_help_show_and_new_do_not_load_numba(tmp_path: Path) -> None:
     artefact = tmp_path / "verify.h5"
     outcome(artefact, "verify", {})
     code = (
-        "import sys\nfrom typer.testing import CliRunner\nfrom thermofit.cli import app\n"
+        "import sys\nfrom typer.testing import CliRunner\nfrom thermofit.cli.app import app\n"
         "for arguments in (['--help'], ['run', '--help']):\n"
         "    assert CliRunner().invoke(app, arguments).exit_code == 0\n"
         "assert 'numpy' not in sys.modules\n"

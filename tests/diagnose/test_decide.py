@@ -187,7 +187,7 @@ def test_what_was_added_besides_is_in_no_family_and_is_a_parameter() -> None:
         trial = SimpleNamespace(scores=(SimpleNamespace(effect=name, family=family),), effects=(name,))
         settings = {"second_hardening": {"second_hardening.b": 100.0}}
         turns.append(SimpleNamespace(trials=(trial,), accepted=(name,), traced=SimpleNamespace(settings=settings)))
-    (family,) = added_families(cast(Closed, SimpleNamespace(rounds=tuple(turns), accepted=PAIR)))
+    (family,) = added_families(cast(Closed, SimpleNamespace(rounds=tuple(turns), accepted=PAIR, stand_ins=None)))
     assert family.members == ("linear_hardening", "second_hardening") and family.settings == {"second_hardening.b": 100.0}
     on = LAW.replace(H_lin=100.0, **{"backstress_first.C": 500.0, "ir_drift.rate": 1e-3})
     on = on.with_free((*LAW.free, "kappa", "H_lin", "backstress_first.C", "ir_drift.rate"))

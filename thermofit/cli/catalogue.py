@@ -20,6 +20,12 @@ class Entry:
     """True where it solves many independent problems, which --jobs or --scheduler spread."""
     adds: bool = False
     """True where it adds effects to the model, as many as --max-effects lets it."""
+    refines: bool = False
+    """True where --refine asks for the errors of mesh and steps."""
+    draws: bool = False
+    """True where --also gives its figures in further formats."""
+    picks: bool = False
+    """True where --pick opens a window to click landmarks in."""
 
     @property
     def help(self) -> str:
@@ -46,10 +52,11 @@ STAGES: tuple[Entry, ...] = (
         "calibrate-ir",
         CHAIN,
         "Pixels of the infrared camera to coordinates in mm.",
-        "Algorithm 1: reads the infrared frames and their hand-picked landmarks, finds scale, centre and axes of the specimen, refines "
-        "them on its visible edges, "
-        "and draws RUN_DIR/calibrate-ir.png: look at it.",
-        "calibrate-ir study.yaml --set ir.refine=false",
+        "Algorithm 1: reads the infrared frames and their landmarks, finds scale, centre and axes of the specimen, refines them on its "
+        "visible edges, and draws RUN_DIR/calibrate-ir.png: look at it. Landmarks that nobody gives are found where the frames show edges "
+        "and a shoulder; given ones are compared with what is found. --pick opens a window to click them in.",
+        "calibrate-ir study.yaml --pick --length-mm 60",
+        picks=True,
     ),
     Entry(
         "interpolate",
@@ -105,8 +112,11 @@ STAGES: tuple[Entry, ...] = (
         "verify",
         TRUST,
         "All parameters in one coupled run against all data.",
-        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance.",
-        "verify study.yaml --json",
+        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance. With "
+        "--refine besides, in RUN_DIR/refinement.h5: the error of mesh and steps of every channel, with the order that refinements "
+        "show, and how far it draws every parameter off.",
+        "verify study.yaml --refine",
+        refines=True,
     ),
     Entry(
         "report",
@@ -116,6 +126,7 @@ STAGES: tuple[Entry, ...] = (
         "RUN_DIR/figures and RUN_DIR/report.md. In place of a study it takes a run folder, also of a run that stopped half way: then it "
         "writes the page of what is there.",
         "report study.yaml",
+        draws=True,
     ),
 )
 

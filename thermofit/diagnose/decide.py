@@ -20,7 +20,7 @@ from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
 from thermofit.diagnose.decide_words import acted_on
-from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects, is_of_effect
@@ -103,14 +103,13 @@ def undecided_families(here: Traced) -> tuple[tuple[str, ...], ...]:
 
 
 def added_families(closed: Closed) -> tuple[Family, ...]:
-    """The families of accepted effects, as the rounds that accepted them told them; without what was accepted besides: all of that is
-    needed at the end."""
-    out = []
+    """The families of accepted effects, as `like_of` tells them."""
+    out, like = [], like_of(closed)
     for turn in closed.rounds:
         for trial in turn.trials:
             for score in trial.scores if trial.effects == turn.accepted else ():
-                others = tuple(n for n in score.family if n not in closed.accepted and n != score.effect)
-                if others and score.effect in closed.accepted:
+                others = like.get(score.effect, ())
+                if others:
                     settings = {n: v for other in others for n, v in turn.traced.settings.get(other, {}).items()}
                     out.append(Family((score.effect, *others), score.effect, settings))
     return tuple(out)

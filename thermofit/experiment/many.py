@@ -143,6 +143,10 @@ class SeveralExperiments:
         settings = self.study.stage(key)
         return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), ()
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """None: a stage on fields tells what it frees."""
+        return {}
+
     def expanded(self, free: Sequence[str]) -> tuple[str, ...]:
         """Free parameters of the joint fit: one for every experiment of those that each has for itself."""
         out: list[str] = []
@@ -199,6 +203,10 @@ class SeveralExperiments:
             f"{self.study.source.name}: key 'sensitivity.quantity' is {quantity}, which every experiment has for itself; expected a "
             "parameter or weight.<channel>"
         )
+
+    def with_steps(self, parts: int) -> SeveralExperiments:
+        """Those of each."""
+        return replace(self, given=tuple(test.with_steps(parts) for test in self.tests))
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""

@@ -87,6 +87,22 @@ def elastic_window(data: Measured) -> ElasticWindow:
     return ElasticWindow(float(observation.time[0]), float(observation.time[n]), float(force[n]), len(inside), remark)
 
 
+def elastic_slope(data: Measured) -> tuple[float, float] | None:
+    """Nominal stress over mean axial strain of the elastic window, in MPa, and its standard error; None where there is no such window."""
+    try:
+        window = elastic_window(data)
+    except DataError:
+        return None
+    observation, steps = data.displacement, data.steps["displacement"]
+    inside = observation.time <= window.t1 + 1e-9
+    strain, error = (value[inside] for value in axial_strain(observation))
+    stress = np.interp(observation.time[inside], steps.time, steps.force) / (data.specimen.gauge_width * data.specimen.thickness)
+    strain, stress = strain - strain.mean(), stress - stress.mean()
+    compliance = float(stress @ strain) / float(stress @ stress)
+    doubt = float(np.sqrt(np.sum((stress * error) ** 2))) / float(stress @ stress)
+    return (1.0 / compliance, doubt / compliance**2) if compliance > 3.0 * doubt else None
+
+
 def window_times(window: str | tuple[float, float], data: Measured, steps: LoadSteps) -> tuple[float, float, str]:
     """t0, t1 in s of a stage's window and a remark; "all" is the whole test, "auto" the elastic range."""
     if window == "auto":

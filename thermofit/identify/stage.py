@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from thermofit.fit.memory import memories
 from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.outcome import made, nothing_identified
-from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve
+from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve, within
 from thermofit.law.bounds import beta_warning
 from thermofit.records.key import stage_key
 from thermofit.records.remarks import Note, named
@@ -63,6 +63,8 @@ class Ready:
     inputs: dict[str, Path]
     kept: tuple[str, ...] = ()
     """Elastic constants that the stage would identify, had any record an elastic range."""
+    told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Bounds within which an earlier stage has told parameters that are free again."""
 
 
 def ready(study: Study, key: str) -> Ready:
@@ -73,7 +75,9 @@ def ready(study: Study, key: str) -> Ready:
         settings, kept = experiment.stage(key)
         base, _ = with_identified(study, experiment.start(), EARLIER[key])
         inputs = {**experiment.inputs, **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
-    return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept)
+        told = experiment.told_before(key)
+    settings = settings.model_copy(update={"free": (*settings.free, *told)})
+    return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept, told)
 
 
 def as_recorded(study: Study, stage: Ready, key: str) -> Ready:
@@ -124,14 +128,15 @@ def _identified(study: Study, stage: Ready, kind: StageKind, task: Job, said: st
     experiment = stage.experiment
     start, replaced = experiment.feasible(stage.base)
     model, scalable, again = model_on(experiment, stage.settings), experiment.scalable, experiment.again
-    solved = solve(study, stage.settings, start, model, task, scalable=scalable, again=again, to_the_end=to_the_end)
+    bound = within(study, stage.base, stage.told)
+    solved = solve(bound, stage.settings, start, model, task, scalable=scalable, again=again, to_the_end=to_the_end)
     solved, honest = _widened(study, solved)
     warning = beta_warning(solved.parameters, study.hardening_law)
     remarks = (*kept, said, replaced, *_own_remarks(stage, kind, solved), warning or "", honest)
     if not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
-        return _driven(made(study, stage.base, solved, remarks), experiment)
+        return _driven(made(bound, stage.base, solved, remarks), experiment)
     rows = answers(study, stage.settings, solved, experiment, task, lambda other: _widened(study, other))
-    record = made(study, stage.base, solved, (*remarks, remark_of(rows)))
+    record = made(bound, stage.base, solved, (*remarks, remark_of(rows)))
     return _driven(replace(record, summary={**record.summary, "side_by_side": rows}), experiment)
 
 

@@ -292,6 +292,8 @@ class CouponRecordSettings(Section):
     points: Annotated[Count, Field(ge=10)] | None = None
     """Thin to about this many samples, turning points kept; absent: all."""
     noise: CouponNoise = CouponNoise()
+    confirmed: tuple[Literal["time", "temperature", "strain", "stress"], ...] = ()
+    """Questions about the plausibility of the record whose answer is: the data are right."""
     held_out: StrictBool = False
     """True: predicted by `validate`, never fitted."""
 

@@ -63,10 +63,14 @@ class MaterialAxes(Section):
 
 
 class EvaluationWindow(Section):
-    """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2)."""
+    """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2).
 
-    abs_x_max: Positive = 11.0
-    abs_y_max: Positive = 20.0
+    null: as far as there are DIC points; of a dogbone and a bar at most 0.44 of the gauge width and 0.2 of the parallel length. These are
+    11 and 20 mm for the specimen of the thesis.
+    """
+
+    abs_x_max: Positive | None = None
+    abs_y_max: Positive | None = None
 
 
 class Evaluation(Section):
@@ -154,7 +158,7 @@ class Numerics(Section):
 class Sections(Section):
     """All sections whose values mean the same in the file and in the loaded study."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Annotated[str, Field(pattern=r"^[.]*[A-Za-z0-9_-][A-Za-z0-9_.-]*$")]
     """Name of the study; letters, digits and _ . -"""
     model: ModelNumber = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7) of the thesis: hardening voce or model2."""

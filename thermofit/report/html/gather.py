@@ -156,7 +156,10 @@ def _like(others: Sequence[str]) -> str:
 
 
 def _family(name: str, summary: Mapping[str, Any]) -> list[str]:
-    """What this test cannot tell from an effect that was added: of the search for a test that would, else of its own trial."""
+    """What this test cannot tell from an effect that was added: at the end of the loop; in older records of the search for a test that
+    would, else of its own trial."""
+    if name in (summary.get("stand_ins") or {}):
+        return list(summary["stand_ins"][name])
     for found in summary.get("programmes") or ():
         if found.get("added") == name:
             return [other for other in found["family"] if other != name]

@@ -30,7 +30,7 @@ LEFT: dict[str, tuple[int, str]] = {
 
 
 PRIVATE = re.compile(
-    r"\b(mend(s|ed|ing)?|felt|feels?|errs?|erred|such that|h[au]ngs? together|told by|nobody('s)?|point-times?|the house|"
+    r"\b(mend(s|ed|ing)?|felt|feels?|errs?|erred|such that|h[au]ngs? together|told by|nobody's|point-times?|the house|"
     r"m(ade|akes?) up for|st(ands?|ood) in for|cannot carry)\b",
     re.IGNORECASE,
 )

@@ -16,8 +16,8 @@ from packaging.requirements import Requirement
 ROOT = "thermofit"
 HEAD = """# Licences
 
-thermofit itself is under MIT. What it needs to run, with the versions of the environment in which `make licences` wrote this page and
-licences as the packages state them; as a bill of materials (CycloneDX 1.5): [sbom.json](sbom.json).
+thermofit itself is under MIT. The table lists what it needs to run, with the versions of the environment in which `make licences` wrote
+this page, and licences as the packages state them. The same as a bill of materials (CycloneDX 1.5): [sbom.json](sbom.json).
 """
 
 

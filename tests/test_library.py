@@ -145,5 +145,5 @@ def test_notebook_runs_as_written(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
     assert time.monotonic() - begin < 900.0 and nbclient is not None
     printed = "".join(o.get("text", "") for cell in nbformat.read(out, 4).cells for o in cell.get("outputs", ()))
-    expected = {"identify": "M_yinf", "diagnose": "ir_drift", "own-effect": "my_drift"}[name]
+    expected = {"identify": "M_yinf", "diagnose": "clamp_drift", "own-effect": "my_jaws"}[name]
     assert expected in printed

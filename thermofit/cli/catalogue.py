@@ -53,8 +53,8 @@ STAGES: tuple[Entry, ...] = (
         CHAIN,
         "Pixels of the infrared camera to coordinates in mm.",
         "Algorithm 1: reads the infrared frames and their landmarks, finds scale, centre and axes of the specimen, refines them on its "
-        "visible edges, and draws RUN_DIR/calibrate-ir.png: look at it. Landmarks that nobody gives are found where the frames show edges "
-        "and a shoulder; given ones are compared with what is found. --pick opens a window to click them in.",
+        "visible edges, and draws RUN_DIR/calibrate-ir.png: look at it. Without landmarks it finds them itself where the frames show "
+        "edges and a shoulder. Given ones are compared with what is found. --pick opens a window to click them in.",
         "calibrate-ir study.yaml --pick --length-mm 60",
         picks=True,
     ),

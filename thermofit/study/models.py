@@ -65,8 +65,8 @@ class MaterialAxes(Section):
 class EvaluationWindow(Section):
     """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2).
 
-    null: as far as there are DIC points; of a dogbone and a bar at most 0.44 of the gauge width and 0.2 of the parallel length. These are
-    11 and 20 mm for the specimen of the thesis.
+    With null the window goes as far as there are DIC points. On a dogbone and a bar it is at most 0.44 of the gauge width and 0.2 of the
+    parallel length. These are 11 and 20 mm for the specimen of the thesis.
     """
 
     abs_x_max: Positive | None = None

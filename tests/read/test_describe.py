@@ -13,7 +13,7 @@ import yaml
 from seen_test import SPECIMEN, pulled, watched, write_raw
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError
 from thermofit.read.describe import describe, material_of
 from thermofit.read.plausible import asked

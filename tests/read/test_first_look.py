@@ -9,7 +9,7 @@ import pytest
 from seen_test import pulled, write_raw
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.read.first_look import FirstLook, looked_at
 from thermofit.study.study import load_study
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from seen_test import SPECIMEN, pose_at, pulled, watched, write_raw
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, CouponRecord, Experiment
 from thermofit.observe.camera_motion import seen_across

@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import effect

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError
 from thermofit.read.coupon import read_coupon
 from thermofit.records.artefact import RecordContent, write_record

@@ -10,7 +10,7 @@ import pytest
 from seen_test import SPECIMEN, pose_at, pulled, watched, write_raw
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 
 TEST = watched(pulled(70e3, 150.0))
 MARKS = TEST.landmarks

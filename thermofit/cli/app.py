@@ -5,8 +5,9 @@ from __future__ import annotations
 import inspect
 import json as json_format
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ from thermofit.cli.catalogue import (
     DEMO_HELP,
     IDENTIFIABILITY_EXAMPLES,
     IDENTIFIABILITY_HELP,
+    LOOP,
     MANUAL,
     ON_CHAIN,
     REPORT,
@@ -34,7 +36,7 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import Also, AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Scheduler, executor_of, on_study, quiet
+from thermofit.cli.options import Also, AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Refine, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
@@ -164,12 +166,17 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def adding_command(common: Common, max_effects: MaxEffects = None) -> None:
         _one_stage(entry, common.setting("diagnosis.max_effects", max_effects))
 
+    def refining_command(common: Common, refine: Refine = False) -> None:
+        _one_stage(entry, common, refine=refine)
+
     def picking_command(common: Common, pick: Pick = False, length_mm: LengthMm = None) -> None:
         _one_stage(entry, _picked(common, length_mm) if pick else common)
 
     def drawing_command(common: Common, also: Also = None) -> None:
-        _one_stage(entry, common, also=also)
+        _one_stage(entry, common, also=tuple(also or ()))
 
+    if entry.refines:
+        return refining_command
     if entry.picks:
         return picking_command
     if entry.draws:
@@ -188,20 +195,22 @@ def _picked(common: Common, length_mm: float | None) -> Common:
     return common.setting("ir.landmarks", text)
 
 
-def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None, also: Sequence[str] | None = None) -> None:
+def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None, **more: Any) -> None:
     """Run a stage, behind what it rests on, and print its result."""
     if entry.name == REPORT and common.study.is_dir():
-        if also:
+        if more.get("also"):
             raise StudyError(f"--also: {common.study} is a run folder, and the figures are drawn by its study; name the study file")
         _report_of_folder(common)
         return
     study = common.load()
-    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {"also": tuple(also)} if also else {}
+    options: dict[str, Any] = (
+        {"where": executor_of(study, jobs, scheduler)} if entry.spread else {key: value for key, value in more.items() if value}
+    )
 
     def call() -> Outcome:
         from thermofit.cli import printing
 
-        _chain_before(entry.name, study, None if common.json or common.quiet else printing.step)
+        _chain_before(entry.name, study, None if common.json or common.quiet else partial(printing.step, verbose=common.verbose))
         return stage_function(entry.name)(study, force=common.force, **options)
 
     _show(entry.name, common, study, call)
@@ -220,10 +229,26 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
+        wall = time.perf_counter() - begin
+        then = _next(name, common.study, study) if name != LOOP_STAGE or result.get("added") else ""
+        printing.stage_result(result, outcome.fresh, wall, quiet=common.quiet, verbose=common.verbose, then=then)
     if name in ON_CHAIN:
         _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
+
+
+LOOP_STAGE = "close-loop"
+
+
+def _next(stage: str, file: Path, study: Study) -> str:
+    """The command that comes after a stage, with what it answers; "" where none does. `file`: the study as it was named."""
+    added = study.run_dir / "with-effects.yaml"
+    following = {
+        "verify": f"thermofit close-loop {file}    asks whether the model lacks an effect",
+        "diagnose": f"thermofit close-loop {file}    adds what is missing, and proves it",
+        LOOP_STAGE: f"thermofit run {added} --until verify    identifies with what was added",
+    }
+    return following.get(stage, "")
 
 
 def _report_of_folder(common: Common) -> None:
@@ -319,7 +344,8 @@ def _run_chain(
     links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
     with quiet(common.json):
         try:
-            steps = chain(study, links, Selection(first, last, everything), common.force, None if silent else printing.step)
+            told = None if silent else partial(printing.step, verbose=common.verbose)
+            steps = chain(study, links, Selection(first, last, everything), common.force, told)
         except ThermofitError as error:
             _page_so_far(study, common.json, str(error))
             raise
@@ -327,7 +353,8 @@ def _run_chain(
     if common.json:
         printing.as_json(summary)
     else:
-        printing.chain_result(summary, quiet=common.quiet)
+        done = {step.name for step in steps if step.outcome is not None}
+        printing.chain_result(summary, quiet=common.quiet, then=_next("verify", common.study, study) if "verify" in done else "")
     _leave(summary["trustworthy"])
 
 
@@ -340,7 +367,7 @@ def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
     return call
 
 
-for _entry in (*STAGES, *ASIDE):
+for _entry in sorted((*STAGES, *ASIDE), key=lambda entry: entry.panel != LOOP):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
 
 

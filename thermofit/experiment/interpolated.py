@@ -16,7 +16,7 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
-from thermofit.experiment.fields import TestPhase, field_datasets, specimen_dict
+from thermofit.experiment.fields import TestPhase, field_datasets, refined, specimen_dict
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import end_motion, sections_inside
@@ -114,7 +114,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     phases = label_phases(smooth)
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
-    summary: dict[str, Any] = {"load_start_s": load_start, "window_mm": list(window), "remarks": list(remarks)}
+    summary: dict[str, Any] = {"load_start_s": load_start, "window_mm": list(window), "remarks": list(remarks), "notes": []}
     mask = study.evaluation.mask
     tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
     fields = [
@@ -356,7 +356,7 @@ def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) ->
     """Noise (2,) mm of u_x and u_y of one point, estimated or declared; what is found is added to the summary."""
     raw = displacement_noise(dic, summary["load_start_s"])
     if study.noise.displacement is None:
-        summary["remarks"] += _floor_remark("displacement", "stages", raw[0].temporal, summary["load_start_s"])
+        summary["notes"] += _floor_note("displacement", "stages", raw[0].temporal, summary["load_start_s"])
     noise = np.array([raw[0].sigma, raw[1].sigma]) if study.noise.displacement is None else np.full(2, study.noise.displacement)
     noise = np.maximum(noise, _LEAST_NOISE["mm"])
     summary["displacement"] = {
@@ -371,7 +371,7 @@ def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) ->
 def _temperature_noise(study: Study, raw: FieldNoise, camera: CameraPose, summary: dict[str, Any]) -> float:
     """Noise K of one pixel, estimated or declared; what is found is added to the summary."""
     if study.noise.temperature is None:
-        summary["remarks"] += _floor_remark("temperature", "frames", raw.temporal, summary["load_start_s"])
+        summary["notes"] += _floor_note("temperature", "frames", raw.temporal, summary["load_start_s"])
     noise = max(raw.sigma if study.noise.temperature is None else study.noise.temperature, _LEAST_NOISE["K"])
     summary["temperature"] = {
         "noise_K": noise,
@@ -400,13 +400,13 @@ def _frame_times(study: Study, infrared: InfraredSequence, stages: np.ndarray) -
     return np.asarray(infrared.time[(infrared.time >= stages[0]) & (infrared.time <= stages[-1])])
 
 
-def _floor_remark(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
+def _floor_note(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
     """What the user is told where the noise of a channel does not come from the rest before loading."""
     if found.at_rest >= LEAST_AT_REST:
         return []
     return [
-        f"{channel} noise by {found.method}: only {found.at_rest} {fields} before loading at {load_start:.1f} s hold {LEAST_VALUES} values "
-        f"or more that scatter, {LEAST_AT_REST} are needed"
+        f"{channel} noise is estimated by {found.method}: only {found.at_rest} {fields} with {LEAST_VALUES} values or more before loading "
+        f"at {load_start:.1f} s; record {LEAST_AT_REST} or more for a direct estimate"
     ]
 
 
@@ -433,7 +433,7 @@ def _force_datasets(
     numerics = study.numerics
     for name, times in required.items():
         steps = step_times(smooth, times, numerics.force_tolerance, numerics.max_time_step)
-        steps = _refined(_merged(steps, times), numerics.steps_per_interval)
+        steps = refined(_merged(steps, times), numerics.steps_per_interval)
         datasets[f"steps/{name}/time"] = Dataset(steps, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(smooth.evaluate(steps), "N", ("step",))
         datasets[f"steps/{name}/force_error"] = Dataset(smooth.error_modes(steps), "N", ("step", "mode"))
@@ -482,12 +482,6 @@ def _merged(steps: np.ndarray, required: np.ndarray) -> np.ndarray:
     distance = np.min(np.abs(steps[:, None] - required[None, :]), axis=1)
     others = steps[distance > _CLOSEST]
     return np.union1d(others[np.concatenate([[True], np.diff(others) > _CLOSEST])], required)
-
-
-def _refined(steps: np.ndarray, parts: int) -> np.ndarray:
-    """Every interval cut into `parts` equal ones."""
-    share = np.arange(parts) / parts
-    return np.append((steps[:-1, None] + np.diff(steps)[:, None] * share).ravel(), steps[-1])
 
 
 _UNLOADED = 0.02
@@ -547,5 +541,6 @@ def _verdict(summary: dict[str, Any], fields: list[FieldObservation]) -> str:
     parts.append(f"force smoothed to {force['residual_rms_N']:.2f} N (noise {force['noise_N']:.2f} N)")
     size = {"mm": (1e3, "um"), "K": (1e3, "mK")}
     each = [f"{size[f.unit][0] * float(np.nanmedian(f.sigma)):.2f} {size[f.unit][1]}" for f in fields]
-    lost = [f"standard error of a nodal value {', '.join(each)}", f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
+    out, of = sum(int((~f.mask).sum()) for f in fields), sum(f.mask.size for f in fields)
+    lost = [f"standard error of a nodal value {', '.join(each)}", f"{out} of {of} nodal values left out ({100.0 * out / of:.1f} %)"]
     return "; ".join(parts + lost)

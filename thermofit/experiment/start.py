@@ -19,6 +19,7 @@ from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.hardening.curves import fitted_to_curve
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
+from thermofit.records.remarks import Note
 from thermofit.study.geometry import STRAIGHT
 from thermofit.study.study import Study
 from thermofit.virtual.machine import bar_of, uniaxial_law
@@ -66,11 +67,11 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
     found = _carrying(study, data, _read_off(study, data, parameters), [name for name in own.raises if name in plastic])
     if not carries(study, data, found):
         raise NumericsError(
-            f"start of {', '.join(plastic)}: it cannot carry the measured {np.max(data.steps['displacement'].force):.0f} N, nor can "
-            f"what the mean stress-stretch curve suggests; raise parameters.{own.raises[0]} or widen its bounds"
+            f"start values of {', '.join(plastic)} are too weak for the measured {np.max(data.steps['displacement'].force):.0f} N, and so "
+            f"are those of the mean stress-stretch curve; raise parameters.{own.raises[0]} or widen its bounds"
         )
     values = ", ".join(f"{name} = {found[name]:.4g}" for name in plastic)
-    return found, f"the start cannot carry the measured force; replaced by {values} from the mean stress-stretch curve"
+    return found, Note(f"start values are too weak for the measured force; used are {values} from the mean stress-stretch curve")
 
 
 def _check_modulus(study: Study, data: Measured, parameters: Parameters) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from thermofit.core.errors import DataError, StudyError
 from thermofit.experiment.fields import LoadSteps, Measured
 from thermofit.observe.observation import FieldObservation
+from thermofit.records.remarks import Note
 
 _FORCE_SHARE = 0.9
 """The elastic window ends at this share of the force at which the strain leaves the straight line."""
@@ -79,7 +80,7 @@ def elastic_window(data: Measured) -> ElasticWindow:
     if not inside or force[inside[-1]] <= 0.0:
         raise DataError(_NONE)
     n = inside[-1]
-    remark = (
+    remark = Note(
         f"elastic window found: up to {observation.time[n]:.2f} s and {force[n]:.0f} N ({len(inside)} loaded stages; the strain leaves the "
         f"elastic line at {limit:.0f} N)"
     )

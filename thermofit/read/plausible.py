@@ -263,7 +263,9 @@ def _place(experiment: Experiment) -> Iterator[Question]:
     elif (size <= slack).all() and (middle + 0.5 * size > 0.5 * slack).any():
         text = "where is the origin? Shift the coordinates to the centre of the specimen, or give dic.origin_mm"
     elif (size > slack).any():
-        text = "check the lengths of the specimen and the unit of the coordinates"
+        # A part that is cut out of a longer specimen on purpose looks the same.
+        yield Question("place", f"{begin}: check the lengths of the specimen and the unit of the coordinates")
+        return
     else:
         return
     yield Question("place", f"{begin}: {text}", nonsense=True)

@@ -159,7 +159,7 @@ def _read_frame(path: Path, shape: tuple[int, int] | None, origin: str) -> tuple
         raise DataError(f"{path}: the frame has {found}, expected {wanted} as in {origin}; export all frames with one window")
     if table.min() <= -CELSIUS:
         k, column = np.argwhere(table <= -CELSIUS)[0]
-        raise DataError(f"{path}, line {k + 2}, column {column + 1}: {table[k, column]:g} degC is below absolute zero; mend the export")
+        raise DataError(f"{path}, line {k + 2}, column {column + 1}: {table[k, column]:g} degC is below absolute zero; correct the export")
     return time, (table + CELSIUS).astype(np.float32)
 
 

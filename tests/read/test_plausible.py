@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 from typing import get_args
 
 import numpy as np
@@ -87,6 +88,17 @@ def shifted(e: Experiment) -> Experiment:
     return replace(e, dic=replace(e.dic, reference=e.dic.reference + np.array([40.0, 60.0, 0.0])))
 
 
+def placed(e: Experiment, x: float, y: float) -> Experiment:
+    assert e.dic is not None
+    return replace(e, dic=replace(e.dic, reference=e.dic.reference * np.array([x, y, 1.0])))
+
+
+def twice(e: Experiment) -> Experiment:
+    assert e.dic is not None
+    ids, place = np.arange(2 * len(e.dic.point_id)), np.vstack([e.dic.reference, e.dic.reference])
+    return replace(e, dic=replace(e.dic, point_id=ids, reference=place, displacement=np.concatenate([e.dic.displacement] * 2, axis=1)))
+
+
 MISTAKES: dict[str, tuple[Callable[[Experiment], Experiment], str, str]] = {
     "force in kN": (lambda e: replace(e, force=replace(e.force, force=1e-3 * e.force.force)), "force", "force in kN under a header in N"),
     "force sign": (lambda e: replace(e, force=replace(e.force, force=-e.force.force)), "force", "sign of the force"),
@@ -129,6 +141,9 @@ MISTAKES: dict[str, tuple[Callable[[Experiment], Experiment], str, str]] = {
     "DIC in um": (lambda e: moved(e, 1e3, 1e3), "place", "is the DIC field in um"),
     "axes exchanged": (exchanged, "place", "are x and y exchanged"),
     "origin in a corner": (shifted, "place", "where is the origin"),
+    "points at one place": (lambda e: placed(e, 0.0, 0.0), "place", "lie exactly where another one lies"),
+    "points twice": (lambda e: twice(e), "place", "lie exactly where another one lies"),
+    "one coordinate lost": (lambda e: placed(e, 1e-9, 1.0), "place", "lie on one line"),
     "mirrored frames": (lambda e: watched(e, "front"), "side", "camera's x is mirrored"),
 }
 
@@ -193,6 +208,18 @@ def test_inspect_and_new_refuse_what_makes_no_sense(tmp_path: Path) -> None:
     assert made.exit_code == 3 and "force_kN" in made.output and not study.exists()
     with pytest.raises(DataError, match="force_kN"):
         first_look(raw)
+
+
+@pytest.mark.parametrize("mistake", ["points at one place", "points twice", "one coordinate lost", "no force", "constant force"])
+def test_a_field_without_places_or_a_force_without_change_ends_in_a_sentence(tmp_path: Path, mistake: str) -> None:
+    """By the command line, too, where noise and spacing are asked of what has none; within seconds of the processor."""
+    raw = tmp_path / "raw"
+    write_raw(raw, replace(MISTAKES[mistake][0](GOOD), ir=None, landmarks=None))
+    begin = process_time()
+    result = CliRunner().invoke(app, ["inspect", str(raw)])
+    assert result.exit_code == 3 and "not ready for a study" in " ".join(result.output.split()), result.output
+    assert CliRunner().invoke(app, ["new", str(tmp_path / "study.yaml"), "--experiment", str(raw)]).exit_code == 3
+    assert process_time() - begin < 20.0
 
 
 def record(factor_strain: float = 1.0, factor_stress: float = 1.0, time: float = 60.0, **more: object) -> CouponRecord:

@@ -243,9 +243,11 @@ def correlation_length(xy: np.ndarray, fields: np.ndarray) -> float:
     """Lag at which the autocorrelation of noise fields (k, n_s) at points (n_s, 2) falls below 1/e; nan are left out.
 
     Pairs of points up to 6 spacings apart, in bins of half a spacing; straight lines between the bins and the value 1 at lag 0.
-    0 where nothing scatters.
+    0 where nothing scatters. DataError where half of the points lie where another one does.
     """
     spacing = point_spacing(xy)
+    if not spacing > 0.0:
+        raise DataError("noise: most points lie where another one lies, expected points at places of their own; export every point once")
     pair = cKDTree(xy).query_pairs(_LAGS * spacing, output_type="ndarray")
     lag = np.linalg.norm(xy[pair[:, 0]] - xy[pair[:, 1]], axis=1)
     bin_of = np.floor(lag / (0.5 * spacing)).astype(int)

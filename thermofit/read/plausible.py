@@ -45,6 +45,10 @@ _LEAST_CONDUCTIVITY = 5.0
 """mW/(mm K): metals conduct better; Ti-6Al-4V 6.7."""
 _SMALL, _LARGE = 1.0 / 300.0, 300.0
 """Ratio of two clocks, or of two lengths, beyond which a unit is wrong by a thousand and not a test unusual."""
+_TWICE = 0.01
+"""Share of points that may lie where another one lies."""
+_THIN = 1e-3
+"""Width of a field over its length below which it is a line."""
 _QUIET = 12.0
 """Range of a force over its noise up to which it is noise."""
 _RECORD_LENGTH = 100.0
@@ -231,6 +235,15 @@ def _place(experiment: Experiment) -> Iterator[Question]:
         return
     low, high = np.percentile(place, [1.0, 99.0], axis=0)
     size = high - low
+    again = len(place) - len(np.unique(place, axis=0))
+    if again > _TWICE * len(place):
+        text = f"{again} of {len(place)} DIC points lie exactly where another one lies: export every point once, with its own coordinates"
+        yield Question("place", text, nonsense=True)
+        return
+    if not size.min() > _THIN * size.max():
+        text = f"all DIC points lie on one line, {_shown(size[0])} x {_shown(size[1])} mm: export both coordinates of the field"
+        yield Question("place", text, nonsense=True)
+        return
     room = np.array([max(specimen.gauge_width, specimen.grip_width), specimen.total_length])
     slack = 1.05 * room + 1.0
     middle = np.abs(0.5 * (low + high))

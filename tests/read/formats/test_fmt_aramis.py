@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from thermofit.core.errors import DataError
 from thermofit.read.formats import aramis_csv, aramis_legacy, aramis_section, dlr_nodemap, gom_points
 from thermofit.read.formats.contents import DicStage, Record
 from thermofit.read.formats.registry import format_of, read_native
+from thermofit.stages.inspect import inspect
 
 
 def stage_of(path: Path, data: bytes) -> DicStage:
@@ -180,3 +182,31 @@ def test_section_is_a_curve_in_millimetres(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.channels["deltaL"], [-0.0015, -0.001535, 0.0016])
     assert record.units == {"Sectionlength": "mm", "deltaL": "mm"}
     assert (record.traits.header, record.traits.decimal, record.traits.missing) == ({"stage": "11"}, ",", 0)
+
+
+_LEGACY = "# Stage : 0 - 1\n# Index_x, Index_y, Coordinate-undef (x,y,z), Displ{} (x,y,z)\n"
+_ROWS = "1 1 0 0 0 0.1 0.2 0.3\n2 1 1 0 0 0.1 0.2 0.3\n"
+_LONG = 200_000 * " "
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        _LEGACY.format(_LONG) + _ROWS,
+        _LEGACY.format(_LONG + "!") + _ROWS,
+        "# Stage : 0 - 1\n# Index_x, Index_y, Coordinate" + _LONG + "undef" + _LONG + "? (x,y,z)\n" + _ROWS,
+        "# Stage : 0 - 1\n# Index_x, Index_y, Coord" + 100_000 * "a " + "!\n" + _ROWS,
+        _LEGACY.format("") + _ROWS + "3" + _LONG + "1 2 0 0 0.1 0.2 0.3\n",
+        _LEGACY.format("") + _ROWS.replace("\n", _LONG + "\n"),
+    ],
+)
+def test_endless_blanks_end_at_once(tmp_path: Path, text: str) -> None:
+    """200,000 blanks between two words of a comment line or two numbers of a row: read, or one sentence, in no time."""
+    path = tmp_path / "prefix-Stage-0-1.txt"
+    path.write_text(text, encoding="utf-8")
+    begin = process_time()
+    try:
+        inspect(path)
+    except DataError as error:
+        assert len(str(error)) < 600 and "\n" not in str(error)
+    assert process_time() - begin < 5.0

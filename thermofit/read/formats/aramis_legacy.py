@@ -27,6 +27,8 @@ _CHANNEL = re.compile(r"#\s*(AD-\d+)\s*:\s*(\S+)\s+(\S+)\s*(.*)$")
 _TIMES = re.compile(r"(undeformt|deformt)\s*:\s*(\S+)")
 _STRAIN = {"x": "exx", "y": "eyy", "xy": "exy", "major": "e1", "minor": "e2", "thicknessreduction": "e3"}
 _INDEX_RANGE = 1_000_000
+_LONGEST = 2000
+"""Most letters of a line that lists columns."""
 _FIXED = {"%": "1"}
 _ASSUMED = "the file writes no units: lengths are taken as mm and strains as %, as in the export template of the software"
 
@@ -35,7 +37,9 @@ def _groups(lines: list[str]) -> list[Column]:
     """Columns of a point from the comment line that lists them; empty where there is none."""
     line = next((line for line in lines if re.match(r"#\s*Index_x\s*,\s*Index_y\s*,", line, re.IGNORECASE)), None)
     columns: list[Column] = []
-    for match in _GROUP.finditer(line.lstrip("# ") if line else ""):
+    # Runs of blanks are one blank, and no list of columns is endless: the pattern tries every split of them.
+    listed = " ".join(line.lstrip("# ").split()) if line else ""
+    for match in _GROUP.finditer(listed if len(listed) <= _LONGEST else ""):
         name, parts = match.group(1).strip(), [part.strip().lower() for part in (match.group(2) or "").split(",")]
         word = name.lower()
         if word in ("index_x", "index_y"):

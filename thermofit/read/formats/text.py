@@ -163,7 +163,8 @@ def detect_layout(lines: list[str], path: Path, separator: str | None = None) ->
         return Layout(separator, "," if any(_QUOTED_COMMA.search(line) for line in lines) else ".")
     edge = r"[ \t]" if separator == BLANKS else rf"[{re.escape(separator)}\n]"
     found = {}
-    text = "\n" + "\n".join(lines) + "\n"
+    # One blank says what many say, and the pattern below would try every place in a long run of them.
+    text = re.sub(" {2,}", " ", "\n" + "\n".join(lines) + "\n")
     for sign in (".", ","):
         mark = re.escape(sign)
         number = re.compile(rf'(?:{edge}|\n)[ "]*[+-]?\d*{mark}\d+(?:[eEdD][+-]?\d+)?[ "]*(?={edge}|\n)', re.ASCII)

@@ -20,7 +20,8 @@ CAPTIONS: dict[str, Caption] = {
     "bars": Caption(
         "How large is the error?",
         "Error of each channel over the noise of the data. The line marks 1, the noise itself; the open mark is the error before "
-        "effects were added. Unseen data are blocks of time and place, or whole tests, that no fit has used.",
+        "effects were added. Unseen data are blocks of time and place, or whole tests, that no fit has used. Scatter between specimens is "
+        "the standard deviation of the stress between records of one rate and temperature at the same strain.",
         "Fit and unseen data both end near 1, and the floor of mesh and steps is far below.",
         "Unseen data far above the fit: too many parameters. Both far above 1: the model lacks something. Floor near the others: the mesh "
         "or the steps are too coarse to judge.",

@@ -29,6 +29,7 @@ from thermofit.report.html.content import (
     Value,
     Verdict,
 )
+from thermofit.report.html.repeated import scatter_of_records
 from thermofit.report.html.run_folder import IDENTIFY, NEEDED, RunFolder
 from thermofit.study.study import Study
 
@@ -66,7 +67,7 @@ def report_of(run: RunFolder, study: Study | None = None, failure: str = "") -> 
     file = "STUDY.yaml" if study is None else study.source.name
     judged = next((run.records[stage] for stage in (LOOP, DIAGNOSE) if run.has(stage)), None)
     summary: Mapping[str, Any] = {} if judged is None else judged.summary
-    bars = _bars(run, judged)
+    bars = [_with_scatter(bar, run) for bar in _bars(run, judged)]
     ladder = _ladder(summary)
     added = {str(name): _family(str(name), summary) for name in summary.get("accepted", ())}
     return Report(
@@ -243,6 +244,14 @@ def _bars(run: RunFolder, judged: Record | None) -> list[Bars]:
             used = {name: c for name, c in channels.items() if c.get("judged", True) and name not in ("du_x", "du_y")}
             return [_fit_bar(name, c, None) for name, c in used.items() if c.get("floor_rms")]
     return []
+
+
+def _with_scatter(bar: Bars, run: RunFolder) -> Bars:
+    """A bar of the stress of coupons with the mark of what repeated records scatter."""
+    if bar.channel != "stress" or not run.has(VERIFY) or not bar.noise:
+        return bar
+    scatter = scatter_of_records(run.records[VERIFY], run.records.get("interpolate"))
+    return bar if scatter is None else bar.model_copy(update={"scatter": scatter / bar.noise})
 
 
 def _fit_bar(name: str, channel: Mapping[str, Any], floor: float | None) -> Bars:

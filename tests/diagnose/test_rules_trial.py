@@ -294,9 +294,9 @@ def test_exponents_that_do_not_settle_are_held_where_they_came_to(monkeypatch: p
 
 
 def at_scans(
-    monkeypatch: pytest.MonkeyPatch, ends: dict[float, tuple[float, float, bool]], cheap: bool = True
+    monkeypatch: pytest.MonkeyPatch, ends: dict[float, tuple[float, float, bool]], cheap: bool = True, sigma: float = 0.0
 ) -> tuple[list[float], Trial]:
-    """Starts of a lamp that were tried, and the trial that is taken: `ends` = (amplitude, gain, accepted) by start."""
+    """Starts of a lamp that were tried, and the trial that is taken: `ends` = (amplitude, gain, accepted) by start, their error `sigma`."""
     begun: list[float] = []
 
     def nearer(here: Any, scores: Any, chosen: Any, refit: Any) -> Any:
@@ -305,7 +305,7 @@ def at_scans(
 
     def judge(here: Any, fit: Any, scores: Any, start: float, means: Any) -> Any:
         size, gain, accepted = ends[start]
-        one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {}, 0.0, "" if accepted else "refused")
+        one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {"lamp.absorbed": sigma}, 0.0, "" if accepted else "refused")
         return one, ("there", start) if accepted else None
 
     monkeypatch.setattr(module, "nearer", nearer)
@@ -327,6 +327,8 @@ def test_an_effect_at_its_bound_is_tried_at_other_exponents(monkeypatch: pytest.
     begun, trial = at_scans(monkeypatch, ends, cheap=False)
     assert begun == [10.0] and trial.gain == 0.9
     assert at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)})[0] == [10.0]
+    begun, trial = at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)}, sigma=0.2)
+    assert begun == [10.0, 20.0] and trial.gain == 0.9, "nor has one a value of its own that is not away from neutral"
 
 
 def test_of_a_body_what_is_freed_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

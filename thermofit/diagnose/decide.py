@@ -268,7 +268,7 @@ def _specimen(d: Decision, was: Told) -> dict[str, Any]:
 def in_words(d: Decision) -> str:
     """A decision as a sentence."""
     names = " or ".join(f"{n} (added)" if n == d.added else n for n in d.family) if d.added else " and ".join(d.family)
-    missing = [f"no coupon feels {acted_on(d.unfelt)}"] if d.unfelt else []
+    missing = [f"a coupon test cannot show {acted_on(d.unfelt)}"] if d.unfelt else []
     return f"{names}: {'; '.join([*_of_programmes(d), *missing, *_of_specimen(d)])}"
 
 
@@ -295,6 +295,6 @@ def _of_specimen(d: Decision) -> list[str]:
     if best is None:
         tried = ", ".join(p.name for p in decide_specimen.PROGRAMMES if p.name not in d.failed_on_specimen)
         missed = f" ({', '.join(d.failed_on_specimen)}: this specimen cannot be driven so)" if d.failed_on_specimen else ""
-        return [f"of the changes of the test {tried} none would {'part them' if len(d.family) > 1 else 'show more of it'}{missed}"]
+        return [f"none of the changes {tried} of this test would {'distinguish them' if len(d.family) > 1 else 'show it better'}{missed}"]
     part = f" (|cos| {best.cosine:.2f}, as it was {was.cosine:.2f})" if len(d.family) > 1 else ""
     return [f"on the specimen {best.programme.name} ({best.programme.words}) would decide{part}", f"it shows {_shown(best)} on"]

@@ -15,7 +15,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
-from thermofit.diagnose.rejudge import ends_of_fit, rejudged
+from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
@@ -128,7 +128,11 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         here, fit = again.here, again.fit
         dropped += again.dropped
         remarks += again.remarks
-        accepted = [n for n in (*accepted, *trial.effects) if n not in dropped]
+        earlier = [n for n in accepted if n not in dropped]
+        accepted = [*earlier, *(n for n in trial.effects if n not in dropped)]
+        again = exponents_again(here, fit, earlier, Means(refit, numerical, how))
+        here, fit = again.here, again.fit
+        remarks += again.remarks
     untried = {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
     unjudged = unasked | dict(here.unjudged) | untried
     full = len(accepted) >= max_effects
@@ -191,8 +195,12 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
 def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]], before: Mapping[str, str]) -> tuple[Trial, Accepted]:
     """Of the refits that the best one does not beat by more than a standard error, the one with the fewest parameters that have no value of
     their own and were not so `before` (at a bound, or an exponent adrift), of these the one with the fewest fitted ones (the rule of one
-    standard error, Breiman et al. 1984), of these the one with the largest gain."""
-    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], NEAR)]
+    standard error, Breiman et al. 1984), of these the one with the largest gain.
+
+    A best one whose exponents are adrift has to be told apart for SURE: all of the data have brought them there, the held-out ones too.
+    """
+    by = SURE if best[0].adrift else NEAR
+    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], by)]
 
     def loose(one: tuple[Trial, Accepted]) -> int:
         return len(set(ends_of_fit(*one[1])) - set(before)) + len(one[0].adrift)

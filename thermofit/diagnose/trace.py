@@ -89,7 +89,7 @@ class Traced:
         if score.vetoed:
             return score.vetoed
         if score.z <= self.ranking.threshold:
-            return f"z {score.z:.2f} is below {self.ranking.threshold:.2f}, which chance reaches in one of twenty tests"
+            return f"not significant (z {score.z:.2f}, threshold {self.ranking.threshold:.2f})"
         if score.predicted_drop <= OVER_NUMERICAL * score.numerical_drop:
             return "the error of mesh and time steps alone looks as large"
         proved = self.proofs.get(score.effect)

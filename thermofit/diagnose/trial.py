@@ -106,15 +106,22 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
         first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
-        if not here.case.cheap or not any(_ends(here, p, ended[0].estimate[p.name]) for p in own.amplitudes):
-            break  # at a bound the values of the exponents may be the wrong ones
+        if not here.case.cheap or not _undetermined(here, own, ended[0]):
+            break  # where an amplitude has no value of its own, the values of the exponents may be the wrong ones
     if best is None:
         return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
     trial, proof = best[0], first.proof if first is not None else None
     if best[1] is not None and proof is not None and trial.proof is not None and not trial.proof.not_less_than(proof):
-        said = f"ends at its bound at other exponents, where {proof.words}; here {trial.proof.words} only"
+        said = f"has no value of its own at other exponents, where {proof.words}; here {trial.proof.words} only"
         return replace(trial, refused=said), None
     return best
+
+
+def _undetermined(here: Traced, own: Effect, trial: Trial) -> bool:
+    """Does an amplitude end at its bound, or all of them within AWAY of their standard errors of neutral?"""
+    if any(_ends(here, p, trial.estimate[p.name]) for p in own.amplitudes):
+        return True
+    return all(abs(trial.estimate[p.name] - p.neutral) <= AWAY * trial.sigma.get(p.name, 0.0) for p in own.amplitudes)
 
 
 def tried_together(

@@ -16,7 +16,7 @@ from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
 from thermofit.experiment.errors_told import told
-from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, start_parameters, temperature_of
+from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
@@ -150,6 +150,10 @@ class BodyExperiment:
         """Settings as the study gives them."""
         return self.study.stage(key), ()
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """None: a stage on fields tells what it frees."""
+        return {}
+
     def start(self) -> Parameters:
         """Start values; boundary temperatures are those of the thermocouples where the study gives none."""
         return start_parameters(self.study, self.data)
@@ -186,6 +190,14 @@ class BodyExperiment:
             return replace(self, given=replace(self.data, specimen=replace(self.data.specimen, thickness=value)))
         assert quantity == CLOCK
         return replace(self, given=_clocked(self.data, value))
+
+    def with_steps(self, parts: int) -> BodyExperiment:
+        """Every load step in parts; what drives it is straight between the steps."""
+
+        def cut(steps: LoadSteps) -> LoadSteps:
+            return steps.at(refined(steps.time, parts))
+
+        return replace(self, given=replace(self.data, steps={name: cut(steps) for name, steps in self.data.steps.items()}))
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""

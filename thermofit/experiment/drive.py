@@ -102,4 +102,4 @@ def carried(experiment: Experiment, attempt: Callable[[Experiment], _T]) -> tupl
         other = experiment.by_sections
         if other is None:
             raise
-        return other, attempt(other), driven_remark(other, f"the model cannot carry the measured force ({error})")
+        return other, attempt(other), driven_remark(other, f"the model finds no equilibrium at the measured force ({error})")

@@ -205,6 +205,9 @@ class Experiment(Protocol):
         """Settings of an identification stage on these data, and the elastic constants that it leaves as the study gives them because no
         datum tells them."""
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """Parameters that an earlier stage has told and this stage of that key tells again, and within which bounds."""
+
     def start(self) -> Parameters:
         """Start values; temperatures of air and jaws in K are the measured ones where the study gives none."""
 
@@ -247,6 +250,9 @@ class Experiment(Protocol):
 
     def with_prescribed(self, quantity: str, value: float) -> Experiment:
         """The same with another value of it. StudyError as `prescribed`."""
+
+    def with_steps(self, parts: int) -> Experiment:
+        """The same with every step in time cut into so many equal ones."""
 
     # All channels at once
 

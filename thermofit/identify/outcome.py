@@ -15,6 +15,7 @@ from thermofit.experiment.prediction import Errors
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.observe.comparison import Comparison
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
+from thermofit.records.remarks import sorted_out
 from thermofit.records.staging import Made
 from thermofit.study.study import Study
 
@@ -114,7 +115,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "algorithm": fit.algorithm,
         "channels": channels,
         "evaluations": counts,
-        "remarks": [r for r in (*remarks, solved.model.remark, *solved.remarks, *misfits(channels)) if r],
+        **sorted_out((*remarks, solved.model.remark, *solved.remarks, *misfits(channels))),
     }
     return Made(datasets, summary, parameter_results(study, start, solved))
 
@@ -140,7 +141,7 @@ def nothing_identified(base: Parameters, remarks: tuple[str, ...]) -> Made:
         "converged": True,
         "channels": {},
         "evaluations": merged_counts(),
-        "remarks": list(remarks[1:]),
+        **sorted_out(remarks[1:]),
     }
     return Made({}, summary, results)
 

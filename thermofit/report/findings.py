@@ -97,7 +97,7 @@ def _undecided(here: Traced) -> list[str]:
     out = []
     for s in here.promising():
         if len(s.family) > 1:
-            out.append(f"{s.effect} cannot be told from {', '.join(s.family[1:])} by this test")
+            out.append(f"this test cannot distinguish {s.effect} from {', '.join(s.family[1:])}")
     return out
 
 

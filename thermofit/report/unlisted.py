@@ -71,7 +71,7 @@ def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[
 def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
     part = f"{100 * said['excess_share']:.0f} %"
-    share = f"{part} of the square sum of {said['channel']} hangs together and no listed effect explains half of it"
+    share = f"{part} of the misfit of {said['channel']} is systematic, and no effect of the catalogue explains half of it"
     if said["where"] is None:
         return share
     a, b = said["when_s"]

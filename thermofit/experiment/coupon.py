@@ -21,6 +21,8 @@ from thermofit.experiment.fields import INTERPOLATE, start_parameters
 from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import Moved, of_records
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
@@ -100,6 +102,8 @@ class CouponExperiment:
         """Why a stage has nothing to do: nothing to simulate, no camera, no temperature."""
         if stage in ("simulate", "calibrate-ir"):
             return "the experiment is a record of coupons"
+        if stage == "refine":
+            return "what a law lacks in the plastic range would draw E off, which the elastic range alone tells; the rest is fitted at once"
         if stage == "identify-thermal" and not any(record.temperature for record in self.study.records):
             return "no record holds a temperature"
         return ""
@@ -199,6 +203,10 @@ class CouponExperiment:
             "parameter or weight.<channel>"
         )
 
+    def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
+        """Calibration of the force."""
+        return of_records(self.study, parameters)
+
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """All that the stages identify, on all that they compare; with temperatures, the air's too, held by a prior."""
         study = self.study
@@ -232,9 +240,9 @@ class CouponExperiment:
         model = coupon_model(self.study, self.data, settings, base)
         return JointProblem(settings=settings, base=base, model=model, spans=self.spans, size=POINT)
 
-    def diagnosed(self, base: Parameters) -> JointProblem:
+    def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the error of the steps, which is of first order: half the steps differ by half of it."""
-        study, data, settings = self.study, self.data, self.widened(base)
+        study, data, settings = self.study, self.data, self.joint_settings(free) if free else self.widened(base)
         fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
         model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, fine))
         run = coupon_run(study, data, settings.free)
@@ -265,7 +273,9 @@ class CouponExperiment:
         E, (low, high), part = base["E"], study.bounds("E"), max(3.0 * error, STRAIGHT)
         return {"E": (max(low, (1.0 - part) * E), min(high, (1.0 + part) * E))}
 
-    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+    def checked(
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+    ) -> Checked:
         """Every record by the point driver."""
         return checked_records(self.study, self.data, parameters, word)
 

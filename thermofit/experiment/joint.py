@@ -95,6 +95,8 @@ class Joint:
     """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
     beside: tuple[Prior, ...] = ()
     """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
+    substeps: int = 1
+    """Equal parts into which every load step is divided."""
 
     @property
     def steps(self) -> LoadSteps:
@@ -207,7 +209,7 @@ class Joint:
         return observations
 
     def _steps(self, names: Iterable[str]) -> LoadSteps:
-        return steps_for(self.data, set(names))
+        return steps_for(self.data, set(names)).divided(self.substeps)
 
     def _run(self, observations: Mapping[str, FieldObservation]) -> Run:
         return run_of(self.study, self.data, self.size, self._steps(observations), march_settings(self.study, "full"))

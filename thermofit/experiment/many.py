@@ -22,6 +22,8 @@ from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import Moved, of_test
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.protocol import JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
@@ -199,6 +201,14 @@ class SeveralExperiments:
             "parameter or weight.<channel>"
         )
 
+    def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
+        """Those of each, independent of each other: every test has its own instruments and its own specimen."""
+        found: dict[str, Moved] = {}
+        for test in self.tests:
+            here = seen_by(parameters, test.name).with_free(free_in(parameters.free, test.name).values())
+            found |= of_test(test.prescribed_errors(here), test.name, self.own)
+        return found
+
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""
         own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
@@ -209,9 +219,9 @@ class SeveralExperiments:
         size = size or diagnosis_mesh(self.study)
         return self._problem(settings, base, self._joint(settings, size), size)
 
-    def diagnosed(self, base: Parameters) -> JointProblem:
-        """With the error of every mesh at the optimum of the stages taken into the data."""
-        settings, size = self.joint_settings(), diagnosis_mesh(self.study)
+    def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
+        """With the errors of every mesh and its steps at the optimum of the stages taken into the data."""
+        settings, size = self.joint_settings(free), diagnosis_mesh(self.study)
         base, priors = base.with_free(settings.free), self._priors_of_each()
         plain = self._joint(settings, size)
         plain = JointSeveral({name: replace(part, beside=priors[name]) for name, part in plain.each.items()})
@@ -262,7 +272,9 @@ class SeveralExperiments:
         own = tuple(p for p in every if p.name in self.own or p.name in self.study.shared)
         return {name: every if name == names[0] else own for name in names}
 
-    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+    def checked(
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+    ) -> Checked:
         """All experiments, channels and phases of each under its name."""
         found = {test.name: test.checked(seen_by(parameters, test.name), None, word) for test in self.tests}
         return together(found, word)

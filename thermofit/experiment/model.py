@@ -88,6 +88,17 @@ class StageModel:
             parts = one.innovations(parts)
         return parts
 
+    def common_columns(self) -> np.ndarray:
+        """What the errors that comparisons have in common make of the residual (n, k), each of unit variance: a part of its noise."""
+        counts = [c.n for c in self.comparisons]
+        blocks = []
+        for one in self.common:
+            k = len(next(iter(one.shown.values())).modes)
+            shown = {place: s.columns @ s.modes.T for place, s in one.shown.items()}
+            parts = [shown.get(place, np.zeros((n, k))) for place, n in enumerate(counts)]
+            blocks.append(np.concatenate([*self._apart(parts), np.zeros((len(self.priors), k))]))
+        return np.concatenate([np.zeros((sum(counts) + len(self.priors), 0)), *blocks], axis=1)
+
     def assemble_jacobian(self, errors: Errors, slopes: Mapping[str, np.ndarray]) -> np.ndarray:
         """The Jacobian (n, n_p) at error fields, of derivative fields (n_t, n_s, n_c, n_p)."""
         n_p = next(iter(slopes.values())).shape[-1]

@@ -28,6 +28,7 @@ from thermofit.experiment.programmes import NAMES, OWN, programme_named
 from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
+from thermofit.experiment.stage_errors import StageErrors, stage_errors
 from thermofit.experiment.start import feasible_start, other_starts
 from thermofit.experiment.verification import Checked
 from thermofit.experiment.window import window_times
@@ -192,6 +193,15 @@ class BodyExperiment:
     def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
         """Calibration of force and cameras, area, thermocouples."""
         return of_specimen(self.study, self.data.specimen, parameters)
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """By runs on the coarse mesh."""
+        prescribed = self.prescribed_errors(parameters)
+
+        def model_of(data: Measured, own: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
+            return replace(self, given=data).model(own, base, size)
+
+        return stage_errors(self.study, self.data, settings, parameters, earlier, prescribed, model_of)
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""

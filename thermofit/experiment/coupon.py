@@ -22,11 +22,12 @@ from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
-from thermofit.experiment.prescribed import Moved, of_records
+from thermofit.experiment.prescribed import Moved, acting, columns, of_records
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
+from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked
 from thermofit.fit.linear_model import LinearModel
 from thermofit.point.driver import PointHistory, simulate
@@ -206,6 +207,15 @@ class CouponExperiment:
     def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
         """Calibration of the force."""
         return of_records(self.study, parameters)
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """By derivatives of the point driver; its steps are those of the samples."""
+        prescribed = self.prescribed_errors(parameters)
+        names = tuple(dict.fromkeys((*earlier, *acting(prescribed))))
+        asked = settings.model_copy(update={"free": (*settings.free, *(n for n in names if n not in settings.free))})
+        model = self.model(asked, parameters, POINT)
+        slopes = model.linearised(parameters, names)[1] if names else np.zeros((sum(c.n for c in model.comparisons), 0))
+        return StageErrors(columns(prescribed, names, slopes), slopes[:, [names.index(n) for n in earlier]])
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """All that the stages identify, on all that they compare; with temperatures, the air's too, held by a prior."""

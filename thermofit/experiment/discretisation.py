@@ -17,7 +17,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured, temperature_of
 from thermofit.experiment.force_error import with_force_error
-from thermofit.experiment.joint import Joint
+from thermofit.experiment.joint import Joint, Known
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
@@ -49,6 +49,8 @@ class Discretised:
     shares: Mapping[str, float]
     fields: Mapping[str, Errors]
     """The errors that the data hold, as fields, by cause."""
+    known: Known
+    """Error fields of the corrected problem at the given parameters, and their derivatives."""
     history: History
 
     @property
@@ -60,6 +62,10 @@ class Discretised:
     def left_exact(self) -> np.ndarray:
         """The same where the force is taken as exact."""
         return summed(self.causes_exact)
+
+    def doubt(self, exact: bool) -> Parts:
+        """What of the correction is in doubt, by cause: the part that may be left of the share that the data hold."""
+        return {cause: self.shares[cause] * rows for cause, rows in (self.causes_exact if exact else self.causes).items()}
 
     @property
     def largest_strain(self) -> float:
@@ -108,7 +114,10 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
         return np.append(rows, np.zeros(len(model.priors)))
 
     own = {cause: told(joint.model, error) for cause, error in errors.items()}
-    shares = _shares(own, *joint.model.linearised(parameters, parameters.free or joint.settings.free))
+    model, names = joint.model, parameters.free or joint.settings.free
+    assert model.linearise is not None
+    plain, slopes = model.linearise(parameters, names)
+    shares = _shares(own, *model.assembled(parameters, names, plain, slopes))
     held = {cause: {name: shares[cause] * field for name, field in error.items()} for cause, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(
@@ -117,14 +126,19 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
         {cause: REMAINS * told(exact, error) for cause, error in errors.items()},
         shares,
         held,
+        ({name: error - whole[name] for name, error in plain.items()}, slopes),
         history,
     )
 
 
+def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:
+    """Error of the other mesh over that of the first, h^2 of their elements."""
+    return float((size.n_x * size.n_y * size.n_z / (other.n_x * other.n_y * other.n_z)) ** (2.0 / 3.0))
+
+
 def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Errors:
     """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2."""
-    ratio = (size.n_x * size.n_y * size.n_z / (other.n_x * other.n_y * other.n_z)) ** (2.0 / 3.0)
-    scales = {cause: ratio if cause == MESH else 1.0 for cause in fields}
+    scales = {cause: on_mesh_ratio(size, other) if cause == MESH else 1.0 for cause in fields}
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 
 

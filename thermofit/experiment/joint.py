@@ -37,6 +37,8 @@ from thermofit.study.study import Study
 
 __all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_settings", "station_names"]
 NUISANCES = THERMOCOUPLES
+FORCE_NOISE = "force noise"
+"""Cause of uncertainty: what is left of the noise of the load cell in the smoothed force."""
 
 
 def joint_free(study: Study) -> tuple[str, ...]:
@@ -49,6 +51,11 @@ def diagnosis_mesh(study: Study) -> MeshSize:
     """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset."""
     if study.diagnosis.mesh is not None:
         return mesh_size(study.diagnosis.mesh)
+    return coarse_mesh(study)
+
+
+def coarse_mesh(study: Study) -> MeshSize:
+    """The mesh of the study, but not finer than the coarse preset."""
     own, coarse = study.mesh_size, PRESETS["coarse"]
     return own if own.n_x * own.n_y * own.n_z <= coarse.n_x * coarse.n_y * coarse.n_z else coarse
 
@@ -65,6 +72,10 @@ def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSe
     return StageSettings.model_construct(
         **{**study.stages.plastic.__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
     )
+
+
+Known = tuple[Errors, Mapping[str, np.ndarray]]
+"""Error fields of a joint problem and their derivatives, at some parameters."""
 
 
 @dataclass(frozen=True)
@@ -240,14 +251,16 @@ class Joint:
         """The same with a force that is taken as exact."""
         return replace(self, force_error=None)
 
-    def force_misfit(self, parameters: Parameters) -> float:
+    def force_misfit(self, parameters: Parameters, known: Mapping[str, Known] | None = None) -> float:
         """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
-        make: about one where the model is right. NumericsError where the run fails.
+        make: about one where the model is right; `known`: its fields at these parameters. NumericsError where the run fails.
 
         The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error.
         """
         model, shown = self.model, []
-        residual = LinearModel(*model.linearised(parameters, parameters.free or self.settings.free)).left
+        names = parameters.free or self.settings.free
+        found = model.linearised(parameters, names) if known is None else model.assembled(parameters, names, *known[""])
+        residual = LinearModel(*found).left
         ends = np.cumsum([c.n for c in model.comparisons])
         for common in model.common:
             for place, one in common.shown.items():
@@ -309,5 +322,6 @@ class JointParts(Protocol):
     def without_force_error(self) -> JointParts:
         """The same with forces that are taken as exact."""
 
-    def force_misfit(self, parameters: Parameters) -> float:
-        """Mean square of what the residual shows of the force's error, over its noise: about one where the model is right."""
+    def force_misfit(self, parameters: Parameters, known: Mapping[str, Known] | None = None) -> float:
+        """Mean square of what the residual shows of the force's error, over its noise: about one where the model is right; `known`: fields
+        of the tests at these parameters."""

@@ -11,11 +11,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
+from thermofit.experiment.discretisation import MESH, STEPS
 from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
@@ -28,6 +31,7 @@ from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.protocol import JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
+from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked, together
 from thermofit.records.artefact import Record
 from thermofit.study.section import MeshSize
@@ -208,6 +212,25 @@ class SeveralExperiments:
             here = seen_by(parameters, test.name).with_free(free_in(parameters.free, test.name).values())
             found |= of_test(test.prescribed_errors(here), test.name, self.own)
         return found
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """Those of each in its own rows; mesh and steps err alike in all."""
+        key = next(name for name, field in Stages.model_fields.items() if field.annotation is type(settings))
+        found: list[tuple[str, StageErrors]] = []
+        for test in self.tests:
+            acting_here = free_in((*settings.free, *earlier), test.name)
+            free = tuple(acting_here[n] for n in settings.free if n in acting_here)
+            here = settings.model_copy(update={"free": free, "window": getattr(test.study.stages, key).window})
+            own = tuple(acting_here[n] for n in earlier if n in acting_here)
+            told = test.stage_errors(here, seen_by(parameters, test.name).with_free(free), own)
+            slopes = np.zeros((len(told.slopes), len(earlier)))
+            slopes[:, [k for k, n in enumerate(earlier) if n in acting_here]] = told.slopes
+            causes = {c if c in (MESH, STEPS) else f"{c}{AT}{test.name}": rows for c, rows in told.causes.items()}
+            found.append((test.name, StageErrors(causes, slopes)))
+        names = dict.fromkeys(c for _, told in found for c in told.causes)
+        widths = {c: next(t.causes[c].shape[1] for _, t in found if c in t.causes) for c in names}
+        causes = {c: np.concatenate([t.causes.get(c, np.zeros((len(t.slopes), widths[c]))) for _, t in found]) for c in names}
+        return StageErrors(causes, np.concatenate([t.slopes for _, t in found]))
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""

@@ -69,7 +69,12 @@ class StageModel:
         """The residual (n,) and its Jacobian (n, n_p) from one forward run. ValueError where the model has no exact derivatives."""
         if self.linearise is None:
             raise ValueError("this model has no exact derivatives")
-        errors, slopes = self.linearise(parameters, names)
+        return self.assembled(parameters, names, *self.linearise(parameters, names))
+
+    def assembled(
+        self, parameters: Parameters, names: tuple[str, ...], errors: Errors, slopes: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The residual (n,) and its Jacobian (n, n_p) of error fields and their derivatives at parameters."""
         jacobian = self.with_priors(self.assemble_jacobian(errors, slopes), names)
         return np.append(self.assemble(errors), self.departures(parameters)), jacobian
 

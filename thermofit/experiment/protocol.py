@@ -23,6 +23,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import Moved
 from thermofit.experiment.residuals import Span
+from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked
 from thermofit.records.artefact import Record
 from thermofit.study.section import MeshSize
@@ -249,6 +250,10 @@ class Experiment(Protocol):
     def prescribed_errors(self, parameters: Parameters) -> Mapping[str, Moved]:
         """By how much one standard error of everything that it prescribes moves parameters that stand for it, by cause; not what is free in
         the fit (`parameters.free`)."""
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """What one standard error of everything that a stage takes for exact makes of its residual, and its derivatives by parameters that
+        earlier stages told. NumericsError where a run fails."""
 
     # All channels at once
 

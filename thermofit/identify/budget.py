@@ -9,13 +9,13 @@ import numpy as np
 
 from thermofit.core.parameters import AT, THERMOCOUPLES, units_of
 from thermofit.experiment.discretisation import MESH, STEPS
+from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
 from thermofit.fit.budget import MISFIT, NOISE, Budget
 from thermofit.records.artefact import Dataset, Record, of_parameters
 
 ROOM = "uncertainty"
 """Group of the moves in a record: uncertainty/<cause>."""
-FORCE_NOISE = "force noise"
 EARLIER = "noise of "
 """Before the stage of which the noise reaches a later one through its parameters."""
 _HELP = {

@@ -16,6 +16,9 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name
 from thermofit.experiment.channels import FIELDS
 from thermofit.experiment.discretisation import on_mesh
+from thermofit.experiment.joint import FORCE_NOISE
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import acting, columns
 from thermofit.experiment.priors import improbable, off_declared
 from thermofit.experiment.protocol import Experiment, JointProblem
@@ -23,8 +26,7 @@ from thermofit.experiment.trust import READING
 from thermofit.experiment.verification import numerical_place
 from thermofit.fit.budget import combined
 from thermofit.fit.linear_model import LinearModel
-from thermofit.identify.blocks import residual_blocks
-from thermofit.identify.budget import FORCE_NOISE
+from thermofit.identify.combined import groups_above_noise
 from thermofit.identify.outcome import MISFIT, channel_table, made
 from thermofit.identify.solve import F_TOLERANCE, Solved, covariance_of, minimised
 from thermofit.records.artefact import Dataset, ParameterResult, Record
@@ -33,8 +35,6 @@ from thermofit.study.study import Study
 
 EVALUATIONS = 10
 """Evaluations after which a joint fit that still moves is given up: the stages ended near its optimum, or the model lacks something."""
-ABOVE_NOISE = 1.05
-"""Error of a channel over its noise, which is itself known to a few percent, from which on the residual tells of more than noise."""
 
 
 def refined(study: Study, experiment: Experiment, base: Parameters, task: Job, records: Mapping[str, Record]) -> Made:
@@ -80,7 +80,7 @@ def _left_out(records: Mapping[str, Record]) -> str:
 def _solved(study: Study, experiment: Experiment, problem: JointProblem, task: Job) -> Solved:
     """The joint fit with its budget. NumericsError where the model fails at its start."""
     settings = problem.settings.model_copy(update={"max_evaluations": EVALUATIONS})
-    model, fit = minimised(study, settings, problem.base, (lambda *_: problem.model, problem.size, F_TOLERANCE), task)
+    model, fit = minimised(study, settings, problem.base, (lambda *_: _begun(problem), problem.size, F_TOLERANCE), task)
     spread, remark = covariance_of(model, fit)
     parameters = problem.base.with_vector(fit.x)
     solved = Solved(parameters, model, fit, spread, (), (remark,) if remark else ())
@@ -94,8 +94,6 @@ def _solved(study: Study, experiment: Experiment, problem: JointProblem, task: J
         asked = tuple(name for name in acting(more) if name not in fit.names)
         slopes = np.column_stack([fit.jacobian, model.linearised(parameters, asked)[1]])
         causes |= columns(more, (*fit.names, *asked), slopes)
-    channels = channel_table(model.comparisons, model.errors(parameters))
-    above = max((float(c["chi2_reduced"]) for c in channels.values()), default=0.0) > ABOVE_NOISE**2
     linear = LinearModel(fit.residual, fit.jacobian, None if model.white else model.noise)
     budget = combined(
         linear,
@@ -103,9 +101,25 @@ def _solved(study: Study, experiment: Experiment, problem: JointProblem, task: J
         causes,
         within=_within(problem, fit.jacobian),
         noise_scale=float(np.mean(model.spread**2)),
-        groups=residual_blocks(model, fit.residual).label if above else None,
+        groups=groups_above_noise(solved),
     )
     return replace(solved, budget=budget)
+
+
+def _begun(problem: JointProblem) -> StageModel:
+    """The model, which knows its fields where the errors were told: there the fit begins."""
+    model, errors = problem.model, problem.errors
+    exact = model.linearise
+    if errors is None or set(errors.known) != {""} or exact is None:
+        return model
+
+    def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        if parameters.values == problem.base.values and names == problem.base.free:
+            fields, slopes = errors.known[""]
+            return fields, dict(slopes)
+        return exact(parameters, names)
+
+    return replace(model, linearise=linearise)
 
 
 def _within(problem: JointProblem, jacobian: np.ndarray) -> dict[str, np.ndarray]:
@@ -126,6 +140,11 @@ def _doubtful(problem: JointProblem, solved: Solved) -> str:
     fit = solved.fit
     if not fit.converged:
         return f"the joint fit does not come to an end ({fit.message})"
+    channels = channel_table(solved.model.comparisons, solved.model.errors(solved.parameters))
+    worst = max(channels, key=lambda name: float(channels[name]["chi2_reduced"]))
+    over = float(np.sqrt(channels[worst]["chi2_reduced"]))
+    if over > MISFIT:
+        return f"the joint fit leaves {worst} at {over:.3g} times its noise: what is missing would be spread over all parameters"
     return improbable(problem.model.priors, solved.parameters)
 
 

@@ -98,14 +98,15 @@ def _fit(records: Records, run: RunFolder) -> Iterator[str]:
     if any(stage in records for stage in IDENTIFY):
         yield (
             "Derivatives come from direct differentiation of the discrete equations [@kleiber1997]; where much of the data stays "
-            "unexplained, second derivatives are added [@dennis1981]. Uncertainties are combined standard ones: noise of the data, corrected "
-            "for its correlation in time [@newey1987], and what is stated of everything that was prescribed."
+            "unexplained, second derivatives are added [@dennis1981]. Uncertainties are combined standard ones: noise of the data, "
+            "corrected for its correlation in time [@newey1987], and what is stated of everything that was prescribed."
         )
     if REFINE in records and records[REFINE].summary.get("refined"):
         free = [name for name, p in records[REFINE].parameters.items() if p.free]
         yield (
-            f"At last {', '.join(free)} were fitted together to all channels: readings of thermocouples are data with an error, the error "
-            "of the smoothed force is noise, and the errors of mesh and time steps, told by a finer mesh and half the steps, are in the data."
+            f"At last {', '.join(free)} were fitted together to all channels: readings of thermocouples are data with an error, the "
+            "error of the smoothed force is noise, and the errors of mesh and time steps, told by a finer mesh and half the steps, are in "
+            "the data."
         )
 
 

@@ -404,7 +404,7 @@ def _dataset(stored: h5py.Dataset, path: Path) -> Dataset:
 def _parameter(stored: h5py.Dataset, path: Path) -> ParameterResult:
     unit, _ = _labels(stored, path)
     attrs = stored.attrs
-    sigma, noise = (float(attrs.get(key, np.nan)) for key in ("sigma", "sigma_noise"))
+    sigma, noise = float(attrs["sigma"]), float(attrs.get("sigma_noise", np.nan))
     return ParameterResult(
         value=float(stored[()]),
         sigma=None if np.isnan(sigma) else sigma,

@@ -86,6 +86,12 @@ def test_misfit_that_rows_have_in_common_widens_the_interval_and_white_noise_doe
     assert np.median(wide) < 0.3 and np.mean(wide) < 0.3
 
 
+def test_where_every_parameter_is_at_a_bound_no_misfit_moves_it() -> None:
+    fit, held = model(FIRST), np.ones(2, dtype=bool)
+    found = combined(fit, fit.covariance(("a", "b"), held), {"mesh": COMMON[:N]}, groups=np.arange(N) // 5)
+    assert not found.parts[MISFIT].size and not found.of("mesh").any()
+
+
 def test_root_of_a_covariance_of_mixed_units() -> None:
     scale = np.diag([1e6, 1.0, 1e-6])
     matrix = scale @ (FIRST[:3] @ FIRST[:3].T + 0.1 * np.eye(3)) @ scale

@@ -122,6 +122,8 @@ def _misfit(fit: LinearModel, spread: Covariance, noise_scale: float, groups: np
     free = np.flatnonzero(~spread.at_bound)
     inside = fit.only(free)
     root = inside.root()
+    if not root.size:  # every parameter is at a bound, or the data feel none
+        return np.zeros((fit.columns.shape[1], 0))
     basis = inside.columns @ root
     noise = noise_scale * inside.meat(basis)
     larger = max(spread.s2 / noise_scale, 1.0) * noise
@@ -130,9 +132,8 @@ def _misfit(fit: LinearModel, spread: Covariance, noise_scale: float, groups: np
     lower = np.linalg.cholesky(larger)
     inner = np.linalg.solve(lower, np.linalg.solve(lower, sums.T @ sums * count / max(count - 1, 1)).T)
     values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
-    values = np.where(values > (1.0 + np.sqrt(len(free) / count)) ** 2, values, 1.0)
+    values = np.where(values > (1.0 + np.sqrt(root.shape[1] / count)) ** 2, values, 1.0)
     shown = lower @ (vectors * values) @ vectors.T @ lower.T
-    out = np.zeros((fit.columns.shape[1], len(free)))
     excess = root @ root_of(shown - noise)
     out = np.zeros((fit.columns.shape[1], excess.shape[1]))
     out[free] = excess

@@ -11,6 +11,9 @@ DRAWS ?= 40
 # Test processes that run side by side; with nothing compiled two took 4 min 45 s on two cores, 8 min 46 s of CPU in all. 0: one process.
 JOBS ?= 2
 
+# Strict: a link or an anchor that leads nowhere is an error. The theme's note on its successor is no news in every build.
+MKDOCS = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 # One thread per linear algebra call: the systems are small, and several processes or numba threads share the cores.
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
@@ -19,17 +22,20 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow lint format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow nightly reliability licences lint docs format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
 	@echo "make test              quick tests          make test-slow   the tests that take minutes"
-	@echo "make lint              style, types, import contract"
-	@echo "make format            format the sources   make schema      rewrite docs/study.schema.json"
+	@echo "make lint              style, types, import contract, documentation site"
+	@echo "make docs              the documentation site, build/site/index.html"
+	@echo "make format            format the sources   make schema      rewrite the schemas and the generated pages of docs/"
 	@echo "make thesis            sections 5.3 to 5.5 of the thesis, tables and figures to docs/reproduction [MESH=coarse: minutes]"
 	@echo "make bench             timings              make exp1 | exp2 | exp3   one section of them"
 	@echo "make coverage          do the intervals hold the truth? 40 drawn experiments each of exp1 and exp3, to docs/coverage.md (hours; resumes)"
 	@echo "make dead-ends         fifty random materials and starts whose law lacks something strong: does the chain come to an end?"
+	@echo "make reliability       faults, mutated inputs, references, sameness, memory, mutations: docs/reliability.md (an hour; it resumes)"
+	@echo "make nightly           all tests, the slow ones too, and runs/nightly.md      make licences   docs/licences.md, docs/sbom.json"
 	@echo "make mutations         do the tests notice wrong formulas and rules? (docs/tests.md; tens of minutes)"
 	@echo "make real              records measured by others, from THERMOFIT_DATA: parameters with intervals, effects that are missing"
 	@echo "make clean             remove .venv and caches; runs/ is kept"
@@ -59,6 +65,11 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(MKDOCS)
+
+docs: install
+	$(MKDOCS)
+	@echo "documentation: build/site/index.html"
 
 format: install
 	$(BIN)/ruff check --fix .
@@ -78,6 +89,19 @@ coverage: install
 
 dead-ends: install
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py
+
+nightly: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
+	$(BIN)/python scripts/nightly.py -n $(JOBS)
+
+# Runs unattended and goes on where it was stopped; exit 1 where anything is not as it should be.
+reliability: install
+	$(BIN)/python scripts/reliability.py --jobs $(if $(filter 0,$(JOBS)),1,$(JOBS))
+
+# Of the environment as it is installed; uv.lock holds the versions with which it was tested.
+licences: install
+	$(BIN)/python scripts/bill_of_materials.py > docs/sbom.json
+	$(BIN)/python scripts/bill_of_materials.py --page > docs/licences.md
 
 # Wrong edits of a kept list, one at a time in a copy of the tree; exit 1 where the tests notice fewer than 95 %. It resumes.
 mutations: install

@@ -73,8 +73,8 @@ def measure(options: Options, limits: Limits) -> Part:
     title = f"Pieces of a step, dogbone {n_x} x {n_y} x {n_z}"
     remark = (
         f"{body.mesh.n_elements} hex8, {body.n_equations} mechanical equations with half bandwidth {body.mechanical.bandwidth}, "
-        f"{body.thermal.n} temperatures. Operations of an element pass are estimated as {PASS_FLOPS * body.mesh.n_elements / 1e9:.2f} GF, "
-        "those of a factor as n b^2 and of a solve as 4 n b for n equations and half bandwidth b."
+        f"{body.thermal.n} temperatures. Operations of an element pass are estimated as {PASS_FLOPS * body.mesh.n_elements / 1e9:.2f} GF. "
+        "Those of a factor are n b^2, of a solve 4 n b, for n equations and half bandwidth b."
     )
     return Part(title, tuple(rows), (), (remark,))
 

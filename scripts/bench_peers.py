@@ -46,7 +46,7 @@ def measure(options: Options, limits: Limits) -> Part:
             *(row for peer in peers for row in peer.rows),
         ),
         targets=tuple(target for peer in peers for target in peer.targets),
-        remarks=(*missing, f"Force on the whole bar at the end: {'; '.join(agreement)}.", *_conditions(bar)),
+        remarks=(*missing, f"Force on the whole bar at the end. {'. '.join(agreement)}.", *_conditions(bar)),
     )
 
 
@@ -112,10 +112,10 @@ def _conditions(bar: Bar) -> tuple[str, ...]:
         "and one thread for all; ratios are to thermofit driven by the displacement, as the others are. CPU s of CalculiX are those of its "
         "process, those of thermofit and FElupe those of the increments without imports and, for thermofit, with compiled kernels.",
         "CalculiX: C3D8, which integrates at the same 2 x 2 x 2 points as thermofit's hexahedron (C3D8R has one point, C3D8I further "
-        "unknowns); NLGEOM, automatic increments, none longer than thermofit's; its own tolerance of 0.5 % of the mean force, "
+        "unknowns). NLGEOM, automatic increments, none longer than thermofit's. Its own tolerance is 0.5 % of the mean force, "
         "against 1e-7 here. It has no plastic heating: the dissipation of the law in the evenly drawn bar is prescribed as a body flux, "
         "which saves CalculiX that part of the work. It has no Gough-Joule effect, which cools the bar by at most 0.7 K; its specific "
         "heat is that at constant stress.",
-        "FElupe has neither finite-strain plasticity nor plastic heating: it solves the mechanics alone at small strain, with a hardening "
-        f"line between the nominal stresses at yield and at {end}, displacement driven, in equal increments.",
+        "FElupe has neither finite-strain plasticity nor plastic heating. It solves the mechanics alone at small strain, driven by the "
+        f"displacement in equal increments, with a hardening line between the nominal stresses at yield and at {end}.",
     )

@@ -34,6 +34,8 @@ JUDGED_BY = ("thermofit", "tests", "scripts", "docs", "configs", "pyproject.toml
 """What the answers depend on."""
 LIMIT = 300.0
 """s after which a run that a mutation keeps from ending is stopped; it counts as noticed."""
+WHOLE = 3600.0
+"""The same of all tests together without any mutation."""
 PASSED, FAILED, BROKEN = 0, 1, 2
 """Exit codes of pytest: all pass, some fail, tests cannot even be collected. Any other is a mistake of the list."""
 
@@ -110,7 +112,7 @@ def copied(root: Path, to: Path) -> Path:
     return to
 
 
-def ran(tree: Path, tests: Sequence[str]) -> tuple[int, str]:
+def ran(tree: Path, tests: Sequence[str], limit: float = LIMIT) -> tuple[int, str]:
     """Exit code of pytest on a copy, up to the first failure, and the name of that. Wrong where pytest could not do as it was told.
 
     No bytecode of a mutation is kept: Python tells an edit by the second, and two mutations of a file may share one.
@@ -118,9 +120,9 @@ def ran(tree: Path, tests: Sequence[str]) -> tuple[int, str]:
     own = {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1", CACHE_VARIABLE: str(tree / ".cache"), "CI": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
     try:
-        done = subprocess.run(command, cwd=tree, env={**os.environ, **own}, capture_output=True, text=True, timeout=LIMIT, check=False)
+        done = subprocess.run(command, cwd=tree, env={**os.environ, **own}, capture_output=True, text=True, timeout=limit, check=False)
     except subprocess.TimeoutExpired:
-        return FAILED, f"stopped after {LIMIT:g} s"
+        return FAILED, f"stopped after {limit:g} s"
     if done.returncode not in (PASSED, FAILED, BROKEN):
         raise Wrong(f"pytest {' '.join(tests)} ended with {done.returncode}: {(done.stdout + done.stderr)[-500:]}")
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
@@ -156,14 +158,17 @@ def all_judged(
             finally:
                 trees.put(tree)
 
-        def whole(tree: Path) -> None:
-            tests = sorted({test for one in todo for test in one.tests})
-            code, first = ran(tree, tests)
+        every = sorted({test for one in todo for test in one.tests})
+
+        def whole(tree: Path, tests: Sequence[str]) -> None:
+            code, first = ran(tree, tests, limit=WHOLE)
             if code != PASSED:
                 raise Wrong(f"without any mutation {first or 'a test'} fails: mend it first, or all mutations look noticed")
 
-        in_a_copy(whole)
         with ThreadPoolExecutor(jobs) as pool:
+            parts = [every[k::jobs] for k in range(min(jobs, len(every)))]
+            for part in [pool.submit(in_a_copy, lambda tree, tests=tests: whole(tree, tests)) for tests in parts]:
+                part.result()
             waiting = [pool.submit(in_a_copy, lambda tree, one=one: judged(tree, one)) for one in todo]
             try:
                 for done in as_completed(waiting):

@@ -48,7 +48,7 @@ class Driver:
 
 DRIVERS = {
     "point": Driver(
-        500_000,
+        900_000,
         300,
         {3.0: 16, 10.0: 6, 1.0: 6},
         (

@@ -152,29 +152,30 @@ Written by `scripts/operating_figures.py`: virtual tests with a planted effect, 
 for unlisted terms, as `close-loop` does. Every run is a row of [operating_figures.jsonl](operating_figures.jsonl), from which anybody can
 count again (`scripts/operating_figures.py --write`). Data come from another discretisation than the fit uses.
 
-**What is drawn by the seed of a run** (`scripts/operating_draw.py`). The programme: coupon records are pulled at one rate of three,
-unloaded, unloaded and cooled, cycled, pulled three times at three rates, at three temperatures or at one, or moved through everything
-once, with a temperature or without (`KINDS` in `scripts/operating_point.py`); bodies are loaded at three paces
-(`scripts/operating_body.py`). The level of the noise,
-between half and twice the usual one; in a third of the runs the declared noise of each quantity is wrong by up to a factor of two.
-**Secondary values of a planted effect** (exponents, times, widths, rates) lie between two values that the loop scans, every gap as likely,
-by logarithms where the order of magnitude is what counts, and never nearer to a scanned value than a tenth of the gap: the loop does not
-begin at the truth. A parameter of which one value is scanned and which is fitted later lies within a scale of that value; one that is never
-fitted keeps it.
+**What is drawn by the seed of a run** (`scripts/operating_draw.py`). The programme of a coupon record is one of seven kinds (`KINDS` in
+`scripts/operating_point.py`). It is pulled at one rate of three, unloaded, unloaded and cooled, cycled, pulled three times at three
+rates, at three temperatures or at one, or moved through everything once. The record has a temperature or none. Bodies are loaded at three
+paces (`scripts/operating_body.py`). The noise lies between half and twice the usual one. In a third of the runs the declared noise of
+each quantity is wrong by up to a factor of two.
+**Secondary values of a planted effect** (exponents, times, widths, rates) lie between two values that the loop scans. Every gap is as
+likely as any other. Where the order of magnitude counts, they are drawn by logarithms. They are never nearer to a scanned value than a
+tenth of the gap, so that the loop does not begin at the truth. A parameter of which one value is scanned and which is fitted later lies
+within a scale of that value. One that is never fitted keeps it.
 
-**The amplitude** is in units of the smallest detectable one at the true parameters and these secondary values, `detectable` of the ranking:
-that which is expected to pass, with even odds, all that an effect has to pass to be named ([diagnosis.md](diagnosis.md), Prove). A test
-takes the first of its programmes, in an order drawn by the seed, in which the amplitude lies within the bounds of the effect and is at most
-ten times its probe, at which an effect is plainly visible, or its scale; where there is none, nothing is planted, and the run is listed.
+**The amplitude** is in units of the smallest detectable one at the true parameters and these secondary values, `detectable` of the
+ranking. Such an effect passes, with even odds, all that an effect has to pass to be named ([diagnosis.md](diagnosis.md), Prove). A test
+tries its programmes in an order drawn by the seed. It takes the first in which the amplitude lies within the bounds of the effect and is
+at most ten times its probe, or its scale. At its probe an effect is plainly visible. Where there is none, nothing is planted, and the run
+is listed.
 
-**What counts.** An effect counts as named where it, or an effect of its family (|cos| > 0.9, or, where they were refitted on the known
-motion, predictions of held-out data within two standard errors of each other: the test cannot tell them apart), was accepted on held-out
-data after a refit, and was not taken back. Of two planted effects both count as named only where two effects were accepted, one for each. A
-run that ended in an error has named nothing. Beside every share stands the end of its one-sided 95 % interval (Clopper and Pearson): the
-upper one (<=) of what should not be, the lower one (>=) of what should be. The bias is that of runs whose accepted effect has its other
-parameters near the planted ones; in another form the same test has another amplitude. The sensor of the coupon records has a lag of 0.6 s
-that the fit knows and frees; two lags in series commute, so that a planted lag that is longer is found as that of the sensor, and 0.6 s as
-the effect's.
+**What counts.** An effect counts as named where it, or an effect of its family, was accepted on held-out data after a refit, and was not
+taken back. A family holds effects that the test cannot tell apart: |cos| > 0.9. Where they were refitted on the known motion, it holds
+those whose predictions of held-out data lie within two standard errors of each other. Of two planted effects both count as named only
+where two effects were accepted, one for each. A run that ended in an error has named nothing. Beside every share stands the end of its
+one-sided 95 % interval (Clopper and Pearson): the upper one (<=) of what should not be, the lower one (>=) of what should be. The bias is
+that of runs whose accepted effect has its other parameters near the planted ones; in another form the same test has another amplitude.
+The sensor of the coupon records has a lag of 0.6 s that the fit knows and frees. Two lags in series commute. A planted lag that is longer
+is therefore found as that of the sensor, and 0.6 s as the effect's.
 """
 LEFT_OUT = """## What the runs leave out
 
@@ -182,12 +183,12 @@ The runs make the joint fit, call the loop and ask for unlisted terms as `close-
 command that they do not exercise:
 
 * **From raw files to the stages.** No files are read, no camera is calibrated, nothing is interpolated; parameters come from the study's
-  start values and not from `identify-elastic`, `identify-plastic` and `identify-thermal`. For fields a first joint fit stands for the
-  stages, and the loop starts from the last fit whether it settled or not; the command starts from the optimum of the stages where it
+  start values and not from `identify-elastic`, `identify-plastic` and `identify-thermal`. For fields a first joint fit takes the place of
+  the stages, and the loop starts from the last fit whether it settled or not. The command starts from the optimum of the stages where it
   did not.
-* **When the error of the force is told.** The command takes the force of a body as exact as long as the model misses more than that error
-  could explain, tells it again at later parameters, and changes to the residual that knows it ([diagnosis.md](diagnosis.md), Find).
-  Here that error counts as noise from the first fit on.
+* **When the error of the force counts.** The command takes the force of a body as exact as long as the model misses more than that error
+  could explain. It estimates that error again at later parameters, and then changes to the residual that contains it
+  ([diagnosis.md](diagnosis.md), Find). Here that error counts as noise from the first fit on.
 * **Noise of the strain of coupon records.** The strain drives the fit and is exact but for 1e-7.
 * **Not asked at all:** tests declared as held out, several experiments, the programmes for what is undecided, and refusals (too few
   data, two freed effects of one family).

@@ -25,7 +25,7 @@ NAMES = ("E", "M_y0", "M_yinf", "H_exp", "H_lin", "Q", "b", "C1", "g1", "C2", "g
 NAMES += ("share", "length", "upper", "drop", "amount", "scale", "c0", "tau")
 OFF = {"b": 60.0, "g1": 100.0, "m": 0.2, "rate0": 1e-3, "rate1": 1e-4, "length": 0.02, "drop": 1e-3, "scale": 0.02}
 BOUNDS = {"E": (1e3, 5e5), "M_y0": (0.5, 3e3), "M_yinf": (1.0, 6e3), "H_exp": (0.03, 3e3), "H_lin": (-5e3, 1e5), "Q": (-1e3, 1e3)}
-BOUNDS |= {"b": (0.1, 5e3), "C1": (0.0, 1e6), "g1": (1e-3, 1e4), "C2": (0.0, 1e6), "g2": (0.0, 1e4), "K": (0.0, 2e3), "m": (0.02, 1.0)}
+BOUNDS |= {"b": (0.1, 5e3), "C1": (0.0, 5e6), "g1": (1e-3, 1e4), "C2": (0.0, 5e6), "g2": (0.0, 1e4), "K": (0.0, 2e3), "m": (0.02, 1.0)}
 BOUNDS |= {"rate0": (1e-9, 1e4), "C": (0.0, 0.5), "rate1": (1e-9, 1e4), "slope": (-0.02, 0.02), "share": (0.0, 3.0), "length": (1e-3, 0.2)}
 BOUNDS |= {"upper": (0.0, 500.0), "drop": (1e-5, 0.05), "amount": (0.0, 0.9), "scale": (1e-4, 10.0)}
 """Those of the effects of the catalogue."""

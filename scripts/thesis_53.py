@@ -138,7 +138,7 @@ def table_5_6(place: Place) -> list[str]:
         "## Tables 5.5 and 5.6: thermal parameters from seven starts",
         before(place, "before-exp1"),
         starts_table(record, (TABLE_5_6,)),
-        f"The program says: {record.summary['verdict']}.",
+        f"The program says: `{record.summary['verdict']}`.",
         listed(*found),
         of_f(thermal, TABLE_5_6["f"]),
     ]

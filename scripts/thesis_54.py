@@ -120,10 +120,10 @@ def material(place: Place, pages: Path) -> list[str]:
         "model 2, without cooling": (2, place.record(MONOTONIC[2], "verify")),
     }
     text = (
-        "The virtual material of both experiments is neither model 1 nor model 2: its dissipation per plastic strain is "
-        f"beta M_y0 (1 + {figures.slope_of(truth):g} Lambda) with beta = {value(truth, 'beta'):g}, a share of the plastic "
-        f"work that "
-        "falls and rises again with the strain. Model 1 has a constant dissipation (4.21), model 2 that of (4.22). The two numbers were "
+        "The virtual material of both experiments is neither model 1 nor model 2. Its dissipation per plastic strain is "
+        f"beta M_y0 (1 + {figures.slope_of(truth):g} Lambda) with beta = {value(truth, 'beta'):g}. As a share of the plastic "
+        "work it falls and rises again with the strain. Model 1 has a constant dissipation (4.21), model 2 that of (4.22). The two numbers "
+        "were "
         "not chosen "
         "for the result: beta is that of Table 5.15, and the slope gives the heat of Table 5.15 over the whole test. Everything else is "
         "what the "
@@ -209,14 +209,14 @@ def without_cooling(place: Place, pages: Path) -> list[str]:
         "## Table 5.10: model 1 without cooling",
         before(place, f"before-{MONOTONIC[1]}"),
         starts_table(one, TABLE_5_10, RATIOS),
-        f"The program says: {one.summary['verdict']}.",
+        f"The program says: `{one.summary['verdict']}`.",
         listed(*valley_agrees(one, verify["model 1"])),
         figures.saved(pages, "exp1-valley", figures.valley(one), "Model 1 without cooling: optimum of each start over beta"),
         capacity_sentence(),
         "## Table 5.11: model 2 without cooling",
         before(place, f"before-{MONOTONIC[2]}"),
         starts_table(two, (TABLE_5_11,), RATIOS),
-        f"The program says: {two.summary['verdict']}.",
+        f"The program says: `{two.summary['verdict']}`.",
         listed(*_optimum_agrees(two, verify["model 2"], TABLE_5_11, False)),
         of_f(place.record(MONOTONIC[2], "identify-thermal"), TABLE_5_11["f"]),
         figures.saved(
@@ -251,9 +251,8 @@ def valley_agrees(record: Record, verify: Record) -> list[Compared]:
 
 
 NEITHER = (
-    "The virtual material has a dissipation that grows with the strain, which the constant one of model 1 cannot follow; how much it "
-    "misses "
-    "depends on this virtual material, not on the thesis's."
+    "The virtual material has a dissipation that grows with the strain, which the constant one of model 1 cannot follow. How much it "
+    "misses depends on this virtual material, not on the thesis's."
 )
 
 
@@ -273,9 +272,8 @@ def _optimum_agrees(record: Record, verify: Record, printed: Values, near_litera
             Why(
                 "",
                 "The virtual material is that of Table 5.15, near the literature. Where its optimum lies without cooling depends on how "
-                "the "
-                "dissipation of the virtual material differs from that of model 2 during loading, which is not known of the thesis's "
-                "material.",
+                "the dissipation of the virtual material differs from that of model 2 during loading. For the thesis's material that "
+                "is not known.",
             ),
         ),
     ]
@@ -304,13 +302,13 @@ def with_cooling(place: Place, pages: Path) -> list[str]:
         "## Table 5.14: model 1 with cooling",
         before(place, f"before-{COOLING[1]}"),
         starts_table(one, TABLE_5_14, RATIOS),
-        f"The program says: {one.summary['verdict']}.",
+        f"The program says: `{one.summary['verdict']}`.",
         listed(*_model_1_agrees(place, one, verify)),
         *scaling(place),
         "## Table 5.15: model 2 with cooling",
         before(place, f"before-{COOLING[2]}"),
         starts_table(two, (TABLE_5_15,), RATIOS),
-        f"The program says: {two.summary['verdict']}.",
+        f"The program says: `{two.summary['verdict']}`.",
         listed(*_optimum_agrees(two, verify[2], TABLE_5_15, True)),
         of_f(place.record(COOLING[2], "identify-thermal"), TABLE_5_15["f"]),
         *(figures.saved(pages, name, figure, caption) for name, figure, caption in pictures if figure is not None),
@@ -324,7 +322,7 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
     return [
         same_word("uniqueness with ideal jaws and no exchange with the air", uniqueness(one), "unique", Why("", f"{SCALES} {ENDS}")),
         same_word(
-            "uniqueness where a film coefficient is known and felt (last table; section 5.4.3 of the thesis)",
+            "uniqueness where a film coefficient is known and acts (last table; section 5.4.3 of the thesis)",
             uniqueness(place.record(FILMS, "gridsearch")),
             "unique",
         ),
@@ -340,8 +338,8 @@ def _model_1_agrees(place: Place, one: Record, verify: Mapping[int, Record]) -> 
 
 ENDS = (
     "Cooling adds no term of another kind: section 5.4.3 of the thesis says so of any dissipation proportional to beta. Fully coupled, "
-    "heating at zero stress needs c0 + 9 K alpha_exp^2 theta, which grows with the square of the common factor: that alone breaks the "
-    "scaling, so that a fully coupled search, as the thesis's was, can end in one point, far from any aluminium. The next table compares."
+    "heating at zero stress needs c0 + 9 K alpha_exp^2 theta, which grows with the square of the common factor. That alone breaks the "
+    "scaling. A fully coupled search, as the thesis's was, can then end in one point, far from any aluminium. The next table compares."
 )
 
 
@@ -354,5 +352,5 @@ def known_films(place: Place) -> list[str]:
         "thesis):",
         before(place, f"before-{FILMS}"),
         starts_table(record, (), RATIOS),
-        f"The program says: {record.summary['verdict']}.",
+        f"The program says: `{record.summary['verdict']}`.",
     ]

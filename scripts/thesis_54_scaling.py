@@ -23,7 +23,7 @@ ROOM = CELSIUS + 24.0
 
 SCALES = (
     "With jaws as an ideal heat sink and no exchange with the air every term of (4.20) carries one of alpha_exp, kappa, c0 and beta as a "
-    "factor, so that a common factor changes no temperature."
+    "factor. A common factor then changes no temperature."
 )
 
 

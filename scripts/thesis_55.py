@@ -194,7 +194,7 @@ def ten_starts(place: Place) -> list[str]:
         "## Tables 5.18 and 5.19: all six parameters from ten starts",
         before(place, "before-exp3"),
         starts_table(record, (TABLE_5_19,)),
-        f"The program says: {record.summary['verdict']}.",
+        f"The program says: `{record.summary['verdict']}`.",
         listed(*found),
         of_f(thermal, TABLE_5_19["f"]),
         identified(thermal, TABLE_5_19, place.record(RUN, "simulate")),
@@ -213,7 +213,7 @@ def sensitivities(place: Place, pages: Path) -> list[str]:
         parts += [
             f"## Table {number}: another temperature of the {what}",
             change_table(record, printed),
-            f"The program says: {record.summary['verdict']}.",
+            f"The program says: `{record.summary['verdict']}`.",
         ]
         values = [row for row in record.summary["values"] if not row["failed"] and row["value"] in printed]
         # Of the thesis's temperatures: those of the virtual thermocouples are a few hundredths of a kelvin off.
@@ -280,8 +280,8 @@ def reactions_agree(record: Record, printed: Mapping[float, Values], what: str) 
 
 UNKNOWN_REST = Why(
     "",
-    "The virtual data hold noise beside the model and nothing else; the thesis's f goes on falling beyond the measured temperatures, so "
-    "that its data hold what its model does not, and its optima follow that too.",
+    "The virtual data hold noise beside the model and nothing else. The thesis's f goes on falling beyond the measured temperatures. "
+    "So its data hold what its model does not, and its optima follow that too.",
 )
 
 

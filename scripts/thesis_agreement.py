@@ -102,7 +102,7 @@ def noise_or_not(record: Record, truth: Mapping[str, float]) -> Why:
     text = (
         f"The largest deviation in standard errors is {size:.1f} ({name}), as noise makes it."
         if size < 3.0
-        else f"{name} is off by {size:.0f} standard errors, which know the noise only: the rest is not noise. The virtual material was "
+        else f"{name} is off by {size:.0f} standard errors, which hold the noise only. The rest is not noise. The virtual material was "
         "computed on another mesh and with other time steps than it is identified with."
     )
     return Why(text, text)

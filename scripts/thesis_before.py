@@ -22,7 +22,7 @@ def before(place: Place, run: str) -> str:
     record = record_before(place, run)
     # Along a valley the optimum may be anywhere: how far an error moves it says nothing.
     remarks = [text for text in record.summary["remarks"] if " moves " in text and record.summary["kind"] == "unique"]
-    return " ".join([f"Before any data the program says: {record.summary['verdict']}.", *(f"{text}." for text in remarks)])
+    return " ".join([f"Before any data the program says: `{record.summary['verdict']}`.", *(f"{text}." for text in remarks)])
 
 
 def foreseen(place: Place, run: str, what: str, found: str) -> Statement:

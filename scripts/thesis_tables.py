@@ -70,7 +70,7 @@ def of_f(thermal: Record, printed: float) -> str:
     rms, floor, n = left_over(thermal)
     return (
         f"The unweighted sum of the thesis's f is {squared_error(thermal):.2f} K^2 over {n} values here (rms {1e3 * rms:.1f} mK, noise "
-        f"{1e3 * floor:.1f} mK) against {printed:.2f} K^2 over its own points and steps: only its ratios mean something."
+        f"{1e3 * floor:.1f} mK). The thesis has {printed:.2f} K^2 over its own points and steps. Only its ratios mean something."
     )
 
 
@@ -79,8 +79,8 @@ def document(title: str, place: Place, parts: Sequence[str], statements: Sequenc
     size = {"quick": "2 x 16 x 1", "coarse": "6 x 40 x 2", "full": "12 x 80 x 4"}[place.mesh]
     made = "2 x 16 x 1" if place.mesh == "quick" else "10 x 72 x 3"
     head = (
-        f"Written by `make thesis MESH={place.mesh}`. The data are virtual: files of force, image correlation and infrared camera with "
-        "noise, rigid-body motion, compliance and slip of the machine and a turned camera, computed on a mesh of "
+        f"Written by `make thesis MESH={place.mesh}`. The data are virtual: files of force, image correlation and infrared camera. "
+        "They have noise, rigid-body motion, compliance and slip of the machine, and a turned camera. They were computed on a mesh of "
         f"{made} elements and identified from the files on {size}. The thesis's own measurements are not public. {_time_of(place)}"
     )
     return "\n\n".join([f"# {title}", head, "## What was found", "\n".join(s.line for s in statements), *parts]) + "\n"
@@ -98,5 +98,6 @@ def _time_of(place: Place) -> str:
     again = f" Later calls made anew what had changed since, in {wall:.1f} minutes with {cpu:.1f} minutes of CPU time." if later else ""
     return (
         f"All runs behind section(s) {', '.join(last['sections'].split())} were made from nothing in {last['wall_s'] / 60.0:.1f} minutes, "
-        f"{last['jobs']} at a time, with {last['cpu_s'] / 60.0:.1f} minutes of CPU time, on a machine of {os.cpu_count()} cores.{again}"
+        f"{last['jobs']} at a time. They took {last['cpu_s'] / 60.0:.1f} minutes of CPU time, on a machine of {os.cpu_count()} cores."
+        f"{again}"
     )

@@ -92,7 +92,7 @@ def test_page_says_what_it_stands_on(page: Any, tmp_path: Path) -> None:
     text = (tmp_path / "operating_figures.md").read_text()
     assert "(operating_figures.jsonl)" in text and "Rows, coupon records: 5, all of source now" in text
     assert "| radiation | too faint |" in text and "| jaw_slip, machine_compliance | no crosshead |" in text
-    assert "When the error of the force is told" in text
+    assert "When the error of the force counts" in text
     strong, faint = text.split("(1 times the smallest amplitude)")
     assert "| ir_drift | ir_drift 1, ir_gain 1 |" in strong and "| ir_drift+lamp | lamp 1 |" in strong and "| none | none 1 |" in strong
     assert "| ir_drift | none 1 |" in faint and "| lamp | clamp_drift 1 |" in faint

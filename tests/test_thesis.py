@@ -226,7 +226,7 @@ def test_time_of_a_run_is_kept_with_it(scripts: Any, tmp_path: Path) -> None:
     assert "in several goes" in tables.document("t", place, [], [])
     runs.note_total(place, {"sections": "5.3 5.4", "from_nothing": True, "jobs": 2, "wall_s": 120.0, "cpu_s": 180.0})
     page = tables.document("t", place, [], [])
-    assert "5.3, 5.4 were made from nothing in 2.0 minutes, 2 at a time, with 3.0 minutes of CPU time" in page
+    assert "5.3, 5.4 were made from nothing in 2.0 minutes, 2 at a time. They took 3.0 minutes of CPU time" in page
     assert "Later" not in page
     for wall, cpu in ((60.0, 30.0), (30.0, 12.0)):
         runs.note_total(place, {"sections": "5.4", "from_nothing": False, "jobs": 2, "wall_s": wall, "cpu_s": cpu})

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import thermofit
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.cli.catalogue import STAGES
 from thermofit.core.errors import DataError, NumericsError, StudyError, UntrustworthyError
 from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
@@ -136,7 +136,7 @@ def test_help_show_and_new_do_not_load_numba(tmp_path: Path) -> None:
     artefact = tmp_path / "verify.h5"
     outcome(artefact, "verify", {})
     code = (
-        "import sys\nfrom typer.testing import CliRunner\nfrom thermofit.cli import app\n"
+        "import sys\nfrom typer.testing import CliRunner\nfrom thermofit.cli.app import app\n"
         "for arguments in (['--help'], ['run', '--help']):\n"
         "    assert CliRunner().invoke(app, arguments).exit_code == 0\n"
         "assert 'numpy' not in sys.modules\n"
@@ -265,6 +265,30 @@ def test_human_output_says_the_same(study: Path, monkeypatch: pytest.MonkeyPatch
     for part in ("69111", "404", "30000 .. 150000", "2856", "! something [odd] was seen", "identify-elastic.h5", "8 forward"):
         assert part in result.stdout
     assert "nu" not in [line.split()[0] for line in lines if line.split()], "fixed parameters are no result"
+
+
+def test_notes_are_printed_with_verbose_alone(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What asks for nothing stays in the record, the report and the JSON, of one stage and of the chain."""
+    note = {"notes": ["c_p [=] c0 + more"]}
+    replace_stages(monkeypatch, lambda name: lambda study, *, force=False: outcome(study.run_dir / f"{name}.h5", name, note))
+    for command in ("identify-elastic", "run"):
+        assert "c_p [=]" not in (plain := call(command, study).stdout) and "something [odd]" in plain
+        assert "- c_p [=] c0 + more" in call(command, study, "--verbose", "--force").stdout
+    assert json.loads(call("identify-elastic", study, "--json").stdout)["notes"] == note["notes"]
+
+
+def test_the_command_that_comes_next_is_named(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a fit the loop; after the loop, where it added something, the study that holds it. Not beside --quiet or --json."""
+    added = {"added": ["lamp"]}
+    replace_stages(monkeypatch, lambda name: lambda study, *, force=False: outcome(study.run_dir / f"{name}.h5", name, added))
+    loop = f"next      thermofit close-loop {study}"
+    for arguments in (("run", study), ("verify", study), ("diagnose", study)):
+        assert [line for line in call(*arguments).stdout.splitlines()[-3:] if line.startswith(loop)], arguments
+    assert "with-effects.yaml --until verify" in "".join(call("close-loop", study).stdout.splitlines()[-3:])
+    assert "next " not in call("run", study, "--until", "identify-plastic").stdout
+    assert "next " not in call("run", study, "--quiet").stdout and "next " not in call("verify", study, "--json").stdout
+    added.clear()
+    assert "next " not in call("close-loop", study, "--force").stdout
 
 
 def test_fresh_is_said(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,7 @@ def test_the_ranking_shows_the_predicted_drop_of_chi_square_within_the_page() ->
     estimate = {f"clamp_difference.{name}": {"value": -0.0123456, "sigma": 0.0012345, "unit": "K"} for name in ("difference", "other")}
     row = {"effect": "clamp_difference", "family": ["clamp_difference", "initial_gradient"], "z": 103.26, "predicted_drop": 123456.0}
     more = {"estimate": estimate, "held_out_gain": 0.1, "held_out_sigma": 0.01, "detectable": 0.0123456, "accepted": False}
-    remark = "z 1.23 is below 3.21, which chance reaches in one of twenty tests"
+    remark = "not significant, and a remark that is long enough to need two lines"
     out = StringIO()
     show(Console(file=out, width=140), {"ranking": [{**row, **more, "remark": remark}]})
     lines = out.getvalue().splitlines()

@@ -207,3 +207,13 @@ def test_kernels_of_numbers_compile_beside_cached_kernels_of_lanes(tmp_path: Pat
     for program in (IN_LANES, IN_NUMBERS):
         ran = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
         assert ran.returncode == 0, ran.stderr[-2000:]
+
+
+def test_pointers_have_types() -> None:
+    """The lanes load and address by typed pointers, which llvmlite is going to drop: then `load` and `gep` need the type as an argument in
+    point/lanes_memory.py and body/sensitivity/lanes.py, and this test says so before a kernel does."""
+    import llvmlite
+    from llvmlite import ir
+
+    enabled = getattr(llvmlite, "ir_layer_typed_pointers_enabled", True)
+    assert enabled and ir.PointerType(ir.DoubleType()).pointee == ir.DoubleType(), f"llvmlite {llvmlite.__version__} has opaque ones only"

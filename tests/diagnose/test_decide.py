@@ -80,10 +80,10 @@ def test_a_decision_names_the_simplest_programme_that_parts() -> None:
 def test_a_member_that_no_coupon_feels_does_not_hide_what_is_told_of_the_others() -> None:
     told = (Told(named("monotonic"), 0.99, {"a": 1.0, "b": 2.0}), Told(named("cycles"), 0.1, {"a": 1.0, "b": 2.0}))
     said = in_words(Decision(("a", "lamp", "b"), told, ("lamp",)))
-    assert "the programme cycles" in said and said.endswith("; no coupon feels lamp, which acts on the field of temperature")
+    assert "the programme cycles" in said and said.endswith("; a coupon test cannot show lamp, which acts on the field of temperature")
     alone = in_words(Decision(("a", "lamp"), (Told(named("hold"), 0.0, {"a": 0.5}),), ("lamp",)))
-    assert "the programme hold" in alone and "it shows a from 0.5 on; no coupon feels lamp" in alone
-    assert in_words(Decision(("lamp",), (), ("lamp",))) == "lamp: no coupon feels lamp, which acts on the field of temperature"
+    assert "the programme hold" in alone and "it shows a from 0.5 on; a coupon test cannot show lamp" in alone
+    assert in_words(Decision(("lamp",), (), ("lamp",))) == "lamp: a coupon test cannot show lamp, which acts on the field of temperature"
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_what_was_added_besides_is_in_no_family_and_is_a_parameter() -> None:
         trial = SimpleNamespace(scores=(SimpleNamespace(effect=name, family=family),), effects=(name,))
         settings = {"second_hardening": {"second_hardening.b": 100.0}}
         turns.append(SimpleNamespace(trials=(trial,), accepted=(name,), traced=SimpleNamespace(settings=settings)))
-    (family,) = added_families(cast(Closed, SimpleNamespace(rounds=tuple(turns), accepted=PAIR)))
+    (family,) = added_families(cast(Closed, SimpleNamespace(rounds=tuple(turns), accepted=PAIR, stand_ins=None)))
     assert family.members == ("linear_hardening", "second_hardening") and family.settings == {"second_hardening.b": 100.0}
     on = LAW.replace(H_lin=100.0, **{"backstress_first.C": 500.0, "ir_drift.rate": 1e-3})
     on = on.with_free((*LAW.free, "kappa", "H_lin", "backstress_first.C", "ir_drift.rate"))

@@ -76,7 +76,7 @@ def test_a_rest_or_a_cooling_parts_a_lamp_from_a_heat_of_transformation() -> Non
     assert found.best_on_specimen is not None and found.best_on_specimen.programme.name == "long-rest"
     said = in_words(found)
     assert said.startswith(
-        "lamp and latent_heat: no coupon feels lamp and latent_heat, which act on the field of temperature; on the specimen"
+        "lamp and latent_heat: a coupon test cannot show lamp and latent_heat, which act on the field of temperature; on the specimen"
     )
     assert "long-rest (rest 120 s longer before loading" in said and "it shows lamp from" in said
 
@@ -87,7 +87,7 @@ def test_two_errors_of_a_camera_that_are_one_are_parted_by_nothing() -> None:
     (row,) = summary["programmes"]
     assert row["best"] is None and row["on_specimen"]["best"] is None
     assert min(t["max_cos"] for t in row["on_specimen"]["told"]) > 0.999
-    assert "none would part them" in summary["undecided"][0]
+    assert "would distinguish them" in summary["undecided"][0]
 
 
 def test_the_family_of_an_added_lamp_is_asked_with_the_lamp_on() -> None:
@@ -97,7 +97,9 @@ def test_the_family_of_an_added_lamp_is_asked_with_the_lamp_on() -> None:
     here = cast(Traced, SimpleNamespace(case=case, promising=tuple, ranking=here.ranking, settings={}))
     (found,) = decisions(here, (Family(LAMP, "lamp", SETTINGS["latent_heat"]),), joint())
     assert found.as_it_was is not None and found.as_it_was.cosine > ALIKE, "what the lamp has is not taken out of its own column"
-    assert in_words(found).startswith("lamp (added) or latent_heat: no coupon") and "on the specimen long-rest" in in_words(found)
+    assert in_words(found).startswith("lamp (added) or latent_heat: a coupon test cannot") and "on the specimen long-rest" in in_words(
+        found
+    )
 
 
 def test_a_test_that_parts_too_weakly_asks_for_one_that_shows_more() -> None:
@@ -111,7 +113,7 @@ def test_a_test_that_parts_too_weakly_asks_for_one_that_shows_more() -> None:
     weak = Decision(LAMP, (), LAMP, (), "", was, (told("long-rest", 0.1, 1.1), told("stop", 0.4, 0.9)))
     assert weak.best_on_specimen is not None and weak.best_on_specimen.programme.name == "stop"
     none = replace(weak, on_specimen=weak.on_specimen[:1])
-    assert none.best_on_specimen is None and "none would part them" in in_words(none)
+    assert none.best_on_specimen is None and "would distinguish them" in in_words(none)
     assert replace(weak, as_it_was=replace(was, cosine=0.95)).best_on_specimen is weak.on_specimen[0]
     same = (told("unloadings", 1.0, 1.0, cosine=0.0),)
     assert replace(weak, on_specimen=same).best_on_specimen is None, "0.87 of the amplitude"

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from refits import refitting
 from seen_field import BASE, KNOWN, SIGMA, case_of
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import still_needed
 from thermofit.diagnose.before_after import before_after
 from thermofit.diagnose.case import Case, Elsewhere
+from thermofit.diagnose.elsewhere import beyond_of, elsewhere_of
 from thermofit.diagnose.loop import Closed, close_loop, ranking_rows
 from thermofit.diagnose.proof_elsewhere import held_out_words, predicted_beyond, unseen_rms
 from thermofit.diagnose.trace import traced
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span
+from thermofit.experiment.trust import doubts
 from thermofit.report.findings import error_rows
 
 DRIFT = {"ir_drift.rate": 1e-3}
@@ -139,8 +144,8 @@ def test_parameters_of_the_unseen_test_are_fitted_on_its_own_data() -> None:
     planted = {"ir_drift.rate": 4e-3}
     off, _, _ = started(another(11, **planted))
     own, _, _ = started(another(11, own=("ir_drift.rate",), **planted))
-    assert unseen_rms(traced(off))[0]["theta@second"][0] > 3.0
-    assert unseen_rms(traced(own))[0]["theta@second"][0] == pytest.approx(1.0, rel=0.03)
+    assert unseen_rms(here := traced(off), here.beyond)[0]["theta@second"][0] > 3.0
+    assert unseen_rms(here := traced(own), here.beyond)[0]["theta@second"][0] == pytest.approx(1.0, rel=0.03)
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -150,3 +155,82 @@ def test_an_accepted_effect_is_kept_where_the_unseen_test_needs_it(there: bool) 
     assert found.accepted == ("ir_drift",)
     case = replace(found.last.case, elsewhere=(another(12, **(DRIFT if there else {})),))
     assert still_needed(traced(case), "ir_drift") is there
+
+
+def failing(test: Elsewhere, where: Callable[[Parameters], bool]) -> Elsewhere:
+    """A held-out test whose model fails at some parameters."""
+
+    def case(p: Parameters) -> Case:
+        if where(p):
+            raise NumericsError("time step to t = 60 s failed")
+        return test.case(p)
+
+    return replace(test, case=case)
+
+
+def test_a_held_out_test_that_cannot_be_run_ends_nothing_judges_nothing_and_is_said() -> None:
+    """The rows of the fitted test judge, and the answer is not trusted."""
+    found = closed(failing(another(11), lambda _: True), **DRIFT)
+    proof = found.rounds[0].trials[0].proof
+    assert found.accepted == ("ir_drift",) and proof is not None and proof.on == ""
+    assert dict(found.last.unpredicted) == {"second": "time step to t = 60 s failed"}
+    assert set(before_after(found.first, found.last)["after"]["held_out"]) == {"theta"}
+    assert still_needed(found.last, "ir_drift")
+    (said,) = doubts([], unpredicted=found.last.unpredicted)
+    assert said == "held-out second was not predicted and judges nothing: time step to t = 60 s failed"
+
+
+def test_an_effect_with_which_a_held_out_test_cannot_be_run_any_more_is_not_judged() -> None:
+    off = {e.amplitude.name: e.amplitude.neutral for e in KNOWN}
+    found = closed(failing(another(11, **DRIFT), lambda p: any(p[n] != v for n, v in off.items())), **DRIFT)
+    trial = next(t for t in found.rounds[0].trials if t.effects == ("ir_drift",))
+    assert found.accepted == () and trial.unjudged and "held-out second: time step to t = 60 s failed" in trial.refused
+    assert "ir_drift" in found.unjudged and dict(found.last.unpredicted) == {}
+
+
+def test_held_out_tests_are_compared_where_both_optima_predict_them() -> None:
+    """One that the base model cannot be run through, and the model with the effect can."""
+    found = closed(failing(another(11, **DRIFT), lambda p: p["ir_drift.rate"] == 0.0), **DRIFT)
+    assert found.accepted == ("ir_drift",) and list(found.first.unpredicted) == ["second"] and dict(found.last.unpredicted) == {}
+    table = before_after(found.first, found.last)
+    assert set(table["before"]["held_out"]) == set(table["after"]["held_out"]) == {"theta"}
+
+
+@pytest.mark.parametrize("by_sections", ["driven", "fails", "none"])
+def test_a_held_out_test_whose_force_cannot_be_carried_is_driven_by_its_sections(by_sections: str) -> None:
+    here = case_of(11)
+    joint: Any = SimpleNamespace(model=here.model, known=KNOWN, spans=here.spans, each={"": here.model}, parts=None)
+
+    @dataclass
+    class Unseen:
+        drive: str
+        by_sections: Any = None
+        label: str = "second"
+        fit_own: tuple[str, ...] = ()
+
+        def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
+            return found
+
+        def problem(self, *_: Any) -> Any:
+            return joint
+
+        def corrected(self, problem: Any, parameters: Parameters) -> Any:
+            if self.drive == "force" or by_sections == "fails":
+                raise NumericsError(f"{self.drive} fails")
+            return problem
+
+        def carried(self, free: Sequence[str], identified: Sequence[str]) -> Carried:
+            return tuple(free), np.eye(len(free))
+
+        def judges(self, known: Any) -> frozenset[str]:
+            return ALL
+
+    test: Any = Unseen("force", None if by_sections == "none" else Unseen("sections"))
+    found = elsewhere_of(test, cast(Any, SimpleNamespace(free=here.parameters.free)), here.parameters, KNOWN)
+    case = replace(here, elsewhere=(found,))
+    beyond, failed = beyond_of(case, ("ir_drift",), {})
+    if by_sections == "driven":
+        assert [b.name for b in beyond] == ["second"] and set(beyond[0].dormant) == {"ir_drift"} and failed == {}
+    else:
+        reason = {"fails": "force fails; driven by its sections: sections fails", "none": "force fails"}[by_sections]
+        assert beyond == () and failed == {"second": reason}

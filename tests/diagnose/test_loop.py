@@ -15,11 +15,11 @@ from seen_field import BASE, N_S, N_T, SIGMA, TIME, case_of, field
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.backward import Means, without
+from thermofit.diagnose.backward import Means, held_out_of, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
 from thermofit.diagnose.loop import Closed, candidates, close_loop, ranking_rows, rivals
-from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import ends_of
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
@@ -186,13 +186,44 @@ def test_an_effect_whose_judgement_fails_is_refused_with_the_sentence(monkeypatc
     def failing(case: Case, *rest: Any) -> Traced:
         if case.parameters["ir_drift.rate"] != 0.0:
             raise NumericsError("no equilibrium at 12 s")
-        return traced(case, *rest)
+        return at_end(case, *rest)
 
-    monkeypatch.setattr("thermofit.diagnose.backward.traced", failing)
+    monkeypatch.setattr("thermofit.diagnose.backward.at_end", failing)
     found = closed(5, **DRIFTING)
     (trial,) = [t for t in found.rounds[0].trials if t.score.effect == "ir_drift"]
     assert trial.refused == "a run that judges it failed: no equilibrium at 12 s" and trial.proof is None
     assert "ir_drift" not in found.accepted
+
+
+def test_where_nothing_further_can_be_asked_the_loop_ends_with_what_it_has_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run that asks all dormant effects has no solution beside the effect that was added."""
+
+    def failing(case: Case, *rest: Any, **more: Any) -> Traced:
+        if case.parameters["ir_drift.rate"] != 0.0:
+            raise NumericsError("no equilibrium at 12 s")
+        return traced(case, *rest, **more)
+
+    for place in ("backward", "loop"):
+        monkeypatch.setattr(f"thermofit.diagnose.{place}.traced", failing)
+    found = closed(5, **DRIFTING)
+    assert found.accepted == ("ir_drift",) and not found.last.whole and len(found.rounds) == 2
+    assert dict(found.unjudged) == {"any further effect": "no equilibrium at 12 s"}
+
+
+def test_the_end_of_a_refit_is_judged_without_asking_the_dormant_effects() -> None:
+    """Held-out error, need and standard errors of a whole trace, at no run: only rounds and the end ask all effects."""
+    case, fit = fitted(case_of(5, **DRIFTING))
+    here = traced(case)
+    light, whole = at_end(case, fit, here.split, here), traced(case, split=here.split, fit=fit)
+    assert (
+        light.columns.dormant == {} and not light.whole and whole.whole and set(whole.problem.dormant) == {e.name for e in case.dormant()}
+    )
+    for found in (light, whole):
+        assert found.columns.residual is fit.residual and found.columns.fitted is fit.jacobian
+        np.testing.assert_allclose(held_out_of(found), held_out_of(here), atol=1e-6)
+    moved = replace(case, parameters=case.parameters.replace(c0=1.01 * case.parameters["c0"]))
+    np.testing.assert_allclose(at_end(moved, fit, here.split, here).columns.residual, moved.model.residual(moved.parameters))
+    assert [t.traced.whole for t in closed(5, **DRIFTING).rounds] == [True, True]
 
 
 def test_the_loop_goes_on_where_the_error_of_the_force_cannot_be_told() -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from coupon_sets import TRUTH, pulled_record, study_of
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.prepared import within
-from thermofit.experiment.coupon import STRAIGHT, CouponExperiment
+from thermofit.experiment.coupon import POINT, STRAIGHT, CouponExperiment
+from thermofit.experiment.coupon_elastic import ElasticLine, slope_scatter
 from thermofit.experiment.coupon_records import CouponData, CouponTest
+from thermofit.identify.solve import within
 from thermofit.study.study import Study
 
 
@@ -49,6 +52,38 @@ def test_what_the_elastic_ranges_do_not_tell_or_the_study_frees_has_the_bounds_o
 ) -> None:
     others = (bar("b", 4, E=150e3),) if records == 2 else ()
     assert told(study_of(tmp_path, **study), bar(), *others) == {}
+
+
+def elastic_modulus(study: Study, *tests: CouponTest) -> tuple[float, float]:
+    """E and its standard error in MPa by least squares of the elastic stage, whose model is linear in it."""
+    experiment = CouponExperiment(study, given=CouponData(tests, "strain"))
+    settings, _ = experiment.stage("elastic")
+    base = Parameters.of({**experiment.start().values, **TRUTH}, settings.free)
+    model = experiment.model(settings, base, POINT)
+    residual, columns = model.linearised(base, ("E",))
+    size = float(columns[:, 0] @ columns[:, 0])
+    return base["E"] - float(columns[:, 0] @ residual) / size, size**-0.5
+
+
+def test_records_whose_slopes_scatter_count_alike(tmp_path: Path) -> None:
+    """Else the one with the least noise says E alone, with an error of its noise."""
+    moduli = (185e3, 195e3, 205e3, 235e3)
+    tests = tuple(bar(str(n), n, 0.02 if n == 3 else 1.0, E=E) for n, E in enumerate(moduli))
+    E, sigma = elastic_modulus(study_of(tmp_path), *tests)
+    assert pytest.approx(205e3, rel=0.01) == E
+    assert sigma == pytest.approx(float(np.std(moduli, ddof=1)) / 2.0, rel=0.1)
+
+
+def test_slopes_that_differ_by_their_noise_are_weighted_by_it(tmp_path: Path) -> None:
+    """Scatter between records is what the errors of their lines do not explain."""
+    lines = [ElasticLine(slope, 0.0, 9, 100.0, error=0.05) for slope in (190e3, 200e3, 210e3)]
+    assert slope_scatter(lines) == (pytest.approx(200e3), 0.0)
+    apart = [replace(line, error=0.03) for line in lines]
+    assert slope_scatter(apart) == (200e3, 0.0), "Q of 5.6, which is chance"
+    apart = [replace(line, error=0.02) for line in lines]
+    assert slope_scatter(apart) == (200e3, pytest.approx((0.05**2 - 0.02**2 * 1.00167) ** 0.5, rel=1e-3)), "Q of 12.6"
+    tests = (bar("a", 0, 3.0), bar("b", 1, 3.0), bar("c", 2, 0.02))
+    assert elastic_modulus(study_of(tmp_path), *tests)[1] < 50.0
 
 
 def test_the_joint_fit_and_its_judges_keep_to_what_is_told(tmp_path: Path) -> None:

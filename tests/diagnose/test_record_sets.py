@@ -17,6 +17,7 @@ from thermofit.diagnose.held_out import Rows, split_by_blocks
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.coupon import CouponExperiment
 from thermofit.experiment.coupon_records import CouponData
+from thermofit.fit.result import FitResult
 
 SOFTENING = {"thermal_softening", "softening_power"}
 RATE = {"rate_power", "rate_logarithmic"}
@@ -108,8 +109,8 @@ def test_what_cannot_be_run_at_all_is_said_and_is_no_trusted_answer(tmp_path: Pa
             raise NumericsError("no equilibrium at 3 s")
         return columns_of(case, effect, values)
 
-    def without(case: Case) -> Any:
-        found = true(case)
+    def without(case: Case, *fit: FitResult | None) -> Any:
+        found = true(case, *fit)
         found.dormant.pop("second_hardening", None)
         found.failed["second_hardening"] = "no equilibrium at 3 s"
         return found

@@ -68,6 +68,17 @@ def test_free_names_may_come_from_a_generator() -> None:
     assert found.free == ("E", "nu")
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "sigma", "vague"),
+    [(NAME, 1e-6, 0.4e-6, False), (NAME, 1e-6, 0.6e-6, True), (NAME, 1e-6, np.nan, True), ("lamp.start", 40.0, 30.0, False)],
+)
+def test_an_exponent_that_the_data_hardly_determine_is_held(name: str, value: float, sigma: float, vague: bool) -> None:
+    """Only of those that are logarithms: a time has no size of its own."""
+    parameters = Parameters.of({"E": 7e4, name: value}, ("E", name))
+    fit: Any = SimpleNamespace(converged=True, names=("E", name), sigma=np.array([1e9, sigma]))
+    assert refit.undetermined_exponents(parameters, fit) == ((name,) if vague else ())
+
+
 @pytest.mark.parametrize("label", ["error of the force", f"rate_logarithmic reference{EXPONENTS}"])
 @pytest.mark.parametrize(("cheap", "settles"), [(False, False), (False, True), (True, False)])
 def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles: bool, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +88,7 @@ def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles:
     def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, **_: Any) -> tuple[Parameters, Any]:
         fits.append((start.free, name))
         end = start.replace(**{NAME: 2e-5}) if NAME in start.free else start
-        return end, SimpleNamespace(converged=settles or NAME not in start.free)
+        return end, SimpleNamespace(converged=settles or NAME not in start.free, sigma=None)
 
     monkeypatch.setattr(JointFit, "minimised_on", minimised)
     monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))

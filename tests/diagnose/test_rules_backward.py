@@ -74,7 +74,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, left: float, convinces: bool = False,
     monkeypatch.setattr(module, "held_out_of", lambda *_: None)
     monkeypatch.setattr(module, "proof_of_refit", lambda *_: None)
     monkeypatch.setattr(module, "compared", lambda *_: GOOD if convinces else replace(GOOD, sigma=0.3))
-    means: Any = SimpleNamespace(refit=refit, traced=lambda *_: "there")
+    means: Any = SimpleNamespace(refit=refit, at_end=lambda *_: "there")
     return begun, made_up_for(here_of(HELD, cheap, left), "ir_drift", ["lamp"], means) is not None
 
 

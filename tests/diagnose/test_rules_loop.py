@@ -146,6 +146,8 @@ def test_of_refits_within_one_standard_error_one_that_drives_nothing_to_a_bound_
     assert won(monkeypatch, gains, **own, bounds={"": ("E",), "a": ("E",)}) == "a"
     assert won(monkeypatch, gains, **own | {"near": ()}, bounds={"b": ("E",)}) == "b", "not at the price of the prediction"
     assert won(monkeypatch, gains, **own, adrift="a") == "b", "nor one with an exponent adrift"
+    apart: Any = {"left": False, "fitted": "b", "same": ("a", "b")}
+    assert won(monkeypatch, gains, **apart) == "b" and won(monkeypatch, gains, **apart, adrift="b") == "a", "told apart for sure"
 
 
 def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:
@@ -216,6 +218,7 @@ class Shown:
     unjudged: Mapping[str, str]
     promising: Any
     columns: Any
+    whole: bool = True
 
 
 def looped(
@@ -241,10 +244,11 @@ def looped(
         columns=SimpleNamespace(residual=np.ones(2)),
     )
     turns = iter([(trials, winner and (winner, (here, FIT))), ([trial("late", 0.1, "no run", unjudged=True)], None)])
-    monkeypatch.setattr(module, "traced", lambda *_: here)
+    monkeypatch.setattr(module, "traced", lambda *_, **__: here)
     monkeypatch.setattr(module, "retraced", lambda t: t)
     monkeypatch.setattr(module, "next_round", turn)
     monkeypatch.setattr(module, "rejudged", judged)
+    monkeypatch.setattr(module, "exponents_again", lambda here, fit, earlier, means: said.append(("again", earlier)) or Rejudged(here, fit))
     monkeypatch.setattr(module, "ends_of_fit", lambda *_: {"E": "at its bound"})
     monkeypatch.setattr(module, "backward_check", lambda closed, _: replace(closed, remarks=("backward",)))
     monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))
@@ -257,7 +261,7 @@ def test_what_is_accepted_is_judged_again_and_what_was_taken_back_is_not_asked_a
     asked: list[Any] = []
     found = looped(monkeypatch, [], trial("e", 0.5), 3, ("e",), asked)
     assert found.accepted == () and found.dropped == ("e",) and found.remarks == ("backward", "base")
-    assert asked == [("e", "rival"), (("e",), {"E": "at its bound"}), ("rival",)]
+    assert asked == [("e", "rival"), (("e",), {"E": "at its bound"}), ("again", []), ("rival",)], "what is new was asked in its round"
     assert looped(monkeypatch, [], trial("e", 0.5), 3).dropped == ()
 
 

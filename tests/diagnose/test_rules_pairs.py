@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from thermofit.diagnose.pairs import (
     worth_a_refit,
 )
 from thermofit.diagnose.score import Score
+from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Trial
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -42,6 +43,13 @@ def trial(gain: float = 0.5, drop: float = 0.0, refused: str = "", names: tuple[
     return Trial(tuple(score(n) for n in names), replace(GOOD, gain=gain), {}, {}, drop, refused)
 
 
+def plain() -> Any:
+    """A trace of N rows whose discretisation is exact."""
+    here = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)), problem=SimpleNamespace(numerical=None))
+    here.beyond_floor = lambda f: Traced.beyond_floor(cast(Traced, here), f)
+    return here
+
+
 @pytest.mark.parametrize(
     ("beyond", "taken", "asked"),
     [(79.0, 0.0, False), (81.0, 0.0, True), (1000.0, 499.0, True), (1000.0, 501.0, False)],
@@ -49,13 +57,13 @@ def trial(gain: float = 0.5, drop: float = 0.0, refused: str = "", names: tuple[
 )
 def test_pairs_are_asked_where_the_best_single_effect_leaves_more_than_it_takes(beyond: float, taken: float, asked: bool) -> None:
     """200 values: the square sum of noise scatters by 20."""
-    here: Any = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)))
+    here = plain()
     fit: Any = SimpleNamespace(f=N + beyond)
     assert leaves_more_than_it_takes(here, fit, [trial(drop=taken), trial(drop=0.5 * taken)]) is asked
 
 
 def test_what_a_refused_effect_would_take_is_still_there() -> None:
-    here: Any = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)))
+    here = plain()
     fit: Any = SimpleNamespace(f=N + 1000.0)
     assert leaves_more_than_it_takes(here, fit, [trial(drop=900.0, refused="at its bound")])
 

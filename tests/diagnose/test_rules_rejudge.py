@@ -16,7 +16,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose import rejudge as module
 from thermofit.diagnose.held_out import Proof
-from thermofit.diagnose.rejudge import Rejudged, ends_of_fit, rejudged, suspicion
+from thermofit.diagnose.rejudge import Rejudged, ends_of_fit, exponents_again, rejudged, suspicion
 from thermofit.effects.catalogue import effect
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -110,6 +110,65 @@ def test_what_drives_the_base_model_to_a_bound_is_asked_for_the_latest_first(mon
 def test_a_refit_that_fails_takes_nothing_back(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, found = judged(monkeypatch, {"second_hardening.Q": -998.0}, fails=True)
     assert asked == ["second_hardening"] and found.dropped == () and "the fit without it failed (no equilibrium)" in found.remarks[0]
+
+
+def fitted_again(
+    monkeypatch: pytest.MonkeyPatch,
+    gains: Mapping[tuple[str, ...], float],
+    *,
+    cheap: bool = True,
+    settles: bool = True,
+    leaves: str = "",
+    elsewhere: Proof | None = None,
+) -> tuple[list[tuple[str, ...]], Rejudged]:
+    """Exponents that were freed together, in turn, and what is left; `gains`: of the refits by the exponents that are free in them."""
+    asked: list[tuple[str, ...]] = []
+    here, fit = at({})
+    here.case.cheap = cheap
+
+    def refit(start: Any, names: tuple[str, ...], label: str, _: Any) -> Any:
+        asked.append(names)
+        there = start[0].replace(**dict.fromkeys(names, 77.0)).with_free((*start[0].free, *names))
+        return (there, SimpleNamespace(converged=settles, names=there.free)), ""
+
+    def at_end(_: Any, end: tuple[Parameters, Any]) -> Any:
+        there, _ = at({})
+        there.case.parameters = end[0]
+        return there
+
+    def compare(_: Any, end: Any, *__: Any) -> Proof:
+        return replace(GOOD, gain=gains.get(tuple(n for n in end if n not in here.case.parameters.free), 0.0))
+
+    monkeypatch.setattr(module, "freed_refit", refit)
+    monkeypatch.setattr(module, "held_out_of", lambda t: t.case.parameters.free)
+    monkeypatch.setattr(module, "compared", compare)
+    monkeypatch.setattr(module, "proof_of_refit", lambda *_: elsewhere)
+    monkeypatch.setattr(module, "ends_of_fit", lambda t, _: {"E": "at its bound"} if leaves in t.case.parameters.free else {})
+    means: Any = SimpleNamespace(refit=None, at_end=at_end)
+    return asked, exponents_again(here, fit, ("second_hardening", "backstress_first"), means)
+
+
+B, GAMMA = ("second_hardening.b",), ("backstress_first.gamma",)
+
+
+def test_exponents_of_earlier_effects_are_asked_again_beside_later_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Together and one by one; the end that predicts best is taken, with a remark, and none that does not convince."""
+    asked, found = fitted_again(monkeypatch, {B: 0.2, GAMMA: 0.4, B + GAMMA: 0.3})
+    assert asked == [B + GAMMA, B, GAMMA]
+    assert found.here.case.parameters.free[-1:] == GAMMA and found.here.case.parameters["backstress_first.gamma"] == 77.0
+    assert found.remarks == ("backstress_first.gamma = 77: fitted beside the later effects, by which held-out error falls by 40 %",)
+    asked, found = fitted_again(monkeypatch, {B: 0.01, GAMMA: 0.015})
+    assert "backstress_first.gamma" not in found.here.case.parameters.free and found.remarks == ()
+    assert fitted_again(monkeypatch, {GAMMA: 0.4}, elsewhere=BAD)[1].remarks == (), "a held-out test decides"
+
+
+def test_exponents_asked_again_that_do_not_settle_or_undo_another_parameter_stay_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert fitted_again(monkeypatch, {B: 0.2}, settles=False)[1].remarks == ()
+    assert fitted_again(monkeypatch, {B: 0.2, GAMMA: 0.1}, leaves=B[0])[1].here.case.parameters.free[-1:] == GAMMA
+
+
+def test_of_a_body_no_exponent_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert fitted_again(monkeypatch, {B: 0.2}, cheap=False)[0] == []
 
 
 def test_an_effect_that_a_later_one_makes_needless_goes_before_the_next_round(tmp_path: Path) -> None:

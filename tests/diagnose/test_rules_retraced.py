@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,15 +11,19 @@ import pytest
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.retraced import asked_of, missed
 from thermofit.diagnose.retraced import enough as one_step_is_enough
+from thermofit.diagnose.trace import Traced
 
 N = 200
 
 
-def here_of(beyond: float, **drops: float) -> Any:
+def here_of(beyond: float, numerical: np.ndarray | None = None, **drops: float) -> Any:
     """A residual of 200 rows whose square sum is so much above 200, and effects with these predicted drops; "cannot" is vetoed."""
     scores = tuple(SimpleNamespace(effect=n, predicted_drop=d, vetoed="it cannot be" if n == "cannot" else "") for n, d in drops.items())
     residual = np.full(N, np.sqrt((N + beyond) / N))
-    return SimpleNamespace(columns=SimpleNamespace(residual=residual), ranking=SimpleNamespace(scores=scores))
+    here = SimpleNamespace(columns=SimpleNamespace(residual=residual), ranking=SimpleNamespace(scores=scores))
+    here.problem = SimpleNamespace(numerical=numerical)
+    here.beyond_floor = lambda f: Traced.beyond_floor(cast(Traced, here), f)
+    return here
 
 
 @pytest.mark.parametrize(
@@ -30,6 +34,12 @@ def here_of(beyond: float, **drops: float) -> Any:
 def test_one_step_is_enough_where_it_takes_half_of_what_is_more_than_chance(beyond: float, drops: dict[str, float], enough: bool) -> None:
     """Four standard deviations of the square sum: 4 sqrt(2 x 200) = 80."""
     assert bool(one_step_is_enough(here_of(beyond, **drops))) is enough
+
+
+def test_what_the_error_of_mesh_and_steps_would_make_is_not_missing() -> None:
+    """Of a square sum 200 beyond noise 130 may be left of the mesh."""
+    for made, more in ((np.full(N, np.sqrt(0.65)), True), (np.full(N, np.sqrt(0.5)), False), (np.zeros(N), False)):
+        assert bool(one_step_is_enough(here_of(200.0, made))) is more
 
 
 def test_asked_are_the_strong_those_that_cannot_be_and_the_unfelt_that_no_held_out_test_judges() -> None:

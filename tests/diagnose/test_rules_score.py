@@ -112,7 +112,7 @@ def why_not(score: Score = LIKELY, proofs: dict[str, Proof] | None = None, unjud
         ("", {}),
         ("not judged: no run", {"unjudged": {"a": "no run"}}),
         ("cannot be", {"score": replace(LIKELY, vetoed="cannot be")}),
-        ("z 2.90 is below 3.00", {"score": replace(LIKELY, z=2.9)}),
+        ("not significant (z 2.90, threshold 3.00)", {"score": replace(LIKELY, z=2.9)}),
         ("the error of mesh and time steps alone looks as large", {"score": replace(LIKELY, predicted_drop=39.0)}),
         ("weaker than others", {"proofs": {}}),
         ("held-out error falls by 50.00 % +- 30.00 %: not enough", {"proofs": {"a": replace(GOOD, sigma=0.3)}}),

@@ -153,6 +153,7 @@ def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
         split=split,
         problem=problem,
         columns=SimpleNamespace(residual=None),
+        unpredicted={},
         scanned={},
         settings={},
     )
@@ -293,9 +294,9 @@ def test_exponents_that_do_not_settle_are_held_where_they_came_to(monkeypatch: p
 
 
 def at_scans(
-    monkeypatch: pytest.MonkeyPatch, ends: dict[float, tuple[float, float, bool]], cheap: bool = True
+    monkeypatch: pytest.MonkeyPatch, ends: dict[float, tuple[float, float, bool]], cheap: bool = True, sigma: float = 0.0
 ) -> tuple[list[float], Trial]:
-    """Starts of a lamp that were tried, and the trial that is taken: `ends` = (amplitude, gain, accepted) by start."""
+    """Starts of a lamp that were tried, and the trial that is taken: `ends` = (amplitude, gain, accepted) by start, their error `sigma`."""
     begun: list[float] = []
 
     def nearer(here: Any, scores: Any, chosen: Any, refit: Any) -> Any:
@@ -304,7 +305,7 @@ def at_scans(
 
     def judge(here: Any, fit: Any, scores: Any, start: float, means: Any) -> Any:
         size, gain, accepted = ends[start]
-        one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {}, 0.0, "" if accepted else "refused")
+        one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {"lamp.absorbed": sigma}, 0.0, "" if accepted else "refused")
         return one, ("there", start) if accepted else None
 
     monkeypatch.setattr(module, "nearer", nearer)
@@ -326,6 +327,8 @@ def test_an_effect_at_its_bound_is_tried_at_other_exponents(monkeypatch: pytest.
     begun, trial = at_scans(monkeypatch, ends, cheap=False)
     assert begun == [10.0] and trial.gain == 0.9
     assert at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)})[0] == [10.0]
+    begun, trial = at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)}, sigma=0.2)
+    assert begun == [10.0, 20.0] and trial.gain == 0.9, "nor has one a value of its own that is not away from neutral"
 
 
 def test_of_a_body_what_is_freed_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -387,7 +390,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
         return start, None
 
     end = BASE.replace(**{RATE: 0.02, "kappa": 90.0}).with_free(("kappa", "c0", RATE))
-    means: Any = SimpleNamespace(refit=refit, traced=lambda *_: None)
+    means: Any = SimpleNamespace(refit=refit, at_end=lambda *_: None)
     here = here_of(model=SimpleNamespace(priors=()))
     found, words = on_readings(here, [of("ir_drift")], end, GOOD, means)
     assert found == said and words.startswith("with kappa held held-out error falls")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,12 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, linearised, scans
 from thermofit.diagnose.score import Columns, ranked
 from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effect, effects
+from thermofit.experiment.instruments import JointPrediction
 from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_settings, station_names
 from thermofit.experiment.model import stage_model
 from thermofit.experiment.residuals import Span
 from thermofit.fit.linear_model import LinearModel
+from thermofit.study.section import MeshSize
 
 BODY = ("E", "M_y0", "c0", "alpha_air", "theta_air", "rate_power.K", "force_scale.gain", "force_offset.offset")
 INSTRUMENTS = {
@@ -200,3 +204,31 @@ def test_effects_are_scanned_where_a_run_tells_the_fields_apart() -> None:
     for name, (names, block) in plain.dormant.items():
         assert found.dormant[name][0] == names
         assert np.linalg.norm(found.dormant[name][1] - block) <= 0.05 * np.linalg.norm(block), name
+
+
+def test_a_differentiated_run_is_not_made_again_for_other_data_of_the_same_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Data that hold the error of the mesh change no run; another mesh, other load steps and other names do."""
+    runs: list[tuple[str, ...]] = []
+    exact = JointPrediction.linearise
+
+    def counted(self: JointPrediction, parameters: Parameters, names: tuple[str, ...]) -> Any:
+        runs.append(names)
+        return exact(self, parameters, names)
+
+    monkeypatch.setattr(JointPrediction, "linearise", counted)
+    names, parameters = ("c0",), Parameters.of(TRUTH, ("c0",))
+    first = Joint(study(), data(), joint_settings(study(), names, data()), SIZE)
+    plain = first.model.linearised(parameters, names)
+    seen = first.data.displacement
+    moved = replace(first, data=replace(first.data, displacement=replace(seen, value=1.05 * seen.value)))
+    again = moved.model.linearised(parameters, names)
+    assert len(runs) == 1
+    fresh = replace(moved, kept=OrderedDict()).model.linearised(parameters, names)
+    assert len(runs) == 2
+    for a, b in zip(again, fresh, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    assert np.abs(again[0] - plain[0]).max() > 0.1
+    others = replace(first, data=replace(first.data, steps=dict(first.data.steps)))
+    for joint, asked in ((others, names), (first, ("c0", "beta")), (replace(first, size=MeshSize(n_x=1, n_y=10, n_z=1)), names)):
+        joint.model.linearised(parameters, asked)
+    assert len(runs) == 5

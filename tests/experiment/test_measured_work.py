@@ -105,7 +105,7 @@ def test_turned_signs_turn_the_thermoelastic_heat_only() -> None:
 
 def test_a_stress_that_cannot_be_is_refused() -> None:
     time, strain = cycle()
-    with pytest.raises(NumericsError, match="no elastic stretch carries"):
+    with pytest.raises(NumericsError, match="no elastic stretch gives"):
         heated(TRUTH, Work(time, strain, np.full(len(time), -1e9), AIR))
 
 

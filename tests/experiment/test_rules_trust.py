@@ -11,7 +11,7 @@ import pytest
 from thermofit.core.parameters import Parameters, param
 from thermofit.experiment.errors_told import too_far
 from thermofit.experiment.model import Prior
-from thermofit.experiment.trust import Level, above_floor, at_bound, doubts, level, undetermined
+from thermofit.experiment.trust import Level, above_floor, at_bound, doubts, grade, level, undetermined
 
 MANY = 10**6
 
@@ -120,3 +120,19 @@ def test_a_fit_that_has_not_settled_speaks_against_the_answer() -> None:
 def test_the_force_is_taken_as_exact_while_the_model_misses_three_standard_errors(misfit: float, knows: bool, far: bool) -> None:
     parts: Any = SimpleNamespace(knows_force_error=knows, force_misfit=lambda *_: misfit)
     assert too_far(parts, Parameters.of({})) is far
+
+
+@pytest.mark.parametrize(
+    ("added", "more", "unlisted", "expected"),
+    [
+        ({}, False, None, "complete"),
+        ({"lamp": ()}, False, None, "named"),
+        ({"lamp": (), "ir_drift": ("ir_reflection",)}, False, None, "named-as-family"),
+        ({"lamp": ()}, True, None, "unexplained"),
+        ({}, True, None, "unexplained"),
+        ({"lamp": ()}, False, {"when_s": [3.0, 9.0]}, "unlisted"),
+        ({}, True, {"when_s": None}, "unexplained"),
+    ],
+)
+def test_grade_of_an_answer(added: dict[str, tuple[str, ...]], more: bool, unlisted: dict[str, object] | None, expected: str) -> None:
+    assert grade(added, more, unlisted) == expected

@@ -1,14 +1,16 @@
 """A start that cannot carry the measured force is replaced by what the mean stress-stretch curve says."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from made_up import TRUTH, uniaxial_test
 
-from thermofit.core.errors import NumericsError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import param
 from thermofit.experiment.start import carries, feasible_start
+from thermofit.experiment.window import elastic_slope
 
 PLASTIC = ("M_y0", "M_yinf", "H_exp", "F")
 
@@ -21,6 +23,8 @@ def study(**bounds: tuple[float, float]) -> Any:
         force=SimpleNamespace(drives="force"),
         bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)),
         scale=lambda n: param(n).scale,
+        geometry=SimpleNamespace(shape="dogbone"),
+        source=Path("study.yaml"),
     )
 
 
@@ -49,7 +53,7 @@ def test_a_weak_start_is_replaced_by_the_curve() -> None:
     weak = TRUTH.replace(M_yinf=200.0, H_exp=5.0, F=0.6).with_free(PLASTIC)
     assert not carries(study(), data, weak)
     found, remark = feasible_start(study(), data, weak)
-    assert "replaced" in remark
+    assert "too weak" in remark and "mean stress-stretch curve" in remark
     for name in PLASTIC:
         assert found[name] == pytest.approx(TRUTH[name], rel=0.02), name
 
@@ -61,3 +65,21 @@ def test_only_free_parameters_are_touched_and_bounds_hold() -> None:
     assert {n for n in found.values if found[n] != weak[n]} == {"M_yinf"}
     with pytest.raises(NumericsError, match=r"raise parameters\.M_yinf"):
         feasible_start(study(M_yinf=(140.0, 200.0)), data, weak)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "refused"),
+    [((0.5, 2.0), False), ((0.9, 1.1), False), ((0.2, 0.85), False), ((0.2, 0.7), True), ((1.4, 5.0), True), ((1.15, 5.0), False)],
+)
+def test_bounds_of_e_without_the_elastic_slope_are_refused(bounds: tuple[float, float], refused: bool) -> None:
+    """E could only end at such a bound; up to a quarter beyond it the mean strain of a specimen is not that sure."""
+    data, free = uniaxial_test(), TRUTH.with_free(("E", "nu"))
+    slope = elastic_slope(data)
+    assert slope is not None and slope[0] == pytest.approx(TRUTH["E"], rel=0.03)
+    own = study(E=(bounds[0] * TRUTH["E"], bounds[1] * TRUTH["E"]))
+    if not refused:
+        assert feasible_start(own, data, free) == (free, "")
+        return
+    with pytest.raises(StudyError, match="E would end at its bound"):
+        feasible_start(own, data, free)
+    assert feasible_start(own, data, TRUTH.with_free(("nu",)))[1] == ""

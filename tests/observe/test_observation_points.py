@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from thermofit.core.errors import StudyError
-from thermofit.observe.observation_points import observation_points
+from thermofit.core.experiment import DicField, Specimen
+from thermofit.observe.observation_points import observation_points, observed_window, reach_of
+from thermofit.study.models import EvaluationWindow
 
 
 def face() -> tuple[np.ndarray, np.ndarray]:
@@ -45,3 +49,33 @@ def test_full_model_is_refused() -> None:
     nodes, ids = face()
     with pytest.raises(StudyError, match="quarter model"):
         observation_points(nodes - np.array([6.0, 0.0, 0.0]), ids, 9.0, 20.0)
+
+
+def field_of(x: float, y: float, lost: float = 0.0) -> DicField:
+    """Points over |x| <= x, |y| <= y mm; those beyond `lost` of y are there in one stage of four."""
+    place = np.stack([g.ravel() for g in np.meshgrid(np.linspace(-x, x, 9), np.linspace(-y, y, 21), [0.0])], axis=1)
+    moved = np.zeros((4, len(place), 3))
+    if lost:
+        moved[1:, np.abs(place[:, 1]) > lost] = np.nan
+    return DicField(np.arange(4.0), np.arange(len(place)), place, moved)
+
+
+THESIS = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("specimen", "field", "straight", "window"),
+    [
+        (THESIS, field_of(11.5, 25.0), True, (11.0, 20.0)),
+        (dataclasses.replace(THESIS, gauge_width=12.5, parallel_length=50.0), field_of(5.9, 24.0), True, (5.5, 10.0)),
+        (THESIS, field_of(8.0, 12.0), True, (8.0, 12.0)),
+        (THESIS, field_of(8.0, 12.0, lost=7.3), True, (8.0, 7.2)),
+        (THESIS, field_of(24.0, 60.0), False, (24.0, 60.0)),
+    ],
+)
+def test_the_window_follows_from_specimen_and_data(
+    specimen: Specimen, field: DicField, straight: bool, window: tuple[float, float]
+) -> None:
+    assert observed_window(EvaluationWindow(), specimen, straight, reach_of(field)) == pytest.approx(window)
+    given = EvaluationWindow(abs_y_max=3.0)
+    assert observed_window(given, specimen, straight, reach_of(field)) == pytest.approx((window[0], 3.0))

@@ -47,11 +47,14 @@ def nodes(x_max: float = 3.0, y_max: float = 4.5) -> Patches:
 PATCHES = nodes()
 
 
+GRADIENT, SHIFT = np.array([[-0.06, 0.01, 0.0], [0.02, 0.14, 0.03]]), np.array([0.3, -0.8, 0.1])
+"""Of the motion at time 10 s."""
+
+
 def motion(xy: np.ndarray, t: np.ndarray, bent: float = 0.0) -> np.ndarray:
     """Displacement (n_t, n, 3), linear in time, linear or quadratic in X."""
-    gradient = np.array([[-0.06, 0.01, 0.0], [0.02, 0.14, 0.03]])
     curved = bent * np.stack([xy[:, 0] * xy[:, 1], xy[:, 1] ** 2, 0.0 * xy[:, 0]], axis=1)
-    return 0.1 * t[:, None, None] * (xy @ gradient + np.array([0.3, -0.8, 0.1]) + curved)
+    return 0.1 * t[:, None, None] * (xy @ GRADIENT + SHIFT + curved)
 
 
 def dic_field(lost: float = 0.0, bent: float = 0.0, noise: float = 0.0, seed: int = 7, times: np.ndarray = TIMES) -> DicField:
@@ -275,6 +278,37 @@ def test_fixed_pattern_is_taken_off() -> None:
     only = InfraredSequence(infrared.time, np.broadcast_to(pattern, infrared.frames.shape))
     with_it, without = (project_temperatures(only, view, PATCHES, p).value for p in (None, found.value))
     assert np.std(without) < 0.0012 < 0.0015 < np.std(with_it)
+
+
+def test_a_pattern_that_stays_is_the_cameras() -> None:
+    infrared, _, dic = patterned(0.008)
+    found = found_pattern(infrared, dic)
+    assert found.stays is not None and abs(found.stays[0] - 1.0) < 4.0 * found.stays[1] < 1.0 and not found.moves
+
+
+def test_a_pattern_of_the_specimen_is_left_to_it() -> None:
+    """Paint of 12 mK at a wavelength of 0.7 mm goes with the specimen: nothing of it is taken off."""
+    infrared, _, dic = patterned(0.0)
+    gradient, shift = GRADIENT[:, :2], SHIFT[:2]
+
+    def painted(xy: np.ndarray, t: float) -> np.ndarray:
+        k = 0.8 * float(np.clip((t - 40.0) / 40.0, 0.0, 1.0))
+        place = (xy - k * shift) @ np.linalg.inv(np.eye(2) + k * gradient)
+        return np.asarray(curved_slowly(xy, t) + 0.024 * np.sin(9.0 * place[..., 0]) * np.sin(9.0 * place[..., 1]))
+
+    painted_frames = pixels(infrared.time, painted).frames
+    noise = 0.025 * np.random.default_rng(8).normal(size=painted_frames.shape)
+    found = found_pattern(InfraredSequence(infrared.time, painted_frames + noise), dic)
+    assert found.size == pytest.approx(0.012, rel=0.4)
+    assert found.stays is not None and found.stays[0] < 0.2 and found.moves
+    assert not found.value.any() and found.left == found.size
+
+
+def test_one_rest_tells_no_camera_from_a_specimen() -> None:
+    infrared, _, dic = patterned(0.008)
+    short = infrared.time <= 60.0
+    found = found_pattern(InfraredSequence(infrared.time[short], infrared.frames[short]), dic)
+    assert found.stays is None and not found.moves and found.value.any()
 
 
 def test_no_pattern_is_taken_off_where_there_is_none() -> None:

@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, StudyError
 from thermofit.read import data_sets as module

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
+from seen_test import pulled, write_raw
 from typer.testing import CliRunner
 
-from thermofit.cli import app
-from thermofit.core.experiment import DicField, Experiment, ForceRecord, Specimen
+from thermofit.cli.app import app
 from thermofit.read.first_look import FirstLook, looked_at
 from thermofit.study.study import load_study
 
@@ -25,48 +23,6 @@ METALS = {
     "invar": {"E": 141e3, "M_y0": 270.0, "M_yinf": 500.0, "kappa": 10.0, "c0": 4.2, "alpha_exp": 0.6e-6},
     "tungsten": {"E": 405e3, "M_y0": 1300.0, "M_yinf": 1500.0, "kappa": 170.0, "c0": 2.55, "alpha_exp": 4.5e-6},
 }
-SPECIMEN = Specimen(20.0, 1.5, 80.0, 20.0, 30.0, 120.0, 10.0)
-POINTS = np.stack([g.ravel() for g in np.meshgrid(np.linspace(-9, 9, 7), np.linspace(-35, 35, 25))], axis=1)
-
-
-def pulled(modulus: float, limit: float, noise: float = 2e-3) -> Experiment:
-    """A test of a metal that hardens by a thirtieth of its modulus above `limit` MPa, up to 3 % of strain, with a rigid motion."""
-    time = np.linspace(0.0, 60.0, 41)
-    strain = np.interp(time, [0.0, 50.0, 60.0], [0.0, 0.03, 0.03])
-    yielded = limit / modulus
-    stress = np.where(strain < yielded, modulus * strain, limit + modulus / 30.0 * (strain - yielded))
-    moved = np.zeros((len(time), len(POINTS), 3))
-    moved[:, :, 1] = strain[:, None] * POINTS[:, 1] + 0.4 * time[:, None]
-    moved += noise * np.random.default_rng(1).normal(size=moved.shape)
-    moved[3, 5] = np.nan
-    place = np.column_stack([POINTS, np.full(len(POINTS), 0.75)])
-    dic = DicField(time, np.arange(len(POINTS)), place, moved)
-    return Experiment(Path("raw"), SPECIMEN, 296.0, 296.0, ForceRecord(time, 30.0 * stress), dic, None, None)
-
-
-def write_raw(folder: Path, e: Experiment) -> None:
-    """The raw folder of a test."""
-    assert e.dic is not None
-    (folder / "dic").mkdir(parents=True)
-    lengths = {
-        "gauge_width_mm": 20.0,
-        "thickness_mm": 1.5,
-        "parallel_length_mm": 80.0,
-        "shoulder_radius_mm": 20.0,
-        "grip_width_mm": 30.0,
-        "total_length_mm": 120.0,
-        "gripped_length_each_end_mm": 10.0,
-    }
-    temperatures = {"theta_air_degC": 23.0, "theta_clamp_degC": 23.0}
-    tree = {"specimen": lengths, "temperatures": temperatures, "force": {"file": "force.csv"}, "dic": {"folder": "dic"}}
-    (folder / "experiment.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
-    force = np.stack([e.force.time, e.force.force], axis=1)
-    np.savetxt(folder / "force.csv", force, delimiter=",", header="time_s,force_N", comments="", fmt="%.9g")
-    for n, (time, moved) in enumerate(zip(e.dic.time, e.dic.displacement, strict=True)):
-        rows = np.column_stack([e.dic.point_id, e.dic.reference, moved])
-        head = f"# time_s: {time:g}\nid,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm"
-        known = np.isfinite(rows).all(axis=1)
-        np.savetxt(folder / "dic" / f"stage_{n:04d}.csv", rows[known], delimiter=",", header=head, comments="", fmt="%.9g")
 
 
 @pytest.mark.parametrize("metal", METALS)

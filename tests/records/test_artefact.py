@@ -282,9 +282,29 @@ def test_artefact_edited_by_hand_is_a_data_error(tmp_path: Path, spoil: object, 
     write_record(tmp_path / "a.h5", content(tmp_path))
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         spoil(file)  # type: ignore[operator]
+        del file.attrs["sealed"]  # as earlier versions wrote them
     with pytest.raises(DataError, match=text) as caught:
         read_record(tmp_path / "a.h5", "interpolate", MADE_BY)
     assert "\n" not in str(caught.value)
+
+
+def test_turned_bit_is_noticed_wherever_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    record = write_record(path, content(tmp_path))
+    whole = path.read_bytes()
+    for place in range(0, len(whole), max(len(whole) // 300, 1)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ (1 << place % 8)]) + whole[place + 1 :])
+        with pytest.raises(DataError, match=r"a\.h5: (its content is not what was written|cannot be read)") as caught:
+            read_record(path, "interpolate", MADE_BY)
+        assert "\n" not in str(caught.value) and not fresh(path, "interpolate", {}, {})
+        with pytest.raises(DataError):
+            record["fields/u"]
+    path.write_bytes(whole)
+    assert open_record(path).stage == "interpolate"
+    with h5py.File(path, "r+") as file:  # an editor takes the seal away
+        file.attrs["stage"] = "verify"
+    with pytest.raises(DataError, match="its content is not what was written"):
+        open_record(path)
 
 
 def test_asking_for_an_unknown_or_a_replaced_dataset_is_a_data_error(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import NumericsError
 from thermofit.identify.iteration import Follower
 from thermofit.identify.reciprocal import reciprocal_of

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
 from thermofit.records.artefact import Dataset, ParameterResult, RecordContent, write_record
 from thermofit.report.differences import compared

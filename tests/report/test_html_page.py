@@ -16,7 +16,7 @@ import pytest
 import report_runs as made
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
 from thermofit.records.artefact import RecordContent
 from thermofit.report.html.captions import CAPTIONS

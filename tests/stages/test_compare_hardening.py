@@ -11,7 +11,7 @@ import yaml
 from record_studies import told
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
 

@@ -17,13 +17,14 @@ import numpy as np
 import pytest
 import verify_fixtures as made
 import yaml
+from meshio.xdmf import TimeSeriesReader
 from small_bodies import bar_mesh
 from typer.testing import CliRunner
 
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import effect
@@ -139,6 +140,25 @@ def test_paraview_library_opens_the_series(written: dict[str, Any]) -> None:
     history = made.coupled_run()
     assert block.point_data["u"].max() == pytest.approx(history.u[-1].max())
     assert block.bounds[2:4] == pytest.approx((block.points[:, 1].min(), block.points[:, 1].max()))
+
+
+@pytest.mark.parametrize("name", ["model", "measured-u", "measured-theta"])
+def test_the_xdmf_file_holds_the_same_series(written: dict[str, Any], name: str) -> None:
+    """One file of text and one of data instead of one VTU a time; times, points, cells and values are the same."""
+    path = next(Path(path) for path in written["files"]["fields"] if Path(path).name == f"{name}.xdmf")
+    with TimeSeriesReader(path) as reader:
+        points, cells = reader.read_points_cells()
+        shown = list(frames(written, name))
+        assert reader.num_steps == len(shown)
+        for n, (time, mesh) in enumerate(shown):
+            t, of_points, of_cells = reader.read_data(n)
+            assert t == pytest.approx(time) and set(of_points) == set(mesh.point_data) and set(of_cells) == set(mesh.cell_data)
+            for key, value in mesh.point_data.items():
+                np.testing.assert_allclose(of_points[key], value)
+            for key, values in mesh.cell_data.items():
+                np.testing.assert_allclose(of_cells[key][0], values[0])
+    np.testing.assert_allclose(points, mesh.points)
+    np.testing.assert_array_equal(cells[0].data, mesh.cells[0].data)
 
 
 # Tables and JSON
@@ -263,6 +283,8 @@ def test_hill_constants_of_mfront_act_where_they_should(card: Card) -> None:
     p, size = card.parameters, card.parameters["F"] + card.parameters["H"]
     ours = {"F": "F", "G": "H", "H": "G", "L": "L", "M": "N", "N": "M"}
     assert found == pytest.approx({theirs: p[mine] / size for theirs, mine in ours.items()}, rel=1e-6)
+    assert f"thermal_expansion : {p['alpha_exp']:.8g}, thermal_expansion_reference_temperature : {p['theta_ref']:.8g}" in text
+    assert text.count("{") == text.count("}")
 
 
 def test_ls_dyna_fields_lie_in_their_columns(card: Card) -> None:

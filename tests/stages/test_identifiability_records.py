@@ -15,7 +15,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate

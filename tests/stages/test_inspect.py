@@ -13,7 +13,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError
 from thermofit.read.coupon import read_coupon
 from thermofit.records.artefact import RecordContent, write_record
@@ -207,7 +207,7 @@ def test_folder_is_one_line_for_each_sequence(tmp_path: Path) -> None:
     assert (stages["count"], stages["points"], stages["missing"]) == (10, 9 * 144, 0)
     assert "stages 0 to 11" in stages["summary"] and "times s 0 to 5.5" in stages["summary"]
     assert any("1 of 10 files cannot be read; the first: " in remark and "99.5 s.csv" in remark for remark in stages["remarks"])
-    assert any("3 stages are left out between 0 and 11: 4, 5, 6" in remark for remark in stages["remarks"])
+    assert any("3 stages are missing between number 0 and 11: 4, 5, 6" in remark for remark in stages["remarks"])
     assert groups["notes.txt"]["format"] == "not recognised"
     assert result["verdict"].startswith("12 files in 3 groups, 11 of native formats")
     code, out, _ = call("inspect", folder)

@@ -15,7 +15,7 @@ import yaml
 from python_calamine import CalamineWorkbook
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError
 from thermofit.read.coupon import read_coupon
 from thermofit.stages.inspect import inspect

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from scipy.optimize import brentq
 
-from thermofit.cli import main
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError, StudyError
 from thermofit.identify.necking import Sections, fit_sections, necking_linearised, necking_problem, sections_of
 from thermofit.identify.necking_check import other_rates
@@ -202,7 +202,7 @@ def test_chain_has_this_link_only(
     monkeypatch.setattr("sys.argv", ["thermofit", "run", str(folder / "study.yaml"), "--json"])
     assert outcome.record.path.exists()
     with pytest.raises(SystemExit) as end:
-        main()
+        app(prog_name="thermofit")
     assert end.value.code in (0, 5)
     result = json.loads(capsys.readouterr().out)
     assert [step["stage"] for step in result["steps"]] == ["necking"]

@@ -35,3 +35,12 @@ def test_the_default_uses_all_and_says_so(study_of: StudyOf) -> None:
     for name in ("u", "theta"):
         mask, moments = record[f"{name}/mask"].value.astype(bool), record[f"{name}/moments"].value
         assert np.isfinite(moments).all() and (moments[~mask] == 0.0).all() and np.abs(moments[mask]).max() > 0.01
+
+
+def test_nodes_without_points_of_their_own_are_told(study_of: StudyOf) -> None:
+    """A mesh of comparison that is finer than the points leaves patches empty, which is said with numbers; a wider one says nothing."""
+    wide = tiny.stage_run("interpolate")(study_of("evaluation.nodes={n_x: 4, n_y: 28, n_z: 1}")).record.summary
+    assert not any("of their own" in text for text in wide["remarks"])
+    fine = tiny.stage_run("interpolate")(study_of()).record.summary
+    (said,) = [text for text in fine["remarks"] if text.startswith("u: ") and "of their own" in text]
+    assert f"{fine['displacement']['masked']} of " in said and "nodes always" in said and "mm apart" in said

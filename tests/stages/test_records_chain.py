@@ -71,7 +71,7 @@ def test_commands_one_by_one(twin: Path) -> None:
     assert early.exit_code == 2 and "thermofit interpolate" in early.output
     shown = call("interpolate", twin)
     assert shown.exit_code == 0 and "pull" in shown.output and "2 records" in shown.output
-    elastic = call("identify-elastic", twin)
+    elastic = call("identify-elastic", twin, "--verbose")
     assert elastic.exit_code == 0 and "elastic range: pull up to" in elastic.output
     found = open_record(twin.parent / "run" / "identify-elastic.h5")
     assert found["covariance"].units == found["evaluations/x"].units == ("MPa",), "squares of MPa are no plain numbers"

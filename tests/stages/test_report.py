@@ -134,3 +134,19 @@ def test_a_file_in_the_way_is_one_sentence(study: Study) -> None:
     finally:
         figures.unlink()
         aside.rename(figures)
+
+
+def test_figures_may_be_pdf_and_svg_too(record: Record, study: Study) -> None:
+    """Text and lines that scale, beside the same pictures; the second time nothing is drawn, the same figure is the same file."""
+    assert len(record.summary["figures"]) > 5
+    with pytest.raises(StudyError, match=r"did you mean 'pdf'\?"):
+        report.run(study, also=("pfd",))
+    made_anew = report.run(study, also=("pdf", "svg"))
+    folder = study.run_dir / "figures"
+    for path in map(Path, made_anew.record.summary["figures"]):
+        assert (folder / f"{path.stem}.pdf").read_bytes().startswith(b"%PDF")
+        assert "<svg" in (folder / f"{path.stem}.svg").read_text(encoding="utf-8")
+    before = {path: path.read_bytes() for path in folder.glob("*.[ps][dv][fg]")}
+    assert report.run(study, also=("pdf", "svg")).fresh and report.run(study).fresh
+    report.run(study, also=("pdf", "svg"), force=True)
+    assert {path: path.read_bytes() for path in before} == before

@@ -11,7 +11,7 @@ import tiny
 from browser import browser, chromium
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.study.study import Study
 
 pytestmark = [

@@ -11,7 +11,7 @@ import pytest
 import tiny
 from typer.testing import CliRunner
 
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.diagnose.held_out import Proof, compared
 from thermofit.diagnose.rows import rows_of_tests
 from thermofit.experiment.fields import with_identified

@@ -15,7 +15,7 @@ import yaml
 from typer.testing import CliRunner
 
 from thermofit.body.solve.march import History
-from thermofit.cli import app
+from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
 from thermofit.diagnose.prepared import diagnosis_job
 from thermofit.identify.outcome import parameter_results

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from thermofit.experiment.fields import field_datasets
 from thermofit.records.artefact import Dataset, Record
 from thermofit.records.result import result_of
 from thermofit.stages import verify
+from thermofit.study.study import Study
 
 ALL = ("identify-elastic", "identify-plastic", "identify-thermal")
 
@@ -187,3 +189,20 @@ def test_missing_artefacts_name_their_command(tmp_path: Path, history: History) 
 def test_a_model_that_cannot_carry_the_force_is_an_error(tmp_path: Path, history: History) -> None:
     with pytest.raises(NumericsError, match="coupled run with the parameters identified so far"):
         verified(tmp_path, history, made.TRUTH.replace(M_yinf=140.0, M_y0=120.0))
+
+
+def test_refinement_beside_the_check(study_of: Callable[..., Study]) -> None:
+    """Errors of mesh and steps at the optimum of the chain, fresh where nothing changed; the check itself stays as it was."""
+    study = study_of()
+    plain = verify.run(study)
+    outcome = verify.run(study, refine=True)
+    assert outcome.record.stage == "refinement" and verify.run(study).fresh and verify.run(study, refine=True).fresh
+    result = result_of(outcome.record)
+    assert {row["channel"] for row in result["refined"]} == {"du", "dtheta"} and result["evaluations"]["forward"] == 6
+    for row in result["refined"]:
+        assert 0.0 < row["steps_over_noise"] < row["mesh_over_noise"] < 3.0, "24 elements"
+        assert row["steps_index"] >= 1.25 * row["steps_error"] > 0.0
+    rows = {row["parameter"]: row for row in result["drawn_off"]}
+    assert rows["c0"]["sigma"] == plain.record.parameters["c0"].sigma and rows["theta_air"]["sigma"] is None
+    assert rows["c0"]["mesh_index"] > rows["c0"]["steps_index"] > 0.0
+    assert "error of mesh + steps: du " in result["verdict"]

@@ -355,3 +355,17 @@ def test_any_value_at_any_key_is_a_study_error_or_a_study(tmp_path_factory, key:
         load_study(path, [f"{key}={yaml.safe_dump(value)}"])
     except StudyError as error:
         assert "\n" not in str(error)
+
+
+def test_results_go_into_no_folder_of_other_things(write, tmp_path: Path) -> None:
+    """Elsewhere a study may write into a new folder and into one of results; where the command line says so, anywhere."""
+    other, key = tmp_path.parent / f"{tmp_path.name}-other", "run_dir: "
+    path = write(SMALL + key + str(other) + "\n")
+    assert load_study(path).run_dir == other
+    other.mkdir()
+    assert load_study(path).run_dir == other
+    (other / "letters.txt").touch()
+    assert "a folder of other things (1, among them letters.txt)" in message(path)
+    assert load_study(path, [f"run_dir={other}"]).run_dir == other
+    (other / "interpolate.h5").touch()
+    assert load_study(path).run_dir == other

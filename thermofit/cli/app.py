@@ -7,6 +7,7 @@ import json as json_format
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ from thermofit.cli.catalogue import (
     DEMO_HELP,
     IDENTIFIABILITY_EXAMPLES,
     IDENTIFIABILITY_HELP,
+    LOOP,
     MANUAL,
     ON_CHAIN,
     REPORT,
@@ -34,11 +36,12 @@ from thermofit.cli.catalogue import (
     Entry,
 )
 from thermofit.cli.failure import UNTRUSTWORTHY, reporting
-from thermofit.cli.options import AsJson, Common, Jobs, MaxEffects, Scheduler, executor_of, on_study, quiet
+from thermofit.cli.options import Also, AsJson, Common, Jobs, LengthMm, MaxEffects, Pick, Refine, Scheduler, executor_of, on_study, quiet
 from thermofit.core.errors import StudyError, ThermofitError
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
 
 if TYPE_CHECKING:
+    from thermofit.read.describe import Described
     from thermofit.records.executor import Executor
     from thermofit.records.staging import Outcome
     from thermofit.study.study import Study
@@ -67,11 +70,26 @@ def _top(
     """What comes before a command."""
 
 
-@app.command("new", rich_help_panel=START, epilog="[bold]Example:[/] thermofit new study.yaml --experiment lab/test-07")
+@app.command("new", rich_help_panel=START, epilog="[bold]Example:[/] thermofit new study.yaml --raw lab/test-07")
 def new(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Study file to write.", show_default=False)],
     experiment: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Raw folder of the experiment, with experiment.yaml.", show_default=False)
+    ] = None,
+    raw: Annotated[
+        Path | None,
+        typer.Option(
+            "--raw",
+            metavar="FOLDER",
+            help="Folder of measured files; its experiment.yaml is written where there is none, with what is missing marked.",
+            show_default=False,
+        ),
+    ] = None,
+    material: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CLASS", help="steel, aluminium, ...: its starts and bounds; else by the notes of the test.", show_default=False
+        ),
     ] = None,
     law: Annotated[
         str | None, typer.Option("--hardening", metavar="NAME", help="Hardening law, such as swift; else model2.", show_default=False)
@@ -83,16 +101,55 @@ def new(
     with reporting(json):
         from thermofit.study.template import write_template
 
-        said = write_template(file, experiment, overwrite=force, look=_looked, law=law)
-        line = f"study written: {file}; {said}; set starts and bounds, then `thermofit run {file}`"
-        typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file)}) if json else line)
+        described = None
+        if raw is not None:
+            if experiment is not None:
+                raise StudyError("--raw and --experiment are both given; --raw is enough, it keeps an experiment.yaml that is there")
+            experiment, described = str(raw), _described(raw)
+        chosen = _material(experiment) if material is None else material
+        said = write_template(file, experiment, overwrite=force, look=_looked, law=law, material=chosen)
+        missing = () if described is None else described.missing
+        line = f"study written: {file}; {said}; "
+        if described is not None and missing:
+            line += (
+                f"next: fill in {len(missing)} values in {described.file} ({', '.join(missing)}), then "
+                f"`thermofit new {file} --raw {raw} --force`, which takes bounds from the data, and `thermofit run {file}`"
+            )
+        else:
+            line += f"next: look at starts and bounds in it, then `thermofit run {file}`"
+        if json:
+            more = {} if described is None else {"found": described.found, "missing": missing, "experiment": str(described.file)}
+            typer.echo(json_format.dumps({"stage": "new", "verdict": line, "path": str(file), **more}))
+            return
+        if described is not None:
+            typer.echo(f"{described.file} written: {'; '.join(described.found)}")
+        typer.echo(line)
+
+
+def _described(raw: Path) -> Described | None:
+    """A first experiment.yaml of a folder that has none."""
+    from thermofit.read.describe import describe
+    from thermofit.read.raw_description import DESCRIPTION
+
+    return None if (raw / DESCRIPTION).is_file() else describe(raw)
+
+
+def _material(experiment: str | None) -> str:
+    """The class of metals that the notes of a raw folder name."""
+    if experiment is None or "${" in experiment:
+        return ""
+    from thermofit.read.describe import material_of
+
+    return material_of(Path(experiment).expanduser())
 
 
 def _looked(folder: Path) -> tuple[float, float, float] | str:
-    """What a raw folder says of its material; readers are imported when there is something to read."""
-    from thermofit.read.first_look import first_look
+    """What a raw folder says of its material; readers are imported when there is something to read. DataError where it makes no sense."""
+    from thermofit.read.plausible import first_look
 
-    found = first_look(folder)
+    found, remarks = first_look(folder)
+    for remark in remarks:
+        typer.echo(f"! {remark}", err=True)
     return found if isinstance(found, str) else (found.modulus, found.stress, found.strain)
 
 
@@ -109,21 +166,51 @@ def _stage_command(entry: Entry) -> Callable[..., None]:
     def adding_command(common: Common, max_effects: MaxEffects = None) -> None:
         _one_stage(entry, common.setting("diagnosis.max_effects", max_effects))
 
+    def refining_command(common: Common, refine: Refine = False) -> None:
+        _one_stage(entry, common, refine=refine)
+
+    def picking_command(common: Common, pick: Pick = False, length_mm: LengthMm = None) -> None:
+        _one_stage(entry, _picked(common, length_mm) if pick else common)
+
+    def drawing_command(common: Common, also: Also = None) -> None:
+        _one_stage(entry, common, also=tuple(also or ()))
+
+    if entry.refines:
+        return refining_command
+    if entry.picks:
+        return picking_command
+    if entry.draws:
+        return drawing_command
     return spread_command if entry.spread else adding_command if entry.adds else command
 
 
-def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None) -> None:
+def _picked(common: Common, length_mm: float | None) -> Common:
+    """The command with landmarks that are clicked now, and the lines that keep them."""
+    from thermofit.stages.calibrate_ir import pick
+
+    if length_mm is None:
+        raise StudyError("--pick needs --length-mm: the distance in mm between the first two points that are clicked")
+    text = json_format.dumps(pick(common.load(), length_mm))
+    typer.echo(f"to keep these landmarks, put this into {common.study}:\nir: {{landmarks: {text}}}", err=common.json)
+    return common.setting("ir.landmarks", text)
+
+
+def _one_stage(entry: Entry, common: Common, jobs: int = 1, scheduler: str | None = None, **more: Any) -> None:
     """Run a stage, behind what it rests on, and print its result."""
     if entry.name == REPORT and common.study.is_dir():
+        if more.get("also"):
+            raise StudyError(f"--also: {common.study} is a run folder, and the figures are drawn by its study; name the study file")
         _report_of_folder(common)
         return
     study = common.load()
-    options: dict[str, Any] = {"where": executor_of(study, jobs, scheduler)} if entry.spread else {}
+    options: dict[str, Any] = (
+        {"where": executor_of(study, jobs, scheduler)} if entry.spread else {key: value for key, value in more.items() if value}
+    )
 
     def call() -> Outcome:
         from thermofit.cli import printing
 
-        _chain_before(entry.name, study, None if common.json or common.quiet else printing.step)
+        _chain_before(entry.name, study, None if common.json or common.quiet else partial(printing.step, verbose=common.verbose))
         return stage_function(entry.name)(study, force=common.force, **options)
 
     _show(entry.name, common, study, call)
@@ -142,10 +229,26 @@ def _show(name: str, common: Common, study: Study, call: Callable[[], Outcome]) 
     if common.json:
         printing.as_json({**result, "fresh": outcome.fresh})
     else:
-        printing.stage_result(result, outcome.fresh, time.perf_counter() - begin, quiet=common.quiet)
+        wall = time.perf_counter() - begin
+        then = _next(name, common.study, study) if name != LOOP_STAGE or result.get("added") else ""
+        printing.stage_result(result, outcome.fresh, wall, quiet=common.quiet, verbose=common.verbose, then=then)
     if name in ON_CHAIN:
         _page_so_far(study, common.json)
     _leave(is_trustworthy(outcome.record))
+
+
+LOOP_STAGE = "close-loop"
+
+
+def _next(stage: str, file: Path, study: Study) -> str:
+    """The command that comes after a stage, with what it answers; "" where none does. `file`: the study as it was named."""
+    added = study.run_dir / "with-effects.yaml"
+    following = {
+        "verify": f"thermofit close-loop {file}    asks whether the model lacks an effect",
+        "diagnose": f"thermofit close-loop {file}    adds what is missing, and proves it",
+        LOOP_STAGE: f"thermofit run {added} --until verify    identifies with what was added",
+    }
+    return following.get(stage, "")
 
 
 def _report_of_folder(common: Common) -> None:
@@ -241,7 +344,8 @@ def _run_chain(
     links = [Link(name, _lazy(name, where)) for name in (CHAIN if study.necking is None else NECKING_CHAIN)]
     with quiet(common.json):
         try:
-            steps = chain(study, links, Selection(first, last, everything), common.force, None if silent else printing.step)
+            told = None if silent else partial(printing.step, verbose=common.verbose)
+            steps = chain(study, links, Selection(first, last, everything), common.force, told)
         except ThermofitError as error:
             _page_so_far(study, common.json, str(error))
             raise
@@ -249,7 +353,8 @@ def _run_chain(
     if common.json:
         printing.as_json(summary)
     else:
-        printing.chain_result(summary, quiet=common.quiet)
+        done = {step.name for step in steps if step.outcome is not None}
+        printing.chain_result(summary, quiet=common.quiet, then=_next("verify", common.study, study) if "verify" in done else "")
     _leave(summary["trustworthy"])
 
 
@@ -262,7 +367,7 @@ def _lazy(name: str, where: Executor) -> Callable[..., Outcome]:
     return call
 
 
-for _entry in (*STAGES, *ASIDE):
+for _entry in sorted((*STAGES, *ASIDE), key=lambda entry: entry.panel != LOOP):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_stage_command(_entry)))
 
 

@@ -20,6 +20,12 @@ class Entry:
     """True where it solves many independent problems, which --jobs or --scheduler spread."""
     adds: bool = False
     """True where it adds effects to the model, as many as --max-effects lets it."""
+    refines: bool = False
+    """True where --refine asks for the errors of mesh and steps."""
+    draws: bool = False
+    """True where --also gives its figures in further formats."""
+    picks: bool = False
+    """True where --pick opens a window to click landmarks in."""
 
     @property
     def help(self) -> str:
@@ -38,18 +44,19 @@ STAGES: tuple[Entry, ...] = (
         CHAIN,
         "Make a virtual experiment: truth to noisy raw files.",
         "Solves the section 'simulate' of the study and writes RUN_DIR/raw in the format of a measured experiment: force, DIC points and "
-        "infrared frames with noise, lost points, rigid-body motion of machine and jaws, a rolled and mirrored camera, clocks of their "
-        "own. Only for studies without a measured 'experiment'.",
+        "infrared frames. They have noise, lost points, rigid-body motion of machine and jaws, a rolled and mirrored camera, and clocks of "
+        "their own. Only for studies without a measured 'experiment'.",
         "simulate study.yaml --set simulate.seed=2",
     ),
     Entry(
         "calibrate-ir",
         CHAIN,
         "Pixels of the infrared camera to coordinates in mm.",
-        "Algorithm 1: reads the infrared frames and their hand-picked landmarks, finds scale, centre and axes of the specimen, refines "
-        "them on its visible edges, "
-        "and draws RUN_DIR/calibrate-ir.png: look at it.",
-        "calibrate-ir study.yaml --set ir.refine=false",
+        "Algorithm 1: reads the infrared frames and their landmarks, finds scale, centre and axes of the specimen, refines them on its "
+        "visible edges, and draws RUN_DIR/calibrate-ir.png: look at it. Landmarks that nobody gives are found where the frames show edges "
+        "and a shoulder; given ones are compared with what is found. --pick opens a window to click them in.",
+        "calibrate-ir study.yaml --pick --length-mm 60",
+        picks=True,
     ),
     Entry(
         "interpolate",
@@ -97,7 +104,7 @@ STAGES: tuple[Entry, ...] = (
         "Other starts: is the optimum the only one?",
         "Starts are listed or drawn in the section 'gridsearch' of the study. The verdict is unique, several optima, or valley with the "
         "relation of the parameters along it. A start that fails is counted and named. Starts run side by side in --jobs processes or on "
-        "a Dask --scheduler; a killed search resumes.",
+        "a Dask --scheduler. A killed search resumes.",
         "gridsearch study.yaml --jobs 2",
         spread=True,
     ),
@@ -114,8 +121,11 @@ STAGES: tuple[Entry, ...] = (
         "verify",
         TRUST,
         "All parameters in one coupled run against all data.",
-        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance.",
-        "verify study.yaml --json",
+        "Residuals per channel and per phase of the test beside the noise, the error of one-way coupling, the energy balance. With "
+        "--refine besides, in RUN_DIR/refinement.h5: the error of mesh and steps of every channel, with the order that refinements "
+        "show, and how far it draws every parameter off.",
+        "verify study.yaml --refine",
+        refines=True,
     ),
     Entry(
         "report",
@@ -125,6 +135,7 @@ STAGES: tuple[Entry, ...] = (
         "RUN_DIR/figures and RUN_DIR/report.md. In place of a study it takes a run folder, also of a run that stopped half way: then it "
         "writes the page of what is there.",
         "report study.yaml",
+        draws=True,
     ),
 )
 
@@ -135,15 +146,15 @@ ASIDE: tuple[Entry, ...] = (
         "diagnose",
         LOOP,
         "What does the residual still hold, and which effect would explain it?",
-        "Fits everything that the stages identified at once, on all channels, and asks how the model would respond to every effect that "
-        "it holds at neutral, physical or of the instruments. Ranked, with the held-out error that each would save; effects that this "
-        "test cannot tell apart are named together.",
+        "Fits everything that the stages identified at once, on all channels. Asks how the model would respond to every effect of the "
+        "catalogue, physical or of the instruments. Ranks them by the held-out error that each would save. Effects that this test cannot "
+        "tell apart are named together.",
         "diagnose study.yaml --json",
     ),
     Entry(
         "close-loop",
         LOOP,
-        "Find, trace, add, prove: the effects that the model lacks.",
+        "Find, prove and add the effects that the model lacks.",
         "Adds the effect that lowers the error on held-out data most, refits everything, and goes on until nothing is accepted. "
         "Reports the error before and after, beside the noise, and writes RUN_DIR/with-effects.yaml.",
         "close-loop study.yaml --max-effects 2",
@@ -153,8 +164,8 @@ ASIDE: tuple[Entry, ...] = (
         "mesh",
         LOOK,
         "The mesh of a study: checked, counted, drawn.",
-        "Makes the mesh of the section 'geometry' (a built-in shape or a file), checks its Jacobians and free faces, lists its "
-        "sets, and draws RUN_DIR/mesh.png with every set in its colour: look at it before a long run.",
+        "Makes the mesh of the section 'geometry' (a built-in shape or a file), checks its Jacobians and free faces, and lists its "
+        "sets. Draws RUN_DIR/mesh.png with every set in its colour: look at it before a long run.",
         "mesh study.yaml --set mesh=coarse",
     ),
     Entry(
@@ -176,16 +187,17 @@ VALIDATE = Entry(
     "validate",
     TRUST,
     "Predict an experiment that no fit has seen.",
-    "Every experiment (or record of a coupon) with held_out: true, and every raw folder named with --experiment, is predicted with the "
-    "parameters that were identified on the others, in one coupled run, and judged by its noise, as `verify` judges fitted data.",
+    "Predicts every experiment (or coupon record) with held_out: true, and every raw folder named with --experiment. The parameters are "
+    "those identified on the others. The prediction is one coupled run, judged by its noise, as `verify` judges fitted data.",
     "validate study.yaml --experiment lab/test-08",
 )
 COMPARE = Entry(
     "compare",
     TRUST,
     "Models side by side on the same data: which one?",
-    "The model of the study, the candidates of its section 'compare' (model 1 or 2, with or without effects) and those of further "
-    "studies of the same data are fitted to all channels at once: error, held-out error, AIC and BIC with an honest number of data.",
+    "Fits the model of the study, the candidates of its section 'compare' (another law, with or without effects), and those of further "
+    "studies of the same data. All channels are fitted at once. Shows error, held-out error, AIC and BIC, with the number of independent "
+    "data.",
     "compare study.yaml --set 'compare={model-1: {model: 1}}'",
 )
 
@@ -196,9 +208,9 @@ ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")
 
 ABOUT = (
     "Identify the parameters of thermo-mechanically coupled plasticity from a tension test with full-field measurements.\n\n"
-    "thermofit takes the raw files of a test (force, displacements from digital image correlation, temperatures from an infrared "
-    "camera) and returns elastic, plastic and thermal parameters with their standard errors, and the residuals beside the noise of "
-    "the data. `thermofit COMMAND --help` explains a command."
+    "thermofit fits a coupled finite element model to the raw files of a test: force, displacements from digital image correlation, "
+    "temperatures from an infrared camera. Then it names what the model lacks, adds it, and shows the error before and after. "
+    "`thermofit COMMAND --help` explains a command."
 )
 
 # Lines of a paragraph are kept as they are, so that a paragraph of prose is one line here.
@@ -209,9 +221,9 @@ MANUAL = "\n".join(
         "  thermofit new study.yaml --experiment lab/test-07",
         "  thermofit run study.yaml --set mesh=coarse",
         "  thermofit run study.yaml",
-        "  thermofit show runs/study/identify-plastic.h5",
-        "Try it on a small virtual test; write a commented study file and set its starts and bounds; run the chain on a coarse mesh, then "
-        "on the fine one; look into a result.",
+        "  thermofit close-loop study.yaml",
+        "Try it on a small virtual test. Write a commented study file and set its starts and bounds. Run the chain on a coarse mesh, then "
+        "on the fine one. Ask what the model lacks.",
         "",
         "[bold]Where results go[/]",
         "  RUN_DIR/<stage>.h5     one self-describing HDF5 file per stage",
@@ -237,17 +249,18 @@ DATA_HELP = (
 
 INSPECT_HELP = (
     "What is this file or folder?\n\n"
-    "Format, encoding, separator and decimal sign; columns with meaning and unit, and where the unit comes from; points, stages, frames; "
-    "missing values, gaps and repeated times; noise of each channel; suspicions about signs and clocks; and the lines to put into a study "
-    "or an experiment.yaml. Found by content, not by name. A folder is listed by format and sequence."
+    "Says format, encoding, separator and decimal sign. Lists columns with meaning and unit, and where the unit comes from. Counts points, "
+    "stages, frames, missing values, gaps and repeated times. Estimates the noise of each channel, and names doubtful signs and clocks. "
+    "Prints the lines to put into a study or an experiment.yaml. Files are recognised by content, not by name. A folder is listed by "
+    "format and sequence."
 )
 
 RUN_HELP = (
     "All stages: raw files in, parameters and figures out.\n\n"
     "simulate (virtual experiments only), calibrate-ir (where there are infrared frames), interpolate, identify-elastic, "
     "identify-plastic, identify-thermal, refine (all of them in one fit), verify, report. Stages whose inputs are unchanged are fresh and "
-    "cost nothing. Ends with a table of start and identified values with their combined standard uncertainty, beside the true ones where "
-    "the experiment is virtual, and with the paths of the figures."
+    "cost nothing. Ends with a table of start and identified values with their combined standard uncertainty, and with the paths of the "
+    "figures. True values stand beside where the experiment is virtual."
 )
 
 RUN_EXAMPLES = """[bold]Examples:[/]
@@ -262,10 +275,10 @@ DEMO_HELP = (
 
 IDENTIFIABILITY_HELP = (
     "Do the data determine the parameters, and to what?\n\n"
-    "At the optimum of a stage, or with --a-priori before any data on the planned test of the section 'simulate': correlations, spectrum "
-    "of the Hessian, which ratios of parameters stay constant where the data leave a direction open, what would have to be fixed, and "
-    "intervals by Laplace, block bootstrap, profile and Markov chain. --compare ranks test programmes: own, monotonic, load-unload, "
-    "load-unload-cool, stepped-rates, cycles. Exit code 5 where the parameters are not determined."
+    "Answers at the optimum of a stage, or with --a-priori before any data, on the planned test of the section 'simulate'. Gives "
+    "correlations, the spectrum of the Hessian, the ratios of parameters that stay constant where the data leave a direction open, and "
+    "what would have to be fixed. Intervals come by Laplace, block bootstrap, profile and Markov chain. --compare ranks programmes: own, "
+    "monotonic, load-unload, load-unload-cool, stepped-rates, cycles. Exit code 5 where the parameters are not determined."
 )
 IDENTIFIABILITY_EXAMPLES = "\n".join(
     (

@@ -1,4 +1,4 @@
-"""The command `export`: results for other programmes."""
+"""The command `export`: results for other programs."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from thermofit.study.study import Study
 
 HELP = (
-    "Results for other programmes: fields, tables, cards.\n\n"
-    "Writes RUN_DIR/export: results.json with every covariance; tables as CSV, Markdown and LaTeX; material cards for Abaqus, CalculiX, "
-    "LS-DYNA, MFront and plain YAML, with the range that the test visited and the effects of the model; fields over time for ParaView "
-    "(open fields/model.pvd), which need one more run of the model. RUN is a run folder or the study file."
+    "Results for other programs: fields, tables, cards.\n\n"
+    "Writes RUN_DIR/export: results.json with every covariance, and tables as CSV, Markdown and LaTeX. Writes material cards for Abaqus, "
+    "CalculiX, LS-DYNA, MFront and plain YAML, with the range that the test visited and the effects of the model. Writes fields over time "
+    "for ParaView (open fields/model.pvd), which need one more run of the model. RUN is a run folder or the study file."
 )
 EXAMPLES = """[bold]Examples:[/]
 thermofit export runs/my-study

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import typer
 
 from thermofit.core.errors import NumericsError, StudyError, ThermofitError, UntrustworthyError
+from thermofit.records.stopping import stoppable
 
 TRACEBACK_VARIABLE = "THERMOFIT_TRACEBACK"
 """Environment variable: where it is set, an unexpected exception shows where it came from."""
@@ -24,13 +25,15 @@ UNTRUSTWORTHY = UntrustworthyError.exit_code
 def reporting(as_json: bool) -> Iterator[None]:
     """Turn exceptions of the block into one sentence on stderr (with --json also an object on stdout) and an exit code."""
     try:
-        yield
+        with stoppable():
+            yield
     except (typer.Exit, typer.Abort, BrokenPipeError):
         raise
     except ThermofitError as error:
         _fail(str(error), error.exit_code, as_json)
-    except KeyboardInterrupt:
-        _fail("interrupted; finished evaluations are kept, the same command resumes", INTERRUPTED, as_json)
+    except KeyboardInterrupt as error:
+        by = f" by {error}" if str(error) else ""
+        _fail(f"interrupted{by}; finished evaluations are kept, the same command resumes", INTERRUPTED, as_json)
     except MemoryError as error:
         text = "the memory does not suffice; take a coarser mesh (--set mesh=coarse) or fewer observation times"
         _fail(f"{text} ({error})" if str(error) else text, NumericsError.exit_code, as_json)

@@ -10,6 +10,7 @@ import typer
 from thermofit.cli.catalogue import DATA, DATA_HELP, INSPECT_HELP
 from thermofit.cli.failure import reporting
 from thermofit.cli.options import AsJson, quiet
+from thermofit.core.errors import DataError
 
 data_app = typer.Typer(name="data", help=DATA_HELP, no_args_is_help=True, rich_markup_mode="rich")
 
@@ -64,6 +65,8 @@ def inspect(
             printing.as_json(result)
         else:
             printing.inspected(result)
+        if result.get("trustworthy") is False:
+            raise typer.Exit(DataError.exit_code)
 
 
 def register(app: typer.Typer) -> None:

@@ -27,9 +27,18 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", metavar="URL", help="Dask scheduler whose workers do it, such as tcp://host:8786.", show_default=False),
 ]
+Refine = Annotated[bool, typer.Option("--refine", help="Errors of mesh and steps besides, by six further runs.")]
 MaxEffects = Annotated[
     int | None,
     typer.Option("--max-effects", metavar="N", help="Most effects to add, instead of diagnosis.max_effects.", show_default=False),
+]
+Pick = Annotated[bool, typer.Option("--pick", help="Open a window and click the landmarks in a frame.")]
+Also = Annotated[
+    list[str] | None, typer.Option("--also", metavar="FORMAT", help="Figures also as pdf or svg; may be repeated.", show_default=False)
+]
+LengthMm = Annotated[
+    float | None,
+    typer.Option("--length-mm", metavar="MM", help="With --pick: distance of the first two points.", min=1e-3, show_default=False),
 ]
 
 
@@ -95,7 +104,9 @@ def _shared(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Compute again even where nothing has changed.")] = False,
     json: AsJson = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="One plain line per iteration on stderr.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="A plain line per iteration on stderr, and notes that ask for nothing.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print the verdict alone, and no progress.")] = False,
 ) -> None:
     """Signature of the shared options."""

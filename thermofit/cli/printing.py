@@ -22,7 +22,20 @@ _WIDTH = 140
 _NONE = number(None)
 _LONG = 8
 """A list of more plain values than this is described, not printed."""
-_HEAD = ("stage", "verdict", "trustworthy", "parameters", "channels", "evaluations", "remarks", "artefact", "fresh", "wall_s", "stale")
+_HEAD = (
+    "stage",
+    "verdict",
+    "trustworthy",
+    "parameters",
+    "channels",
+    "evaluations",
+    "remarks",
+    "notes",
+    "artefact",
+    "fresh",
+    "wall_s",
+    "stale",
+)
 
 Result = Mapping[str, Any]
 
@@ -50,8 +63,9 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], tex
     return made
 
 
-def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = False) -> None:
-    """Tables of one stage, its warnings, the path of its artefact, and last its verdict; where `quiet` the verdict alone."""
+def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = False, verbose: bool = False, then: str = "") -> None:
+    """Tables of one stage, its warnings, the path of its artefact, what to do next (`then`), and last its verdict. Where `quiet` it is
+    the verdict alone, where `verbose` the notes as well, which ask for nothing."""
     console = make_console()
     if quiet:
         print_verdict(console, result)
@@ -64,14 +78,17 @@ def stage_result(result: Result, fresh: bool, wall: float, *, quiet: bool = Fals
         printing_loop.show(console, result)
     _evaluations(console, result["evaluations"])
     print_remarks(console, result.get("remarks") or ())
+    if verbose:
+        print_notes(console, result.get("notes") or ())
     for figure in _figures(result):
         console.print(f"figure    {figure}", soft_wrap=True)
     console.print(f"artefact  {result['artefact']}", soft_wrap=True)
+    _then(console, then)
     print_verdict(console, result)
 
 
-def step(result: Result) -> None:
-    """One line of the chain, with the warnings of the stage below."""
+def step(result: Result, *, verbose: bool = False) -> None:
+    """One line of the chain, with the warnings of the stage below; where `verbose` also the notes."""
     console = make_console()
     if "skipped" in result:
         console.print(_wrapped(console, f"{result['stage']:<17} {'left out':>11}  ", result["skipped"]), style="dim")
@@ -81,10 +98,18 @@ def step(result: Result) -> None:
     console.print(_wrapped(console, f"{result['stage']:<17} {when:>11}  ", result["verdict"]), style=style)
     for remark in result.get("remarks") or ():
         console.print(_wrapped(console, " " * 31 + "! ", remark), style="yellow")
+    for note in (result.get("notes") or ()) if verbose else ():
+        console.print(_wrapped(console, " " * 31 + "- ", note), style="dim")
 
 
-def chain_result(result: Result, *, quiet: bool = False) -> None:
-    """The final table of the chain, the figures, and the verdict; where `quiet` the verdict alone."""
+def _then(console: Console, command: str) -> None:
+    """The command that comes next, where there is one."""
+    if command:
+        console.print(f"next      {command}", soft_wrap=True)
+
+
+def chain_result(result: Result, *, quiet: bool = False, then: str = "") -> None:
+    """The final table of the chain, the figures, what to do next (`then`), and the verdict; where `quiet` the verdict alone."""
     console = make_console()
     if quiet:
         print_verdict(console, result)
@@ -101,6 +126,7 @@ def chain_result(result: Result, *, quiet: bool = False) -> None:
     if (page := result.get("page")) is not None:
         console.print(f"report    {page}", soft_wrap=True)
     console.print(f"results   {result['run_dir']}", soft_wrap=True)
+    _then(console, then)
     print_verdict(console, result)
 
 
@@ -122,6 +148,7 @@ def artefact(description: Result) -> None:
     _evaluations(console, description["evaluations"])
     print_pairs(console, "summary", _plain(description))
     print_remarks(console, description.get("remarks") or ())
+    print_notes(console, description.get("notes") or ())
     if description["datasets"]:
         console.print(dataset_tree(description["datasets"]))
         console.print()
@@ -181,6 +208,12 @@ def print_remarks(console: Console, remarks: Iterable[str]) -> None:
     """One line for each remark."""
     for remark in remarks:
         console.print(_wrapped(console, "! ", str(remark)), style="yellow")
+
+
+def print_notes(console: Console, notes: Iterable[str]) -> None:
+    """One line for each note."""
+    for note in notes:
+        console.print(_wrapped(console, "- ", str(note)), style="dim")
 
 
 def _figures(result: Result) -> list[str]:

@@ -27,8 +27,24 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
         console.print(f"undecided  {text}", soft_wrap=True)
     if result.get("unlisted"):
         unlisted_lines(console, result["unlisted"])
+    if result.get("could_show"):
+        console.print(f"could show {_could_show(result['could_show'])}", soft_wrap=True)
+    if result.get("grade"):
+        console.print(f"grade     {result['grade']}")
     if result.get("study"):
         console.print(f"study     {result['study']}", soft_wrap=True)
+
+
+def _could_show(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """The smallest amplitude of every effect that this test names with even odds; what is not felt at all comes last."""
+    shown, unfelt = [], []
+    for name, row in rows.items():
+        if row["detectable"] is None:
+            unfelt.append(name)
+        else:
+            unit = "" if row["unit"] == "1" else f" {row['unit']}"
+            shown.append(f"{row['parameter']} from {number(row['detectable'], 2)}{unit}")
+    return ", ".join(shown) + (f"; nothing of {', '.join(unfelt)}" if unfelt else "")
 
 
 def _table(title: str, columns: tuple[str, ...]) -> Table:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import glob
 import os
 import secrets
+import shutil
 import socket
 import sys
 import time
@@ -28,7 +29,7 @@ def replacing(path: Path, durable: bool = True) -> Iterator[Path]:
     The folder is created where it is missing. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.parent / f".{path.name}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}{_SUFFIX}"
+    temporary = temporary_beside(path)
     try:
         yield temporary
         if durable:
@@ -42,13 +43,22 @@ def replacing(path: Path, durable: bool = True) -> Iterator[Path]:
         _sync(path.parent)
 
 
+def temporary_beside(path: Path) -> Path:
+    """A name in the folder of `path` that says whose it is: what a killed process leaves under it `remove_partial` removes."""
+    return path.parent / f".{path.name}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}{_SUFFIX}"
+
+
 def remove_partial(folder: Path, name: str | None = None) -> int:
-    """Remove what killed writers (of the file `name`, or of any) left in the folder; living writers keep theirs. The number removed."""
+    """Remove what killed writers (of the file or folder `name`, or of any) left in the folder; living writers keep theirs. The number
+    removed."""
     removed = 0
     for path in folder.glob(f".{'*' if name is None else glob.escape(name)}.*{_SUFFIX}"):
         with suppress(OSError):
             if _is_dead(path):
-                path.unlink()
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink()
                 removed += 1
     return removed
 

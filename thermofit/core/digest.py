@@ -25,7 +25,7 @@ KERNEL_ROOMS = ("effects", "law", "point", "body")
 _NO_KERNEL = b"from thermofit.core.jit import set_threads\n"
 """A module that asks for no more of `core.jit` than this compiles nothing."""
 
-_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "files", "folders", "jsonable", "yaml_text"))
+_OUTSIDE_KERNELS = tuple(f"core/{name}" for name in ("atomic", "digest", "errors", "files", "folders", "jsonable", "sealed", "yaml_text"))
 """Beginnings of the names of those modules of core from which no kernel takes a constant."""
 
 EFFECTS_VARIABLE = "THERMOFIT_EFFECTS"

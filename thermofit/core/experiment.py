@@ -79,7 +79,8 @@ class Landmarks:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measured test. `repairs` lists in words everything that a reader counted or mended."""
+    """One measured test. `repairs` lists in words everything that a reader counted or mended, `confirmed` the questions about its
+    plausibility that the user has answered."""
 
     folder: Path
     specimen: Specimen
@@ -91,6 +92,7 @@ class Experiment:
     landmarks: Landmarks | None
     programme: tuple[str, ...] = ()
     repairs: tuple[str, ...] = field(default=())
+    confirmed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.proof_elsewhere import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
-from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
@@ -30,9 +30,13 @@ class Means:
     numerical: np.ndarray | None
     how: str
 
-    def traced(self, here: Traced, parameters: Parameters) -> Traced:
-        """Trace at other parameters, on the same held-out data."""
-        return traced(replace(here.case, parameters=parameters), self.numerical, self.how, here.split)
+    def traced(self, here: Traced, fit: FitResult) -> Traced:
+        """The whole trace of an end, on the same held-out data."""
+        return traced(here.case, self.numerical, self.how, here.split, fit)
+
+    def at_end(self, here: Traced, end: tuple[Parameters, FitResult]) -> Traced:
+        """The end of a refit on the same held-out data, without the dormant effects."""
+        return at_end(replace(here.case, parameters=end[0]), end[1], here.split, here)
 
 
 def held_out_of(here: Traced) -> np.ndarray:
@@ -65,8 +69,8 @@ def _neutral(here: Traced, name: str) -> Parameters:
 
 def without(here: Traced, name: str, means: Means) -> tuple[Traced, FitResult]:
     """The loop's state after an effect was dropped and everything else refitted."""
-    parameters, fit = means.refit(_neutral(here, name), f"without {name}")
-    return means.traced(here, parameters), fit
+    end = means.refit(_neutral(here, name), f"without {name}")
+    return means.at_end(here, end), end[1]
 
 
 def made_up_for(here: Traced, name: str, others: Sequence[str], means: Means) -> tuple[Traced, FitResult] | None:
@@ -86,8 +90,8 @@ def made_up_for(here: Traced, name: str, others: Sequence[str], means: Means) ->
     if left @ left > (1.0 - STANDS_IN) * (most @ most):
         return None
     start = _neutral(here, name)
-    parameters, fit = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}")
-    there = means.traced(here, parameters)
+    end = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}")
+    there = means.at_end(here, end)
     ends, folds = (held_out_of(there), held_out_of(here)), len(here.split.held_out)
     found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
-    return None if (proof_of_refit(there, here, name) or found).convinces else (there, fit)
+    return None if (proof_of_refit(there, here, name) or found).convinces else (there, end[1])

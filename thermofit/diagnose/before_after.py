@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.diagnose.backward import held_out_of
+from thermofit.diagnose.elsewhere import both_predicted
 from thermofit.diagnose.held_out import rms_with_error
 from thermofit.diagnose.proof_elsewhere import unseen_rms
 from thermofit.diagnose.trace import Traced
@@ -33,12 +34,14 @@ def numerical_rms(here: Traced) -> dict[str, float]:
 def before_after(first: Traced, last: Traced) -> Table:
     """Error of fit and held-out data per channel before and after, in the unit of the channel: rms = (rms / noise) x noise floor.
 
-    Beside them their standard errors and both floors: that of the noise, and what the error of mesh and steps alone would give.
+    Of held-out tests those that both predict. Beside them their standard errors and both floors: that of the noise, and what the error of
+    mesh and steps alone would give.
     """
     floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in first.case.model.comparisons}
     table: Table = {}
-    for word, here in zip(WORDS, (first, last), strict=True):
-        unseen, noise = unseen_rms(here)
+    predicted = both_predicted(first.beyond, last.beyond)
+    for word, here, tests in zip(WORDS, (first, last), predicted, strict=True):
+        unseen, noise = unseen_rms(here, tests)
         fit, held = channel_rms(here, here.columns.residual), channel_rms(here, held_out_of(here)) | unseen
         floor = floors | noise
         table[word] = {

@@ -268,12 +268,14 @@ class Linearised:
     failed: dict[str, str] = field(default_factory=dict)
 
 
-def linearised(case: Case) -> Linearised:
-    """All columns from one differentiated run; effects of the heat problem from a heat run on its motion.
+def linearised(case: Case, fit: FitResult | None = None) -> Linearised:
+    """All columns from one differentiated run; effects of the heat problem from a heat run on its motion. `fit`: the one that ends at the
+    parameters of the case, whose residual and columns are not made again.
 
     Where the run fails with the effects of the overstress a little on, all are asked nearer to neutral, then each on its own.
     NumericsError where it fails without any.
     """
+    known = at_its_end(case, fit)
     dormant = case.dormant()
     heated = [e for e in dormant if case.scored is not None and acts_in_heat(e)]
     coupled = [e for e in dormant if e not in heated]
@@ -281,7 +283,9 @@ def linearised(case: Case) -> Linearised:
     flows = any(feels_rate(e, case.parameters) for e in case.known if e not in dormant)
     beside = [] if flows else [e for e in coupled if _beside_neutral(e, case)]
     felt = {e.name: _felt(e) for e in coupled}
-    fitted = case.parameters.free
+    if known is not None and not dormant:
+        return Linearised(*known, {}, {})
+    fitted = case.parameters.free if known is None or not coupled else ()
     names = (*fitted, *(name for group in felt.values() for name in group))
     directions = [(name, values) for e in heated for values in scans(e, case) for name in _felt(e)]
     along, failed = np.zeros((0, 0)), {}
@@ -298,7 +302,7 @@ def linearised(case: Case) -> Linearised:
             if not nearer:
                 raise
             continue
-        for name, value in tiny.items():
+        for name, value in tiny.items() if known is None else ():
             residual = residual - columns[:, at[name]] * (value - case.parameters[name])
         break
     blocks = {effect: (group, columns[:, [at[name] for name in group]]) for effect, group in felt.items()}
@@ -315,7 +319,15 @@ def linearised(case: Case) -> Linearised:
         scanned[e.name] = tuple(along[:, k + n * width : k + (n + 1) * width] for n in range(count))
         blocks[e.name] = (_felt(e), scanned[e.name][0])
         k += width * count
-    return Linearised(residual, columns[:, : len(fitted)], blocks, scanned, failed)
+    found = (residual, columns[:, : len(fitted)]) if known is None else known
+    return Linearised(*found, blocks, scanned, failed)
+
+
+def at_its_end(case: Case, fit: FitResult | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """Residual (n,) and columns (n, p) of the fitted parameters where the fit ends at the parameters of the case; None elsewhere."""
+    if fit is None or fit.jacobian is None or fit.names != case.parameters.free or not np.array_equal(fit.x, case.parameters.vector()):
+        return None
+    return fit.residual, fit.jacobian
 
 
 def _felt(effect: Effect) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
 from thermofit.diagnose.decide_words import acted_on
-from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects, is_of_effect
@@ -103,14 +103,13 @@ def undecided_families(here: Traced) -> tuple[tuple[str, ...], ...]:
 
 
 def added_families(closed: Closed) -> tuple[Family, ...]:
-    """The families of accepted effects, as the rounds that accepted them told them; without what was accepted besides: all of that is
-    needed at the end."""
-    out = []
+    """The families of accepted effects, as `like_of` tells them."""
+    out, like = [], like_of(closed)
     for turn in closed.rounds:
         for trial in turn.trials:
             for score in trial.scores if trial.effects == turn.accepted else ():
-                others = tuple(n for n in score.family if n not in closed.accepted and n != score.effect)
-                if others and score.effect in closed.accepted:
+                others = like.get(score.effect, ())
+                if others:
                     settings = {n: v for other in others for n, v in turn.traced.settings.get(other, {}).items()}
                     out.append(Family((score.effect, *others), score.effect, settings))
     return tuple(out)
@@ -269,7 +268,7 @@ def _specimen(d: Decision, was: Told) -> dict[str, Any]:
 def in_words(d: Decision) -> str:
     """A decision as a sentence."""
     names = " or ".join(f"{n} (added)" if n == d.added else n for n in d.family) if d.added else " and ".join(d.family)
-    missing = [f"no coupon feels {acted_on(d.unfelt)}"] if d.unfelt else []
+    missing = [f"a coupon test cannot show {acted_on(d.unfelt)}"] if d.unfelt else []
     return f"{names}: {'; '.join([*_of_programmes(d), *missing, *_of_specimen(d)])}"
 
 
@@ -296,6 +295,6 @@ def _of_specimen(d: Decision) -> list[str]:
     if best is None:
         tried = ", ".join(p.name for p in decide_specimen.PROGRAMMES if p.name not in d.failed_on_specimen)
         missed = f" ({', '.join(d.failed_on_specimen)}: this specimen cannot be driven so)" if d.failed_on_specimen else ""
-        return [f"of the changes of the test {tried} none would {'part them' if len(d.family) > 1 else 'show more of it'}{missed}"]
+        return [f"none of the changes {tried} of this test would {'distinguish them' if len(d.family) > 1 else 'show it better'}{missed}"]
     part = f" (|cos| {best.cosine:.2f}, as it was {was.cosine:.2f})" if len(d.family) > 1 else ""
     return [f"on the specimen {best.programme.name} ({best.programme.words}) would decide{part}", f"it shows {_shown(best)} on"]

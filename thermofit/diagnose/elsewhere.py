@@ -5,6 +5,9 @@ the step of the fitted rows, alone or with an effect, changes the rows that are 
 and is proved there. One of the boundary or of the instruments belongs to the test that shows it, and another test says nothing of it.
 Where a held-out test hardly feels an effect, or its error falls by less than its uncertainty, the held-out rows of the fitted tests
 decide; where its error does not fall, the effect is refused.
+
+A held-out test whose force the model cannot carry is driven by the motion of its sections, as a fitted one would be. Where that fails as
+well, or at other parameters, it judges nothing: it is said, and the answer is not trusted. It never ends an identification.
 """
 
 from __future__ import annotations
@@ -49,6 +52,24 @@ Settings = Mapping[str, dict[str, float]]
 
 def elsewhere_of(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> Elsewhere:
     """A held-out test for the loop, which begins at `base` with the settings of the joint fit and the `known` effects of fitted tests."""
+    try:
+        return _driven(test, settings, base, known)
+    except NumericsError as error:
+        failed, other = str(error), test.by_sections
+    if other is not None:
+        try:
+            return _driven(other, settings, base, known)
+        except NumericsError as error:
+            failed = f"{failed}; driven by its sections: {error}"
+
+    def unpredicted(_: Parameters) -> Case:
+        raise NumericsError(failed)
+
+    return Elsewhere(test.label, unpredicted, lambda free: test.carried(free, settings.free), frozenset(), test.fit_own)
+
+
+def _driven(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> Elsewhere:
+    """The same in the drive that the test has. NumericsError where its model fails."""
     identified = settings.free
     there = test.predicted(base, identified)
     problem = test.corrected(test.problem(settings, there, known), there)
@@ -70,15 +91,22 @@ def elsewhere_of(test: UnseenTest, settings: StageSettings, base: Parameters, kn
     return Elsewhere(test.label, case, lambda free: test.carried(free, identified), judges, test.fit_own)
 
 
-def beyond_of(case: Case, wanted: Sequence[str], settings: Settings) -> tuple[Beyond, ...]:
-    """The held-out tests of a case, with the columns of the wanted effects that each can judge. NumericsError names the test."""
-    out = []
+def beyond_of(case: Case, wanted: Sequence[str], settings: Settings) -> tuple[tuple[Beyond, ...], dict[str, str]]:
+    """The held-out tests of a case, with the columns of the wanted effects that each can judge; then those that the model cannot be run
+    through at these parameters, and why."""
+    out, failed = [], {}
     for test in case.elsewhere:
         try:
             out.append(_beyond(test, case, [n for n in wanted if n in test.judges], settings))
         except NumericsError as error:
-            raise NumericsError(f"held-out {test.name}: {error}") from error
-    return tuple(out)
+            failed[test.name] = str(error)
+    return tuple(out), failed
+
+
+def both_predicted(before: Sequence[Beyond], after: Sequence[Beyond]) -> tuple[tuple[Beyond, ...], tuple[Beyond, ...]]:
+    """The held-out tests that both of two optima predict."""
+    names = {b.name for b in before} & {b.name for b in after}
+    return tuple(b for b in before if b.name in names), tuple(b for b in after if b.name in names)
 
 
 def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settings) -> Beyond:

@@ -15,10 +15,10 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
-from thermofit.diagnose.rejudge import ends_of_fit, rejudged
+from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
-from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
 from thermofit.fit.result import FitResult
 
@@ -73,6 +73,8 @@ class Closed:
     open_ones: tuple[str, ...] = ()
     base: FitResult | None = None
     """The fit that ends at `first`; None where `first` is no optimum of the last problem."""
+    stand_ins: Mapping[str, tuple[str, ...]] | None = None
+    """Effects that the data do not tell from an accepted one at the end, by its name; None where that was not asked."""
 
     def as_base(self) -> Closed:
         """The base model at its optimum where nothing is added in the end: a refit without what was taken back may stop short of it."""
@@ -87,14 +89,22 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     accepted: list[str] = []
     dropped: list[str] = []
     remarks: list[str] = []
-    here = first = traced(case, numerical, how)
+    here = first = traced(case, numerical, how, fit=fit)
     base: FitResult | None = fit
+    unasked: dict[str, str] = {}
     while True:
         try:
             sharp = _sharpened(here, first, how)
         except NumericsError as error:
             sharp, here = None, replace(here, case=replace(here.case, sharper=None))
             remarks.append(f"the force is taken as exact to the end: a run of the problem that knows its error failed ({error})")
+        if sharp is None and not here.whole:
+            try:
+                here = Means(refit, numerical, how).traced(here, fit)
+            except NumericsError as error:
+                unasked = {"any further effect": str(error)}
+                rounds.append(Round(here, (), ()))
+                break
         if sharp is not None:
             held = tuple(n for n in here.case.parameters.free if n not in sharp[1].case.parameters.free)
             if held:
@@ -118,13 +128,28 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         here, fit = again.here, again.fit
         dropped += again.dropped
         remarks += again.remarks
-        accepted = [n for n in (*accepted, *trial.effects) if n not in dropped]
-    unjudged = dict(here.unjudged) | {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
+        earlier = [n for n in accepted if n not in dropped]
+        accepted = [*earlier, *(n for n in trial.effects if n not in dropped)]
+        again = exponents_again(here, fit, earlier, Means(refit, numerical, how))
+        here, fit = again.here, again.fit
+        remarks += again.remarks
+    untried = {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
+    unjudged = unasked | dict(here.unjudged) | untried
     full = len(accepted) >= max_effects
     still = tuple(s.effect for s in here.promising()) if full else ()
     names = tuple(accepted)
     closed = Closed(tuple(rounds), first, here, fit, names, tuple(dropped), refit, numerical, tuple(remarks), unjudged, still, base)
-    return against_base(backward_check(closed, how), how).as_base()
+    return whole(against_base(backward_check(closed, how), how).as_base(), how)
+
+
+def whole(closed: Closed, how: str) -> Closed:
+    """The result with the dormant effects asked at its end as well; where that run fails, it says that nothing further was judged."""
+    if closed.last.whole:
+        return closed
+    try:
+        return replace(closed, last=Means(closed.refit, closed.numerical, how).traced(closed.last, closed.fit))
+    except NumericsError as error:
+        return replace(closed, unjudged={**closed.unjudged, "any further effect": str(error)})
 
 
 def _without_scores(here: Traced, names: Sequence[str]) -> Traced:
@@ -170,8 +195,12 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
 def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accepted]], before: Mapping[str, str]) -> tuple[Trial, Accepted]:
     """Of the refits that the best one does not beat by more than a standard error, the one with the fewest parameters that have no value of
     their own and were not so `before` (at a bound, or an exponent adrift), of these the one with the fewest fitted ones (the rule of one
-    standard error, Breiman et al. 1984), of these the one with the largest gain."""
-    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], NEAR)]
+    standard error, Breiman et al. 1984), of these the one with the largest gain.
+
+    A best one whose exponents are adrift has to be told apart for SURE: all of the data have brought them there, the held-out ones too.
+    """
+    by = SURE if best[0].adrift else NEAR
+    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], by)]
 
     def loose(one: tuple[Trial, Accepted]) -> int:
         return len(set(ends_of_fit(*one[1])) - set(before)) + len(one[0].adrift)
@@ -228,6 +257,14 @@ def against_base(closed: Closed, how: str) -> Closed:
     return closed
 
 
+def like_of(closed: Closed) -> dict[str, tuple[str, ...]]:
+    """Effects that the data do not tell from each accepted one, without what was accepted besides, which is needed at the end: as the end
+    tells them, or else the rounds that accepted them."""
+    found = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
+    families = found if closed.stand_ins is None else closed.stand_ins
+    return {name: tuple(n for n in families.get(name, ()) if n != name and n not in closed.accepted) for name in closed.accepted}
+
+
 def place_of(here: Traced) -> Place:
     """Parameters of a trace and their objective."""
     return Place(here.case.parameters, float(here.columns.residual @ here.columns.residual))
@@ -241,10 +278,10 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
         return None
     case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
     parameters, fit = sharp.nearby(case.parameters, "error of the force")
-    now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split)
+    now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split, fit)
     if here is first:
         return now, now, fit, sharp.refit, sharp.numerical
-    begin = traced(replace(case, parameters=first.case.parameters), sharp.numerical, how, here.split)
+    begin = at_end(replace(case, parameters=first.case.parameters), None, here.split, now)
     # What was found first was found where nothing was hidden: only the error there is told again.
     begin = replace(begin, ranking=first.ranking, proofs=first.proofs, settings=first.settings, warmed=first.warmed)
     return begin, now, fit, sharp.refit, sharp.numerical

@@ -32,8 +32,6 @@ REFITTED = 6
 """Pairs that are refitted in a round, those with the largest predicted fall."""
 ON_KNOWN_MOTION = 3
 """The same of a body, on the known motion; the best of them is refitted in full."""
-PLAIN = 4.0
-"""Standard errors of the square sum of noise that a residual has to stand out before pairs are asked."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +46,9 @@ class Pair:
 
 
 def leaves_more_than_it_takes(here: Traced, fit: FitResult, trials: Sequence[Trial]) -> bool:
-    """Whether the best single refit takes less than half of what the residual holds beyond noise, and that is more than chance."""
-    n = len(here.columns.residual)
-    beyond = fit.f - n
-    if beyond < PLAIN * np.sqrt(2.0 * n):
+    """Whether the best single refit takes less than half of what the residual holds beyond its floor, and that is more than chance."""
+    beyond = here.beyond_floor(fit.f)
+    if beyond == 0.0:
         return False
     return max((t.achieved_drop for t in trials if not t.refused), default=0.0) < 0.5 * beyond
 

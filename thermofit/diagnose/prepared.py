@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,11 +27,11 @@ from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
-from thermofit.identify.solve import DRIVE
+from thermofit.identify.solve import DRIVE, within
 from thermofit.records.artefact import open_record
 from thermofit.records.key import read_of
 from thermofit.records.staging import Job, artefact_path, job
-from thermofit.study.section import MeshSize, ParameterStart
+from thermofit.study.section import MeshSize
 from thermofit.study.stages import Stages
 from thermofit.study.study import Study
 
@@ -78,7 +78,7 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
     for stage in stages:
         record = open_record(artefact_path(study.run_dir, stage))
         if not record.summary.get("converged", True):
-            raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); mend it before tracing its residual")
+            raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); make it converge first")
     sections = (*SECTIONS, *(("experiments", "shared") if study.fitted or study.held_out else ()))
     config = read_of(study, *sections)
     if name == DIAGNOSE:  # which adds no effect
@@ -136,12 +136,6 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
     assert joint.numerical is not None
     remarks = (*said, *_unknown_force(experiment, joint))
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, remarks, experiment.drive)
-
-
-def within(study: Study, base: Parameters, told: Mapping[str, tuple[float, float]]) -> Study:
-    """The study with the bounds within which an earlier stage has told parameters."""
-    starts = {name: ParameterStart(start=base[name], bounds=ends, scale=study.scale(name)) for name, ends in told.items()}
-    return study.model_copy(update={"parameters": {**study.parameters, **starts}}) if told else study
 
 
 def _unknown_force(experiment: Experiment, joint: JointProblem) -> tuple[str, ...]:

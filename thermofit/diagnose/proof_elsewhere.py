@@ -2,33 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from thermofit.core.parameters import param
-from thermofit.diagnose.elsewhere import proof_of_change, unseen_residual
+from thermofit.diagnose.elsewhere import Beyond, both_predicted, proof_of_change, unseen_residual
 from thermofit.diagnose.held_out import Proof, rms_with_error
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.linear_model import LinearModel
 
 
-def predicted_beyond(here: Traced) -> np.ndarray:
-    """Residual (m,) of the held-out tests of a trace."""
-    return unseen_residual(here.problem.model, here.beyond, [b.fitted for b in here.beyond])
+def predicted_beyond(here: Traced, beyond: Sequence[Beyond] | None = None) -> np.ndarray:
+    """Residual (m,) of the held-out tests of a trace, or of some of them."""
+    tests = here.beyond if beyond is None else beyond
+    return unseen_residual(here.problem.model, tests, [b.fitted for b in tests])
 
 
 def proof_of_refit(here: Traced, there: Traced, name: str) -> Proof | None:
     """Proof of an effect by two optima, without and with it; None where the held-out tests cannot judge it."""
     if not any(name in test.judges for test in here.case.elsewhere):
         return None
-    return proof_of_change(predicted_beyond(here), predicted_beyond(there), here.beyond)
+    before, after = both_predicted(here.beyond, there.beyond)
+    return proof_of_change(predicted_beyond(here, before), predicted_beyond(there, after), before) if before else None
 
 
 def proof_of_need(here: Traced, name: str, seen: LinearModel) -> Proof | None:
     """Proof of an accepted effect against the same model without it, `seen`; None as in `proof_of_refit`."""
-    if not any(name in test.judges for test in here.case.elsewhere):
+    if not here.beyond or not any(name in test.judges for test in here.case.elsewhere):
         return None
     own = [k for k, n in enumerate(here.case.parameters.free) if n in effect(name).names]
     back = np.array([0.0 if param(n).scan else param(n).neutral - here.case.parameters[n] for n in effect(name).names])
@@ -38,12 +41,12 @@ def proof_of_need(here: Traced, name: str, seen: LinearModel) -> Proof | None:
     return proof_of_change(before, predicted_beyond(here), here.beyond)
 
 
-def unseen_rms(here: Traced) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
-    """Rms over the noise of every channel of the held-out tests with its standard error, and the noise in the unit of the channel, by
+def unseen_rms(here: Traced, tests: Sequence[Beyond]) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Rms over the noise of every channel of these held-out tests with its standard error, and the noise in the unit of the channel, by
     <channel>@<test>."""
-    residual, at = (predicted_beyond(here) if here.beyond else np.zeros(0)), 0
+    residual, at = (predicted_beyond(here, tests) if tests else np.zeros(0)), 0
     rms, floors = {}, {}
-    for b in here.beyond:
+    for b in tests:
         part = residual[at : at + len(b.residual)]
         at += len(b.residual)
         for k, (channel, floor) in enumerate(b.floors.items()):

@@ -42,6 +42,9 @@ STRONGER = (1.0, 2.0, 4.0)
 """Multiples of an amplitude that are tried in turn where the force cannot be carried with it at the start."""
 COARSELY = 1e-3
 """The same for one of several values of an exponent that are compared."""
+VAGUE = 0.5
+"""Standard error over its value of an exponent whose logarithm counts, above which the data do not determine it: two of them reach
+nothing."""
 PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
@@ -119,6 +122,16 @@ def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int
     return moved.replace(**{p.name: float(np.clip(p.neutral + share * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
+def undetermined_exponents(parameters: Parameters, fit: FitResult) -> tuple[str, ...]:
+    """Free exponents that a fit does not determine: all of them where it does not settle, else those, of which a logarithm counts, whose
+    standard error is more than VAGUE of their value."""
+    exponents = [name for name in parameters.free if param(name).scan]
+    if not fit.converged or fit.sigma is None:
+        return () if fit.converged else tuple(exponents)
+    sigma = dict(zip(fit.names, fit.sigma.tolist(), strict=True))
+    return tuple(n for n in exponents if param(n).logarithmic and not sigma[n] <= VAGUE * abs(parameters[n]))
+
+
 def failed_in_words(failures: Sequence[str]) -> list[str]:
     """A remark on starts that failed: how many, and the first of them; the record holds all."""
     if not failures:
@@ -166,10 +179,10 @@ class JointFit:
         most *= OFTEN if self.model.cheap else 1
         start = self.approached(start, label)
         parameters, fit = self.minimised_on(start, self.model, label, most)
-        exponents = [name for name in start.free if param(name).scan]
-        if not self.model.cheap and exponents and not fit.converged:
-            # Free exponents that do not settle are not determined: the others are, with these at the values they have come to.
-            held = parameters.with_free(tuple(name for name in parameters.free if name not in exponents))
+        vague = () if self.model.cheap else undetermined_exponents(parameters, fit)
+        if vague:
+            # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are.
+            held = parameters.with_free(tuple(name for name in parameters.free if name not in vague))
             parameters, fit = self.minimised_on(held, self.model, f"{label} held", most)
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)

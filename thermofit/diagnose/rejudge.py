@@ -16,7 +16,7 @@ from thermofit.diagnose.backward import Means, held_out_of, without
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import AWAY
+from thermofit.diagnose.trial import AWAY, freed_refit
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.trust import undetermined
 from thermofit.fit.result import FitResult
@@ -66,6 +66,40 @@ def rejudged(here: Traced, fit: FitResult, accepted: Sequence[str], before: Mapp
                 dropped.append(name)
                 kept.clear()
                 here, fit = there, after
+
+
+def exponents_again(here: Traced, fit: FitResult, earlier: Sequence[str], means: Means) -> Rejudged:
+    """With exponents of effects of `earlier` rounds free that were held there, where held-out data are predicted better so.
+
+    In its own round an effect stands in for all that is still missing, and its exponent is held where that is best; beside later effects it
+    describes its own part. All together are tried, those of each effect, and each alone; what does not settle or leaves a parameter
+    without a value of its own is not taken. On bodies, where a refit takes minutes, none is tried.
+    """
+    if not earlier or not here.case.cheap:
+        return Rejudged(here, fit)
+    free = here.case.parameters.free
+    groups = [tuple(p.name for p in effect(name).exponents if p.name not in free) for name in earlier]
+    every = tuple(n for group in groups for n in group)
+    best: tuple[float, Traced, FitResult, tuple[str, ...]] | None = None
+    for names in dict.fromkeys((every, *groups, *((n,) for n in every))):
+        found = freed_refit((here.case.parameters, fit), names, " ".join(("again", *names)), means.refit)[0]
+        if found is None or not found[1].converged:
+            continue
+        there = means.at_end(here, found)
+        if set(ends_of_fit(there, found[1])) - set(ends_of_fit(here, fit)):
+            continue
+        inside = compared(
+            held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.model.noise, there.columns.residual
+        )
+        beyond = [proof for name in earlier if (proof := proof_of_refit(here, there, name)) is not None]
+        proof = min(beyond, key=lambda p: p.gain) if beyond else inside
+        if proof.convinces and (best is None or proof.gain > best[0]):
+            best = proof.gain, there, found[1], names
+    if best is None:
+        return Rejudged(here, fit)
+    gain, there, after, names = best
+    said = f"{', '.join(f'{n} = {there.case.parameters[n]:.3g}' for n in names)}: fitted beside the later effects, by which held-out error "
+    return Rejudged(there, after, (), (f"{said}falls by {100.0 * gain:.0f} %",))
 
 
 def suspicion(here: Traced, fit: FitResult, name: str, before: Mapping[str, str]) -> str:

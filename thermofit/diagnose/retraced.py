@@ -29,8 +29,6 @@ from thermofit.fit.result import FitResult
 
 HALF = 0.5
 """Part of what the residual holds beyond noise that the best linear step takes away where one step is enough."""
-PLAIN = 4.0
-"""Standard errors of the square sum of noise beyond which the residual holds something."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,8 @@ def retraced(here: Traced) -> Traced:
     told = sorted((_told(s, ends, alike) for s in (*here.ranking.scores, *shown)), key=lambda s: (bool(s.vetoed), -s.z))
     unfelt = tuple(name for name in here.ranking.unfelt if name not in ends)
     proofs = {**here.proofs, **{name: end.proof for name, end in ends.items()}}
-    return replace(here, ranking=replace(here.ranking, scores=tuple(told), unfelt=unfelt), proofs=proofs, warmed=tuple(ends))
+    ranking = replace(here.ranking, scores=tuple(told), unfelt=unfelt)
+    return replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends)
 
 
 def asked_of(here: Traced) -> tuple[Score, ...]:
@@ -90,11 +89,10 @@ def _hidden(name: str) -> Score:
 
 
 def enough(here: Traced) -> bool:
-    """Whether the best linear step takes away half of what the residual holds beyond noise, or that is not more than chance."""
-    r = here.columns.residual
-    n, beyond = len(r), float(r @ r) - len(r)
+    """Whether the best linear step takes away half of what the residual holds beyond its floor, or that is not more than chance."""
+    beyond = here.beyond_floor(float(here.columns.residual @ here.columns.residual))
     best = max((s.predicted_drop for s in here.ranking.scores if not s.vetoed), default=0.0)
-    return beyond < PLAIN * np.sqrt(2.0 * n) or best > HALF * beyond
+    return beyond == 0.0 or best > HALF * beyond
 
 
 def _shown(here: Traced) -> np.ndarray:
@@ -104,7 +102,9 @@ def _shown(here: Traced) -> np.ndarray:
 
 
 def shown_alone(here: Traced, fit: HeatFit) -> dict[str, _End]:
-    """Effects that temperatures show, each refitted on the known motion."""
+    """Effects that temperatures show, each refitted on the known motion, as `retraced` has done it where it was asked."""
+    if here.shown:
+        return dict(here.shown)
     return {s.effect: end for s in asked_of(here) if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
 
 

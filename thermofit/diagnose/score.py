@@ -110,11 +110,12 @@ def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> floa
     return -1.0 if score.vetoed else score.predicted_drop
 
 
-def likeness(own: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
-    """Largest |cos| between any two effects after projection: the cosine of the smallest angle between their column spaces."""
+def likeness(own: Mapping[str, np.ndarray], of: Sequence[str] | None = None) -> dict[tuple[str, str], float]:
+    """Largest |cos| between any two effects after projection: the cosine of the smallest angle between their column spaces; `of`: only of
+    these with all."""
     bases = {effect: projection(s).basis for effect, s in own.items()}
     found = {}
-    for one, a in bases.items():
+    for one, a in bases.items() if of is None else [(name, bases[name]) for name in of]:
         for other, b in bases.items():
             found[one, other] = float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0)) if one != other else 1.0
     return found

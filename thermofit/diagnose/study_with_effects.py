@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, param
 from thermofit.core.yaml_text import parse_yaml
@@ -86,5 +87,5 @@ def _predicted_without(tree: dict[str, Any], study: Study, closed: Closed) -> No
 
 def write_study(study: Study, closed: Closed, path: Path) -> None:
     """Write the study beside the records."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(study_text(study, closed), encoding="utf-8")
+    with replacing(path, durable=False) as temporary:
+        temporary.write_text(study_text(study, closed), encoding="utf-8")

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case, Linearised, columns_of, linearised, scans
+from thermofit.diagnose.case import Case, Linearised, at_its_end, columns_of, linearised, scans
 from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
 from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.priors import improbable
 from thermofit.fit.linear_model import LinearModel, Room, projection
+from thermofit.fit.result import FitResult
 
+PLAIN = 4.0
+"""Standard errors of the square sum of noise beyond which a residual holds something."""
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
 _BLOCKS = (25, 5)
@@ -50,6 +54,19 @@ class Traced:
     data may hold them or not."""
     scanned: Mapping[str, tuple[Scan, ...]] = field(default_factory=dict)
     """Of effects whose exponents were scanned: every set of values that could be run, the best first."""
+    unpredicted: Mapping[str, str] = field(default_factory=dict)
+    """Declared held-out tests that the model cannot be run through at these parameters, and why."""
+    shown: Mapping[str, Any] = field(default_factory=dict)
+    """Where the refits of `warmed` effects on the known motion end."""
+    whole: bool = True
+    """False where no dormant effect was asked: the end of a refit, whose own parameters are all that judges it."""
+
+    def beyond_floor(self, f: float) -> float:
+        """What a square sum f of the residual holds beyond noise and what the error of mesh and steps that may be left would make; no more
+        than chance where it is not above PLAIN standard errors of the square sum of noise, then zero."""
+        n, numerical = len(self.columns.residual), self.problem.numerical
+        beyond = f - n - (0.0 if numerical is None else float(numerical @ numerical))
+        return beyond if beyond >= PLAIN * np.sqrt(2.0 * n) else 0.0
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first; where gains differ by no more than their errors, one that a refit on the
@@ -72,7 +89,7 @@ class Traced:
         if score.vetoed:
             return score.vetoed
         if score.z <= self.ranking.threshold:
-            return f"z {score.z:.2f} is below {self.ranking.threshold:.2f}, which chance reaches in one of twenty tests"
+            return f"not significant (z {score.z:.2f}, threshold {self.ranking.threshold:.2f})"
         if score.predicted_drop <= OVER_NUMERICAL * score.numerical_drop:
             return "the error of mesh and time steps alone looks as large"
         proved = self.proofs.get(score.effect)
@@ -126,12 +143,14 @@ def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto") -> S
     return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
 
 
-def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", split: Split | None = None) -> Traced:
-    """Trace a case; `split`: the held-out data of an earlier trace, so that both can be compared.
+def traced(
+    case: Case, numerical: np.ndarray | None = None, how: str = "auto", split: Split | None = None, fit: FitResult | None = None
+) -> Traced:
+    """Trace a case; `split`: the held-out data of an earlier trace, so that both can be compared. `fit`: the one that ended there.
 
     UntrustworthyError where the data do not suffice; NumericsError where the run fails.
     """
-    found = linearised(case)
+    found = linearised(case, fit)
     rows = case.rows
     if split is None:
         split = split_of(case, rows, found.fitted, how)
@@ -151,7 +170,7 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
     columns = replace(columns, dormant=dormant, also_tried=others)
     ranking = _probable(ranked(columns), case)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
-    beyond = beyond_of(case, strongest, settings)
+    beyond, unpredicted = beyond_of(case, strongest, settings)
     unjudged |= {name: why for b in beyond for name, why in b.failed.items()}
     proofs = {}
     for name in strongest:
@@ -159,7 +178,23 @@ def traced(case: Case, numerical: np.ndarray | None = None, how: str = "auto", s
         own = room_of(case.parameters, names)
         inside = proof(model, block, own, rows, split)
         proofs[name] = proof_beyond(model, name, block, beyond, own) or inside
-    return Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond, unjudged=unjudged, scanned=scanned)
+    result = Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
+    return replace(result, unjudged=unjudged, unpredicted=unpredicted, scanned=scanned)
+
+
+def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> Traced:
+    """The trace of the fitted parameters alone at the end of a refit, on the held-out data `split`: all that judges the refit.
+
+    The columns of dormant effects are most of a trace, of a body nine tenths, and are asked for where a round begins. Residual and columns
+    are those of the fit, so that nothing is run but what is held out elsewhere. NumericsError where that fails.
+    """
+    parameters, rows = case.parameters, before.rows
+    residual, fitted = at_its_end(case, fit) or case.model.linearised(parameters, parameters.free)
+    model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free))
+    columns = Columns(model, {}, before.problem.groups, before.problem.numerical)
+    found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
+    beyond, unpredicted = beyond_of(case, (), {})
+    return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)
 
 
 def _probable(ranking: Ranking, case: Case) -> Ranking:

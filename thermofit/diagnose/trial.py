@@ -106,15 +106,22 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
         first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
-        if not here.case.cheap or not any(_ends(here, p, ended[0].estimate[p.name]) for p in own.amplitudes):
-            break  # at a bound the values of the exponents may be the wrong ones
+        if not here.case.cheap or not _undetermined(here, own, ended[0]):
+            break  # where an amplitude has no value of its own, the values of the exponents may be the wrong ones
     if best is None:
         return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
     trial, proof = best[0], first.proof if first is not None else None
     if best[1] is not None and proof is not None and trial.proof is not None and not trial.proof.not_less_than(proof):
-        said = f"ends at its bound at other exponents, where {proof.words}; here {trial.proof.words} only"
+        said = f"has no value of its own at other exponents, where {proof.words}; here {trial.proof.words} only"
         return replace(trial, refused=said), None
     return best
+
+
+def _undetermined(here: Traced, own: Effect, trial: Trial) -> bool:
+    """Does an amplitude end at its bound, or all of them within AWAY of their standard errors of neutral?"""
+    if any(_ends(here, p, trial.estimate[p.name]) for p in own.amplitudes):
+        return True
+    return all(abs(trial.estimate[p.name] - p.neutral) <= AWAY * trial.sigma.get(p.name, 0.0) for p in own.amplitudes)
 
 
 def tried_together(
@@ -239,7 +246,7 @@ def freed_refit(start: End, scanned: tuple[str, ...], label: str, refit: Refit) 
 def judged_trial(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
     """What a refit is worth on held-out data; `fit` is the one without the effects."""
     parameters, after = end
-    there = means.traced(here, parameters)
+    there = means.at_end(here, end)
     worth = worth_of(here, there, scores, after)
     refused, readings = worth.refused, ""
     if not refused:
@@ -260,7 +267,10 @@ class _Worth:
 
 
 def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitResult) -> _Worth:
-    """What a refit that ends `there` is worth."""
+    """What a refit that ends `there` is worth. NumericsError where it cannot be run through a held-out test that was predicted before."""
+    lost = {name: why for name, why in there.unpredicted.items() if name not in here.unpredicted}
+    for name, why in lost.items():
+        raise NumericsError(f"held-out {name}: {why}")
     own = [effect(s.effect) for s in scores]
     names = tuple(p.name for e in own for p in e.amplitudes)
     ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
@@ -334,10 +344,10 @@ def on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: P
     fixed = {*gone, *(p.name for e in own for p in e.params if p.scan)}
     start = end.replace(**{n: here.case.parameters[n] for n in gone}).with_free(tuple(n for n in end.free if n not in fixed))
     try:
-        parameters, after = means.refit(start, f"{' '.join(e.name for e in own)} readings")
+        end_held = means.refit(start, f"{' '.join(e.name for e in own)} readings")
     except NumericsError as error:
         return f"{said}; the refit with it held failed ({error})", ""
-    alone = worth_of(here, means.traced(here, parameters), scores, after)
+    alone = worth_of(here, means.at_end(here, end_held), scores, end_held[1])
     words = f"with {', '.join(gone)} held {alone.proof.words}"
     return (said, words) if alone.refused or alone.proof.gain < OWN_GAIN * proof.gain else ("", words)
 

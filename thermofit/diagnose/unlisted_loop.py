@@ -12,8 +12,8 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.backward import Refit, held_out_of, without_effects
 from thermofit.diagnose.held_out import Rows, compared
-from thermofit.diagnose.loop import Closed, against_base
-from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.loop import Closed, against_base, whole
+from thermofit.diagnose.trace import Traced, at_end
 from thermofit.diagnose.unlisted import PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
 from thermofit.diagnose.unlisted_field import Basis, Field, field_of
 from thermofit.effects.catalogue import effect
@@ -41,11 +41,11 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         if not names:
             break
         resembles += names
-        taken = _taken_back(closed, names, refit, numerical, how)
+        taken = _taken_back(closed, names, refit)
         if isinstance(taken, str):
             closed = replace(closed, remarks=(*closed.remarks, taken))
             break
-        closed = against_base(taken, how).as_base()
+        closed = whole(against_base(taken, how).as_base(), how)
         found = unlisted(closed.last, numerical, ())
     if found is None:
         return closed, None
@@ -95,7 +95,7 @@ def rows_of(here: Traced, hat: Basis) -> Rows:
     return Rows(*(of[hat.rows] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
 
 
-def _taken_back(closed: Closed, names: Sequence[str], refit: Refit, numerical: np.ndarray | None, how: str) -> Closed | str:
+def _taken_back(closed: Closed, names: Sequence[str], refit: Refit) -> Closed | str:
     """The result with the effects at neutral and everything else refitted, or in words why they could not be taken back."""
     last: Traced = closed.last
     neutral = {n: param(n).neutral for name in names for n in effect(name).names}
@@ -107,6 +107,6 @@ def _taken_back(closed: Closed, names: Sequence[str], refit: Refit, numerical: n
         return f"{kept} failed ({error})"
     if not fit.converged:
         return f"{kept} did not converge ({fit.message})"
-    here = traced(replace(last.case, parameters=parameters), numerical, how, last.split)
+    here = at_end(replace(last.case, parameters=parameters), fit, last.split, last)
     accepted = tuple(n for n in closed.accepted if n not in names)
     return replace(closed, last=here, fit=fit, accepted=accepted, dropped=(*closed.dropped, *names))

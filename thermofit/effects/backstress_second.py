@@ -10,7 +10,7 @@ SLOT = "backstress"
 # The first one may have taken the slow part or the fast one: what is missing is then the other.
 _SCAN = (0.0, 5.0, 20.0, 100.0, 500.0, 2500.0)
 PARAMS = (
-    Param("backstress_second.C", "MPa", 0.0, 0.0, 1e6, 300.0, "modulus of the second backstress", probe=1000.0),
+    Param("backstress_second.C", "MPa", 0.0, 0.0, 5e6, 300.0, "modulus of the second backstress", probe=1000.0),
     Param("backstress_second.gamma", "1", 5.0, 0.0, 1e4, 5.0, "its recall; 0 is linear kinematic hardening (Prager)", scan=_SCAN),
 )
 FORMULA = "dX = C N dLambda - gamma X dLambda"

@@ -157,7 +157,7 @@ def load_effect(path: Path) -> Effect:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
-        raise StudyError(f"{path}: the effect file does not run ({type(error).__name__}: {error}); mend it") from error
+        raise StudyError(f"{path}: the effect file does not run ({type(error).__name__}: {error}); correct it") from error
     found = effect_of(module, name)
     if found is None:
         raise StudyError(f"{path}: PARAMS holds names; expected Param objects called {name}.<param>")

@@ -16,7 +16,7 @@ from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
 from thermofit.experiment.errors_told import told
-from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, start_parameters, temperature_of
+from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
@@ -153,6 +153,10 @@ class BodyExperiment:
         """Settings as the study gives them."""
         return self.study.stage(key), ()
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """None: a stage on fields tells what it frees."""
+        return {}
+
     def start(self) -> Parameters:
         """Start values; boundary temperatures are those of the thermocouples where the study gives none."""
         return start_parameters(self.study, self.data)
@@ -203,10 +207,22 @@ class BodyExperiment:
 
         return stage_errors(self.study, self.data, settings, parameters, earlier, prescribed, model_of)
 
+    def with_steps(self, parts: int) -> BodyExperiment:
+        """Every load step in parts; what drives it is straight between the steps."""
+
+        def cut(steps: LoadSteps) -> LoadSteps:
+            return steps.at(refined(steps.time, parts))
+
+        return replace(self, given=replace(self.data, steps={name: cut(steps) for name, steps in self.data.steps.items()}))
+
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""
         own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
-        settings = joint_settings(self.study, tuple(dict.fromkeys(own)), self.data)
+        return self.joint_settings_of(tuple(dict.fromkeys(own)))
+
+    def joint_settings_of(self, free: Sequence[str]) -> StageSettings:
+        """The same with just these parameters free."""
+        settings = joint_settings(self.study, free, self.data)
         return with_force_channel(settings) if self.turned else settings
 
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
@@ -299,6 +315,12 @@ class UnseenBody:
         """Its own parameters that are fitted on its own data, as the study says."""
         return self.whole.experiments[self.name].fit_own
 
+    @property
+    def by_sections(self) -> UnseenBody | None:
+        """The same with that drive."""
+        other = self.experiment.by_sections
+        return None if other is None else replace(self, experiment=other)
+
     @cached_property
     def own(self) -> frozenset[str]:
         """Parameters that every experiment has for itself."""
@@ -346,7 +368,7 @@ class UnseenBody:
     def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:
         """All that its own cameras have seen, on the mesh of the joint fit."""
         part = self.experiment
-        return part.joint(joint_settings(part.study, (), part.data), base, diagnosis_mesh(self.whole))
+        return part.joint(part.joint_settings_of(()), base, diagnosis_mesh(self.whole))
 
     def corrected(self, problem: JointProblem, parameters: Parameters) -> JointProblem:
         """With the errors of mesh and force at given parameters."""

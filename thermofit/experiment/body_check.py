@@ -24,6 +24,7 @@ from thermofit.observe.comparison import plain, rigid_free, temperature_change
 from thermofit.observe.observation import FieldObservation, face_operator
 from thermofit.records.artefact import Dataset, Record
 from thermofit.records.progress import progress
+from thermofit.records.remarks import Note, sorted_out
 from thermofit.study.study import Study
 
 _SAME_TIME = 1e-6
@@ -138,11 +139,11 @@ def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | 
     rows = phase_table(verified.residuals, spans)
     found = judge(verified.residuals, rows, word)
     energy, coupling = energy_totals(verified.history), coupling_error(verified, thermal)
-    remarks = []
+    remarks: list[str] = []
     shown = " and ".join(name for name in INFORMATION if name in channels)
-    remarks.append(f"{shown} as measured, for information: rigid-body motion, camera offset")
+    remarks.append(Note(f"rows {shown} are not fitted; they contain rigid-body motion and the camera's offset"))
     if coupling is not None:
-        remarks.append(f"one-way coupling: {1e3 * coupling['max_K']:.2g} mK at most, {1e3 * coupling['rms_K']:.2g} mK rms")
+        remarks.append(Note(f"error of one-way coupling: {1e3 * coupling['max_K']:.2g} mK at most, {1e3 * coupling['rms_K']:.2g} mK rms"))
     if energy["smallest_dissipation"] < 0.0:
         remarks.append(f"dissipation falls to {energy['smallest_dissipation']:.2g} mJ/mm^3: against the second law, check beta")
     return {
@@ -154,7 +155,7 @@ def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | 
         "energy_mJ": {name: value for name, value in energy.items() if name != "smallest_dissipation"},
         "smallest_dissipation_mJ_mm3": energy["smallest_dissipation"],
         "solver": verified.history.counts,
-        "remarks": remarks,
+        **sorted_out(remarks),
     }
 
 

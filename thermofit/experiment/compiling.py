@@ -63,6 +63,9 @@ def compiled() -> None:
     with progress("compiling kernels, once", None):
         code = "from thermofit.experiment.compiling import compile_body; compile_body()"
         with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
-            compile_point()
-            if child.wait() == 0:
-                DONE.touch()
+            try:
+                compile_point()
+                if child.wait() == 0:
+                    DONE.touch()
+            finally:
+                child.kill()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 _TOE = 0.1
 """Share of the stress at the end of the line below which a record may still settle (toe of the curve)."""
@@ -23,6 +24,8 @@ _AT_REST = 0.5
 """Share of the stress at the end of the line below which a record must begin, unless the line passes zero: else it may begin in flow."""
 _BEFORE, _OFF_ZERO = 0.25, 0.1
 """Strains by which the line may miss the record: at its first stress on the stiff side, and at zero stress; shares of the line's strain."""
+_BY_CHANCE = 0.05
+"""Probability with which slopes of one modulus differ as much by the errors of their lines alone."""
 _LEAST = 5
 _NO_TURN = 0.02
 """Share of the largest stress within which a fall is no reversal: the noise of a record that begins at rest reverses at once."""
@@ -111,6 +114,20 @@ def modulus_error(lines: Sequence[ElasticLine]) -> float:
     own = float(np.mean([line.error for line in lines])) / len(lines) ** 0.5
     between = float(slopes.std(ddof=1) / slopes.mean()) / len(lines) ** 0.5 if len(lines) > 1 else 0.0
     return float(np.hypot(own, between))
+
+
+def slope_scatter(lines: Sequence[ElasticLine]) -> tuple[float, float]:
+    """Mean in MPa of the slopes of records of one material, and their relative standard deviation beyond the errors of their lines.
+
+    Extensometers, seats and bending differ from record to record (variance components, Hedges and Olkin 1985, chapter 9). It is zero where
+    the errors of the lines explain all of it: below the value of Q = sum (slope - mean)^2 / error^2 that chance reaches in one of twenty.
+    """
+    slopes, errors = (np.array(values) for values in ([line.slope for line in lines], [line.slope * line.error for line in lines]))
+    mean, precision = float(slopes.mean()), 1.0 / errors**2
+    Q = float(precision @ (slopes - float(precision @ slopes) / float(precision.sum())) ** 2)
+    if Q <= chdtri(len(lines) - 1, _BY_CHANCE):
+        return mean, 0.0
+    return mean, float(max(slopes.var(ddof=1) - np.mean(errors**2), 0.0) ** 0.5 / mean)
 
 
 def _from_rest(line: ElasticLine, strain: np.ndarray, stress: np.ndarray, noise: float) -> bool:

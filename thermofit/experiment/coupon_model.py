@@ -16,7 +16,7 @@ from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import effects
 from thermofit.experiment.channels import balanced, field_of, weight_of
-from thermofit.experiment.coupon_elastic import contradicts
+from thermofit.experiment.coupon_elastic import contradicts, slope_scatter
 from thermofit.experiment.coupon_records import UNITS, CouponData, CouponTest, shortened
 from thermofit.experiment.coupon_sensor import SENSOR, shown, shown_rates
 from thermofit.experiment.measured_work import Work, with_measured_work
@@ -28,6 +28,7 @@ from thermofit.observe.comparison import Comparison, Weight, plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
+from thermofit.records.remarks import Note
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -123,15 +124,29 @@ def offsets(tests: Sequence[CouponTest]) -> np.ndarray:
     return np.array(out)
 
 
-def observations(data: CouponData, names: Sequence[str], windows: Sequence[tuple[float, float]], E: float) -> dict[str, FieldObservation]:
-    """Observed fields of all records within their windows [t0, t1] s; E in MPa turns noise of strain into noise of stress."""
+def observations(
+    data: CouponData, names: Sequence[str], windows: Sequence[tuple[float, float]], E: float, slopes: tuple[float, float] = (1.0, 0.0)
+) -> dict[str, FieldObservation]:
+    """Observed fields of all records within their windows [t0, t1] s; E in MPa turns noise of strain into noise of stress.
+
+    `slopes`: mean in MPa of the slopes of the records and their relative standard deviation tau beyond their noise. Of a record with values
+    v (n,) at the mean slope, an error tau v beside noise sigma leaves the information 1 / (sigma^2 / |v|^2 + tau^2) on a factor of v: that
+    of noise with the variance sigma^2 + tau^2 |v|^2 (Sherman and Morrison).
+    """
     time = np.concatenate([test.time + offset for test, offset in zip(data.tests, offsets(data.tests), strict=True)])
-    within = np.concatenate([(t.time >= a - 1e-9) & (t.time <= b + 1e-9) for t, (a, b) in zip(data.tests, windows, strict=True)])
+    inside = [(t.time >= a - 1e-9) & (t.time <= b + 1e-9) for t, (a, b) in zip(data.tests, windows, strict=True)]
+    within = np.concatenate(inside)
     out = {}
     for name in names:
         measured = [{"stress": t.stress, "strain": t.strain, "theta": t.theta, "lateral": t.lateral}[name] for t in data.tests]
         value = np.concatenate([np.full(len(t.time), np.nan) if m is None else m for t, m in zip(data.tests, measured, strict=True)])
-        sigma = np.concatenate([np.full(len(t.time), _sigma(t, name, E, data.control)) for t in data.tests])
+        own = [_sigma(t, name, E, data.control) for t in data.tests]
+        slope, between = slopes
+        if between > 0.0 and name in ("stress", "strain"):
+            at_mean = [slope * t.strain if name == "stress" else t.stress / slope for t in data.tests]
+            sizes = [float(np.linalg.norm(v[n])) for v, n in zip(at_mean, inside, strict=True)]
+            own = [float(np.hypot(sigma, between * size)) for sigma, size in zip(own, sizes, strict=True)]
+        sigma = np.concatenate([np.full(len(t.time), one) for t, one in zip(data.tests, own, strict=True)])
         mask = within & np.isfinite(value)
         if not mask.any():
             raise DataError(
@@ -176,7 +191,8 @@ def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[lis
             said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.end + 1 - line.begin} samples)")
     if not any(b >= a for a, b in found):
         raise DataError("stages.elastic.window: no record begins with a straight line; give the window as [t0, t1] in s")
-    return found, "elastic range: " + ", ".join(said)
+    whole = "elastic range: " + ", ".join(said)
+    return found, whole if any(test.line is None for test in data.tests) else Note(whole)
 
 
 def answerable(settings: StageSettings, data: CouponData) -> tuple[StageSettings, tuple[str, ...]]:
@@ -213,8 +229,13 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
     free."""
     windows, remark = windows_of(settings.window, data)
     kept = [n for n, (a, b) in enumerate(windows) if b >= a]
+    slopes = (1.0, 0.0)
+    if settings.window == "auto" and len(kept) > 1:
+        slopes = slope_scatter([line for test in data.tests if (line := test.line) is not None])
+    if slopes[1] > 0.0:
+        remark += f"; their slopes differ by {100.0 * slopes[1]:.2g} % beyond their noise: each counts as one value of E with that error"
     data = replace(data, tests=tuple(shortened(data.tests[n], windows[n][1]) for n in kept))
-    seen = observations(data, list(dict.fromkeys(map(field_of, settings.channels))), [windows[n] for n in kept], base["E"])
+    seen = observations(data, list(dict.fromkeys(map(field_of, settings.channels))), [windows[n] for n in kept], base["E"], slopes)
     run = coupon_run(study, data, settings.free, plastic=not set(settings.free) <= {"E", "nu"})
 
     of_sensor = effects(SENSOR)

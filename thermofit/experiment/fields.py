@@ -56,6 +56,12 @@ class LoadSteps:
         return LoadSteps(time, np.interp(time, self.time, self.force), cut(self.crosshead), cut(self.elongation), error)
 
 
+def refined(steps: np.ndarray, parts: int) -> np.ndarray:
+    """Times (n,) with every interval cut into `parts` equal ones."""
+    share = np.arange(parts) / parts
+    return np.append((steps[:-1, None] + np.diff(steps)[:, None] * share).ravel(), steps[-1])
+
+
 @dataclass(frozen=True)
 class TestPhase:
     """One phase of the test: t0, t1 in s, label elastic, loading, unloading, hold or cooling."""

@@ -16,12 +16,12 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
-from thermofit.experiment.fields import TestPhase, field_datasets, specimen_dict
+from thermofit.experiment.fields import TestPhase, field_datasets, refined, specimen_dict
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import end_motion, sections_inside
 from thermofit.observe.face_quads import distance_to_edge, face_quads
-from thermofit.observe.fixed_pattern import fixed_pattern
+from thermofit.observe.fixed_pattern import FixedPattern, fixed_pattern
 from thermofit.observe.force import SmoothForce, smooth_force, step_times
 from thermofit.observe.interpolation import (
     NodalDisplacement,
@@ -41,7 +41,7 @@ from thermofit.observe.noise import (
     temporal_noise,
 )
 from thermofit.observe.observation import FieldObservation
-from thermofit.observe.observation_points import ObservationPoints, observation_points
+from thermofit.observe.observation_points import ObservationPoints, observation_points, observed_window, reach_of
 from thermofit.observe.projection import (
     Patches,
     Projected,
@@ -53,16 +53,23 @@ from thermofit.observe.projection import (
     sight_of,
 )
 from thermofit.observe.selection import masked
+from thermofit.observe.triangles import point_spacing
+from thermofit.read.plausible import asked
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset, Record, read_record
 from thermofit.records.staging import Made, artefact_path
 from thermofit.records.stale import read_current
+from thermofit.study.geometry import STRAIGHT
 from thermofit.study.section import mesh_size
 from thermofit.study.study import Study
 
 CALIBRATE = "calibrate-ir"
 _LEAST_NOISE = {"mm": 1e-6, "K": 1e-4}
 """Noise of data without noise: sigma must not vanish, because it divides the residual."""
+
+
+Frames = Callable[[], Record]
+"""Reads the artefact of `calibrate-ir`."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +106,16 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     if experiment.dic is None:
         raise DataError(f"{study.experiment}: experiment.yaml declares no displacements; add its dic section")
     specimen, size = study.specimen_of(experiment.specimen), mesh_size(study.evaluation.nodes)
+    frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
+    remarks = _asked(replace(experiment, specimen=specimen), frames)
     mesh = specimen_mesh(study.geometry, specimen, size, study.mesh_file)
-    window = study.evaluation.window
-    points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
+    window = observed_window(study.evaluation.window, specimen, study.geometry.shape in STRAIGHT, reach_of(experiment.dic))
+    points = observation_points(mesh.nodes, mesh.node_sets["face"], *window)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     phases = label_phases(smooth)
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
-    summary: dict[str, Any] = {"load_start_s": load_start, "remarks": []}
+    summary: dict[str, Any] = {"load_start_s": load_start, "window_mm": list(window), "remarks": list(remarks), "notes": []}
     mask = study.evaluation.mask
-    frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
     tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
     fields = [
         masked(field, mask, "evaluation.mask") for field in tried(study, experiment.dic, frames, Face(mesh, specimen, points), summary)
@@ -131,6 +139,15 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     return Made(datasets, summary)
 
 
+def _asked(experiment: Experiment, frames: Frames | None) -> tuple[str, ...]:
+    """Remarks on the plausibility of force and displacements, then of all data together; the frames are let go again."""
+    remarks = asked(experiment)
+    if frames is None:
+        return remarks
+    infrared, camera = _infrared(frames())
+    return asked(replace(experiment, ir=infrared), camera)
+
+
 @dataclass(frozen=True)
 class Face:
     """The face that the cameras see: mesh of the comparison, specimen, and the points that are compared."""
@@ -141,13 +158,11 @@ class Face:
 
     def near_edge(self, xy: np.ndarray, margin: float, shape: str) -> np.ndarray:
         """True (n,) for places (n, 2) mm nearer than `margin` mm to the free edges of the face, or beyond them."""
-        inside = edge_distance(self.specimen, xy) if shape in ("dogbone", "bar") else distance_to_edge(face_quads(self.mesh), xy)
+        inside = edge_distance(self.specimen, xy) if shape in STRAIGHT else distance_to_edge(face_quads(self.mesh), xy)
         return np.asarray(inside < margin)
 
 
 Fields = list[FieldObservation]
-Frames = Callable[[], Record]
-"""Reads the artefact of `calibrate-ir`."""
 
 
 def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, summary: dict[str, Any]) -> Fields:
@@ -161,6 +176,7 @@ def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, s
     scatter = _scatter(u, study.noise.displacement is None, summary)
     fields = [replace(u, sigma=scatter * u.sigma)]
     summary["displacement"] |= {"nodes": len(patches.xy), **at.counts}
+    summary["remarks"] += _sparse_remark(at.points, "u", "DIC points", _distances(dic, face))
     summary["nodal_values"] = [_used(at, "points", fields[0], scatter * float(noise.mean()))]
     if frames is not None:
         fields.append(_projected_temperature(study, frames(), dic, good, (face, patches), summary))
@@ -193,11 +209,56 @@ def _projected_temperature(
         "fixed_pattern_K": pattern.size,
         "fixed_pattern_left_K": pattern.left,
         "fixed_pattern_frames": pattern.frames,
+        "fixed_pattern_stays": None if pattern.stays is None else pattern.stays[0],
         "bad_pixels": pattern.bad,
         **at.counts,
     }
     summary["nodal_values"].append(_used(at, "pixels", theta, scatter * noise))
+    summary["remarks"] += _pattern_remark(pattern, noise)
+    summary["remarks"] += _sparse_remark(at.there, "theta", "pixels", f"a pixel is {camera.scale:.3g} mm wide")
     return theta
+
+
+_NOTABLE = 0.3
+"""Pattern of a camera over the noise of a pixel from which on it is worth a word."""
+
+
+def _pattern_remark(pattern: FixedPattern, noise: float) -> list[str]:
+    """What the user is told of a pattern that may be the specimen's own."""
+    if pattern.moves and pattern.stays is not None:
+        return [
+            f"theta: the fine pattern of {1e3 * pattern.size:.2g} mK in the frames at rest moves with the specimen "
+            f"({pattern.stays[0]:.0%} of it stay): it is paint or temperature, and is not taken off as the camera's"
+        ]
+    if pattern.stays is None and pattern.frames and pattern.size > _NOTABLE * noise:
+        return [
+            f"theta: a pattern of {1e3 * pattern.size:.2g} mK is taken off as the camera's, but the specimen rests at one place only, "
+            "where a fine pattern of its own looks the same: record some frames at rest after loading too"
+        ]
+    return []
+
+
+_FEW = 0.01
+"""Share of the node-times without any data up to which nothing is said."""
+
+
+def _sparse_remark(number: np.ndarray, name: str, what: str, why: str) -> list[str]:
+    """What the user is told where nodes have no data of their own, `number` (n_t, n) of them: they are not compared."""
+    empty = number <= 0.0
+    never, some = int(empty.all(axis=0).sum()), int((empty & ~empty.all(axis=0)).any(axis=0).sum())
+    if empty.mean() <= _FEW:
+        return []
+    count = f"{int(empty.sum())} of {empty.size} node-times have no {what} of their own and are left out"
+    return [
+        f"{name}: {count} ({never} nodes always, {some} now and then): {why}; evaluation.nodes: coarse has wider patches, "
+        "evaluation.window keeps to the field"
+    ]
+
+
+def _distances(dic: DicField, face: Face) -> str:
+    """Distance of the points and of the nodes, in words."""
+    apart = [point_spacing(np.unique(xy, axis=0)) for xy in (dic.reference[:, :2], face.points.xy)]
+    return f"points are {apart[0]:.3g} mm apart, nodes {apart[1]:.3g} mm"
 
 
 def _means(name: str, at: Projected, face: Face, noise: np.ndarray, unit: str) -> FieldObservation:
@@ -295,7 +356,7 @@ def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) ->
     """Noise (2,) mm of u_x and u_y of one point, estimated or declared; what is found is added to the summary."""
     raw = displacement_noise(dic, summary["load_start_s"])
     if study.noise.displacement is None:
-        summary["remarks"] += _floor_remark("displacement", "stages", raw[0].temporal, summary["load_start_s"])
+        summary["notes"] += _floor_note("displacement", "stages", raw[0].temporal, summary["load_start_s"])
     noise = np.array([raw[0].sigma, raw[1].sigma]) if study.noise.displacement is None else np.full(2, study.noise.displacement)
     noise = np.maximum(noise, _LEAST_NOISE["mm"])
     summary["displacement"] = {
@@ -310,7 +371,7 @@ def _displacement_noise(study: Study, dic: DicField, summary: dict[str, Any]) ->
 def _temperature_noise(study: Study, raw: FieldNoise, camera: CameraPose, summary: dict[str, Any]) -> float:
     """Noise K of one pixel, estimated or declared; what is found is added to the summary."""
     if study.noise.temperature is None:
-        summary["remarks"] += _floor_remark("temperature", "frames", raw.temporal, summary["load_start_s"])
+        summary["notes"] += _floor_note("temperature", "frames", raw.temporal, summary["load_start_s"])
     noise = max(raw.sigma if study.noise.temperature is None else study.noise.temperature, _LEAST_NOISE["K"])
     summary["temperature"] = {
         "noise_K": noise,
@@ -339,13 +400,13 @@ def _frame_times(study: Study, infrared: InfraredSequence, stages: np.ndarray) -
     return np.asarray(infrared.time[(infrared.time >= stages[0]) & (infrared.time <= stages[-1])])
 
 
-def _floor_remark(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
+def _floor_note(channel: str, fields: str, found: NoiseEstimate, load_start: float) -> list[str]:
     """What the user is told where the noise of a channel does not come from the rest before loading."""
     if found.at_rest >= LEAST_AT_REST:
         return []
     return [
-        f"{channel} noise by {found.method}: only {found.at_rest} {fields} before loading at {load_start:.1f} s hold {LEAST_VALUES} values "
-        f"or more that scatter, {LEAST_AT_REST} are needed"
+        f"{channel} noise is estimated by {found.method}: only {found.at_rest} {fields} with {LEAST_VALUES} values or more before loading "
+        f"at {load_start:.1f} s; record {LEAST_AT_REST} or more for a direct estimate"
     ]
 
 
@@ -372,7 +433,7 @@ def _force_datasets(
     numerics = study.numerics
     for name, times in required.items():
         steps = step_times(smooth, times, numerics.force_tolerance, numerics.max_time_step)
-        steps = _refined(_merged(steps, times), numerics.steps_per_interval)
+        steps = refined(_merged(steps, times), numerics.steps_per_interval)
         datasets[f"steps/{name}/time"] = Dataset(steps, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(smooth.evaluate(steps), "N", ("step",))
         datasets[f"steps/{name}/force_error"] = Dataset(smooth.error_modes(steps), "N", ("step", "mode"))
@@ -421,12 +482,6 @@ def _merged(steps: np.ndarray, required: np.ndarray) -> np.ndarray:
     distance = np.min(np.abs(steps[:, None] - required[None, :]), axis=1)
     others = steps[distance > _CLOSEST]
     return np.union1d(others[np.concatenate([[True], np.diff(others) > _CLOSEST])], required)
-
-
-def _refined(steps: np.ndarray, parts: int) -> np.ndarray:
-    """Every interval cut into `parts` equal ones."""
-    share = np.arange(parts) / parts
-    return np.append((steps[:-1, None] + np.diff(steps)[:, None] * share).ravel(), steps[-1])
 
 
 _UNLOADED = 0.02
@@ -486,5 +541,6 @@ def _verdict(summary: dict[str, Any], fields: list[FieldObservation]) -> str:
     parts.append(f"force smoothed to {force['residual_rms_N']:.2f} N (noise {force['noise_N']:.2f} N)")
     size = {"mm": (1e3, "um"), "K": (1e3, "mK")}
     each = [f"{size[f.unit][0] * float(np.nanmedian(f.sigma)):.2f} {size[f.unit][1]}" for f in fields]
-    lost = [f"standard error of a nodal value {', '.join(each)}", f"{sum(int((~f.mask).sum()) for f in fields)} point-times left out"]
+    out, of = sum(int((~f.mask).sum()) for f in fields), sum(f.mask.size for f in fields)
+    lost = [f"standard error of a nodal value {', '.join(each)}", f"{out} of {of} nodal values left out ({100.0 * out / of:.1f} %)"]
     return "; ".join(parts + lost)

@@ -7,10 +7,11 @@ thermocouples are data with an error (errata 13): their parameters are free, hel
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -39,6 +40,10 @@ __all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_settings", "station
 NUISANCES = THERMOCOUPLES
 FORCE_NOISE = "force noise"
 """Cause of uncertainty: what is left of the noise of the load cell in the smoothed force."""
+KEPT = 3
+"""Differentiated runs that are remembered."""
+Kept = OrderedDict[tuple[Any, ...], tuple[Mapping[str, LoadSteps], Errors, dict[str, np.ndarray]]]
+"""By mesh, fields, parameters and names: the load steps, the fields that the instruments show, and their derivatives by the names."""
 
 
 def joint_free(study: Study) -> tuple[str, ...]:
@@ -108,6 +113,9 @@ class Joint:
     """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
     substeps: int = 1
     """Equal parts into which every load step is divided."""
+    kept: Kept = field(default_factory=OrderedDict, compare=False, repr=False)
+    """What the last differentiated runs have shown, common to all problems that `replace` makes of this one: whether its data hold the
+    error of the mesh, and whether that of the force is noise, changes no run."""
 
     @property
     def steps(self) -> LoadSteps:
@@ -149,7 +157,20 @@ class Joint:
     def model(self) -> StageModel:
         """StageModel of all channels."""
         whole = self._model(self.prediction, tuple(self.settings.channels))
-        return replace(whole, missing=BodyMissing(self.prediction.instruments, self.run, {}))
+        return replace(whole, missing=BodyMissing(self.prediction.instruments, self.run, {}), linearise=self._linearised_once)
+
+    def _linearised_once(self, parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
+        """Error fields and their derivatives, not run again where they were asked for lately: by the fit that ends there, by the error of
+        the force that is told there."""
+        observed = self.prediction.instruments.observations
+        key, steps = (self.size, tuple(observed), tuple(sorted(parameters.values.items())), names), self.data.steps
+        if key not in self.kept or self.kept[key][0] is not steps:
+            errors, slopes = self.prediction.linearise(parameters, names)
+            self.kept[key] = steps, {name: errors[name] + o.value for name, o in observed.items()}, slopes
+            while len(self.kept) > KEPT:
+                self.kept.popitem(last=False)
+        _, shown, slopes = self.kept[key]
+        return {name: shown[name] - o.value for name, o in observed.items()}, slopes
 
     @cached_property
     def mechanics(self) -> StageModel | None:

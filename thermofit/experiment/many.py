@@ -34,6 +34,7 @@ from thermofit.experiment.several import JointSeveral, free_in, joined, own_name
 from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked, together
 from thermofit.records.artefact import Record
+from thermofit.records.remarks import as_one, named
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import Stages, StageSettings
 from thermofit.study.study import Study
@@ -148,6 +149,10 @@ class SeveralExperiments:
         settings = self.study.stage(key)
         return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), ()
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """None: a stage on fields tells what it frees."""
+        return {}
+
     def expanded(self, free: Sequence[str]) -> tuple[str, ...]:
         """Free parameters of the joint fit: one for every experiment of those that each has for itself."""
         out: list[str] = []
@@ -170,8 +175,8 @@ class SeveralExperiments:
             here = seen_by(start, test.name).with_free(n for n in start.free if AT not in n)
             found, remark = test.feasible(here)
             start = start.replace(**{name: found[name] for name in here.free})
-            said += [f"{test.name}: {remark}"] if remark else []
-        return start, "; ".join(said)
+            said += [named(test.name, remark)] if remark else []
+        return start, as_one(said)
 
     def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
         """The models of all experiments as one; channels and fields are called du@first, u@first."""
@@ -231,6 +236,10 @@ class SeveralExperiments:
         widths = {c: next(t.causes[c].shape[1] for _, t in found if c in t.causes) for c in names}
         causes = {c: np.concatenate([t.causes.get(c, np.zeros((len(t.slopes), widths[c]))) for _, t in found]) for c in names}
         return StageErrors(causes, np.concatenate([t.slopes for _, t in found]))
+
+    def with_steps(self, parts: int) -> SeveralExperiments:
+        """Those of each."""
+        return replace(self, given=tuple(test.with_steps(parts) for test in self.tests))
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""

@@ -134,7 +134,7 @@ def _elastic(tau: np.ndarray, theta: np.ndarray, law: Any) -> tuple[np.ndarray, 
         if _settled(step.real, np.ones_like(step.real)) and _settled(step.imag, np.maximum(np.abs(across.imag), STEP * _CONVERGED)):
             return across, 0.5 * np.log(np.exp(2.0 * across) + tau / law.mu)
     worst = float(np.abs(tau.real).max())
-    raise NumericsError(f"measured work: no elastic stretch carries {worst:.4g} MPa; check E, and area and unit of the stress")
+    raise NumericsError(f"measured work: no elastic stretch gives {worst:.4g} MPa; check E, and area and unit of the stress")
 
 
 def _decay(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

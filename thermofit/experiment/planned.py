@@ -19,8 +19,9 @@ from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_ob
 from thermofit.experiment.forward import march_settings, run_of, sampler
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
-from thermofit.observe.observation_points import ObservationPoints, observation_points
+from thermofit.observe.observation_points import ObservationPoints, observation_points, observed_window
 from thermofit.observe.projection import face_patches
+from thermofit.study.geometry import STRAIGHT
 from thermofit.study.section import mesh_size
 from thermofit.study.study import Study
 from thermofit.study.virtual import Simulate, VirtualInstruments
@@ -71,8 +72,9 @@ def planned(study: Study, steps: tuple[CrossheadStep, ...], assumed: Parameters)
     dic_time, ir_time = instrument_times(load, settings, settings.seed)
     dic_time, ir_time = _wanted(study.evaluation.displacement_times, dic_time), _wanted(study.evaluation.temperature_times, ir_time)
     mesh = specimen_mesh(study.geometry, specimen, mesh_size(study.evaluation.nodes), study.mesh_file)
-    window = study.evaluation.window
-    points = observation_points(mesh.nodes, mesh.node_sets["face"], window.abs_x_max, window.abs_y_max)
+    reach = (settings.dic.half_width, settings.dic.half_height)
+    window = observed_window(study.evaluation.window, specimen, study.geometry.shape in STRAIGHT, reach)
+    points = observation_points(mesh.nodes, mesh.node_sets["face"], *window)
     every = study.numerics.max_time_step
     load_steps = {
         "displacement": _steps(load, settings, solution_times(load, dic_time, dic_time, every)),

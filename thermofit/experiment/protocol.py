@@ -116,6 +116,10 @@ class UnseenTest(Protocol):
     def fit_own(self) -> tuple[str, ...]:
         """Its own parameters that are fitted on its own data before it is predicted."""
 
+    @property
+    def by_sections(self) -> UnseenTest | None:
+        """The same driven by the motion of its sections, with the force as a channel; None where that cannot be."""
+
     def predicted(self, found: Parameters, identified: Sequence[str]) -> Parameters:
         """Parameters that predict it from fitted ones, of which the names are `identified`."""
 
@@ -204,6 +208,9 @@ class Experiment(Protocol):
         """Settings of an identification stage on these data, and the elastic constants that it leaves as the study gives them because no
         datum tells them."""
 
+    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+        """Parameters that an earlier stage has told and this stage of that key tells again, and within which bounds."""
+
     def start(self) -> Parameters:
         """Start values; temperatures of air and jaws in K are the measured ones where the study gives none."""
 
@@ -254,6 +261,9 @@ class Experiment(Protocol):
     def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
         """What one standard error of everything that a stage takes for exact makes of its residual, and its derivatives by parameters that
         earlier stages told. NumericsError where a run fails."""
+
+    def with_steps(self, parts: int) -> Experiment:
+        """The same with every step in time cut into so many equal ones."""
 
     # All channels at once
 

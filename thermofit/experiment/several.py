@@ -17,6 +17,7 @@ from thermofit.experiment.joint import Joint, Known
 from thermofit.experiment.known_motion import Direction
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
+from thermofit.records.remarks import as_one, named
 from thermofit.study.study import Study
 
 BOUNDARY = acting("film", "reference")
@@ -46,7 +47,7 @@ def free_in(names: Sequence[str], part: str) -> dict[str, str]:
 def joined(models: dict[str, StageModel]) -> StageModel:
     """Models of several experiments as one, by name of the experiment."""
     exact = all(model.linearise is not None for model in models.values())
-    remarks = [f"{name}: {model.remark}" for name, model in models.items() if model.remark]
+    remarks = [named(name, model.remark) for name, model in models.items() if model.remark]
     places = np.cumsum([0, *(len(model.comparisons) for model in models.values())])[:-1].tolist()
     return StageModel(
         errors=lambda parameters: _errors(models, parameters),
@@ -60,7 +61,7 @@ def joined(models: dict[str, StageModel]) -> StageModel:
             for name, model in models.items()
             for field, o in model.observations.items()
         },
-        remark="; ".join(remarks),
+        remark=as_one(remarks),
         one_way=any(model.one_way for model in models.values()),
         linearise=(lambda parameters, names: _linearise(models, parameters, names)) if exact else None,
         priors=tuple(replace(p, name=f"{p.name}{AT}{name}") for name, model in models.items() for p in model.priors),

@@ -11,13 +11,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from thermofit.core.errors import NumericsError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured
+from thermofit.experiment.window import elastic_slope
 from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.hardening.curves import fitted_to_curve
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
+from thermofit.records.remarks import Note
+from thermofit.study.geometry import STRAIGHT
 from thermofit.study.study import Study
 from thermofit.virtual.machine import bar_of, uniaxial_law
 
@@ -25,6 +28,8 @@ _MARGIN = 1.005
 STRONGER = (1.002, 1.01, 1.04)
 """Factors of the yield stress that are tried in turn where a mesh carries a little less than another."""
 _RAISE = 1.005
+_BEYOND, _SURE = 1.25, 3.0
+"""Factor, and standard errors, by which the elastic slope must lie beyond a bound of E before that is refused."""
 _LEAST_STAGES = 5
 _POINTS = 2001
 """Of the law's table: the largest force is compared with a margin of half a per cent."""
@@ -52,8 +57,9 @@ def carries(study: Study, data: Measured, parameters: Parameters) -> bool:
 def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tuple[Parameters, str]:
     """The given start where it can carry the measured force; else its free plastic parameters read off the mean curve, and a remark.
 
-    NumericsError where the curve gives no usable start either.
+    NumericsError where the curve gives no usable start either, StudyError where E could only end at its bound.
     """
+    _check_modulus(study, data, parameters)
     own = hardening(study.hardening_law)
     plastic = [name for name in (*own.fitted, "F") if name in parameters.free]
     if not plastic or study.force.drives != "force" or carries(study, data, parameters):
@@ -61,11 +67,25 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
     found = _carrying(study, data, _read_off(study, data, parameters), [name for name in own.raises if name in plastic])
     if not carries(study, data, found):
         raise NumericsError(
-            f"start of {', '.join(plastic)}: it cannot carry the measured {np.max(data.steps['displacement'].force):.0f} N, nor can "
-            f"what the mean stress-stretch curve suggests; raise parameters.{own.raises[0]} or widen its bounds"
+            f"start values of {', '.join(plastic)} are too weak for the measured {np.max(data.steps['displacement'].force):.0f} N, and so "
+            f"are those of the mean stress-stretch curve; raise parameters.{own.raises[0]} or widen its bounds"
         )
     values = ", ".join(f"{name} = {found[name]:.4g}" for name in plastic)
-    return found, f"the start cannot carry the measured force; replaced by {values} from the mean stress-stretch curve"
+    return found, Note(f"start values are too weak for the measured force; used are {values} from the mean stress-stretch curve")
+
+
+def _check_modulus(study: Study, data: Measured, parameters: Parameters) -> None:
+    """The elastic slope of a straight specimen beside the bounds of a free E, before an identification is spent on finding the bound."""
+    if "E" not in parameters.free or study.geometry.shape not in STRAIGHT or (found := elastic_slope(data)) is None:
+        return
+    slope, sigma = found
+    low, high = study.bounds("E")
+    if low / _BEYOND - _SURE * sigma < slope < high * _BEYOND + _SURE * sigma:
+        return
+    raise StudyError(
+        f"{study.source.name}: key 'parameters.E': the elastic slope of the data is {slope:.3g} MPa, the bounds are {low:g} to {high:g}: "
+        "E would end at its bound; widen the bounds, or check thickness, width and the unit of the force"
+    )
 
 
 def other_starts(study: Study, data: Measured, parameters: Parameters) -> Iterator[tuple[str, Parameters]]:

@@ -92,17 +92,36 @@ def undetermined(parameters: Parameters, fit: FitResult, bounds: Bounds = physic
     return out
 
 
+def grade(added: Mapping[str, Sequence[str]], more_than_noise: bool, unlisted: Mapping[str, object] | None) -> str:
+    """What kind of answer a diagnosis is. `added`: effects that it names, each with those that the data do not tell from it; whether more
+    than its floor is left in a channel; the entry `unlisted` of a result.
+
+    `complete`: nothing is missing; `named`; `named-as-family`; `unlisted`: a term without a name, reconstructed in place and time;
+    `unexplained`: more than noise, and no term takes it.
+    """
+    if unlisted is not None:
+        return "unexplained" if unlisted.get("when_s") is None else "unlisted"
+    if more_than_noise:
+        return "unexplained"
+    if not added:
+        return "complete"
+    return "named-as-family" if any(added.values()) else "named"
+
+
 def doubts(
     levels: Iterable[Level],
     readings: tuple[Sequence[Prior], Parameters] | None = None,
     unjudged: Mapping[str, str] | None = None,
     unsettled: str = "",
     ends: Mapping[str, str] | None = None,
+    unpredicted: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Sentences that speak against an answer, none where it is trusted. `readings` = (declared values, the parameters beside them),
-    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end, `ends` what is `undetermined`."""
+    `unjudged` effects with the reason, `unsettled` why a fit has not come to its end, `ends` what is `undetermined`, `unpredicted` declared
+    held-out tests that the model cannot be run through, with the reason."""
     out = [f"{one.words}: more than noise is left" for one in above_floor(levels)]
     out += [] if readings is None else off_declared(*readings, READING)
     out += list((ends or {}).values())
     out += [f"{name} could not be judged, and may be what is missing: {why}" for name, why in (unjudged or {}).items()]
+    out += [f"held-out {name} was not predicted and judges nothing: {why}" for name, why in (unpredicted or {}).items()]
     return out + ([f"the last fit has not settled: {unsettled}"] if unsettled else [])

@@ -161,8 +161,9 @@ def numerical_of(record: Record | None, test: str) -> dict[str, np.ndarray]:
 
 
 def with_remarks(summary: Summary, more: Summary) -> Summary:
-    """A summary with further keys; remarks of both are kept."""
-    return {**summary, **more, "remarks": [*more.get("remarks", ()), *summary.get("remarks", ())]}
+    """A summary with further keys; remarks and notes of both are kept."""
+    both = {key: [*more.get(key, ()), *summary.get(key, ())] for key in ("remarks", "notes")}
+    return {**summary, **more, **both}
 
 
 def together(found: Mapping[str, Checked], word: str) -> Checked:
@@ -180,7 +181,7 @@ def together(found: Mapping[str, Checked], word: str) -> Checked:
         "phases": [{"experiment": name, **row} for name, s in summaries.items() for row in s["phases"]],
         "energies": [{"experiment": name, **s["energy_mJ"]} for name, s in summaries.items()],
         "coupling_error": None,
-        "remarks": [f"{name}: {text}" for name, s in summaries.items() for text in s["remarks"]],
+        **{key: [f"{name}: {text}" for name, s in summaries.items() for text in s.get(key, ())] for key in ("remarks", "notes")},
         "evaluations": {key: sum(s["evaluations"][key] for s in summaries.values()) for key in ("forward", "failed")},
     }
     return Checked(summary, {})

@@ -9,6 +9,7 @@ import numpy as np
 from thermofit.core.errors import DataError, StudyError
 from thermofit.experiment.fields import LoadSteps, Measured
 from thermofit.observe.observation import FieldObservation
+from thermofit.records.remarks import Note
 
 _FORCE_SHARE = 0.9
 """The elastic window ends at this share of the force at which the strain leaves the straight line."""
@@ -79,11 +80,27 @@ def elastic_window(data: Measured) -> ElasticWindow:
     if not inside or force[inside[-1]] <= 0.0:
         raise DataError(_NONE)
     n = inside[-1]
-    remark = (
+    remark = Note(
         f"elastic window found: up to {observation.time[n]:.2f} s and {force[n]:.0f} N ({len(inside)} loaded stages; the strain leaves the "
         f"elastic line at {limit:.0f} N)"
     )
     return ElasticWindow(float(observation.time[0]), float(observation.time[n]), float(force[n]), len(inside), remark)
+
+
+def elastic_slope(data: Measured) -> tuple[float, float] | None:
+    """Nominal stress over mean axial strain of the elastic window, in MPa, and its standard error; None where there is no such window."""
+    try:
+        window = elastic_window(data)
+    except DataError:
+        return None
+    observation, steps = data.displacement, data.steps["displacement"]
+    inside = observation.time <= window.t1 + 1e-9
+    strain, error = (value[inside] for value in axial_strain(observation))
+    stress = np.interp(observation.time[inside], steps.time, steps.force) / (data.specimen.gauge_width * data.specimen.thickness)
+    strain, stress = strain - strain.mean(), stress - stress.mean()
+    compliance = float(stress @ strain) / float(stress @ stress)
+    doubt = float(np.sqrt(np.sum((stress * error) ** 2))) / float(stress @ stress)
+    return (1.0 / compliance, doubt / compliance**2) if compliance > 3.0 * doubt else None
 
 
 def window_times(window: str | tuple[float, float], data: Measured, steps: LoadSteps) -> tuple[float, float, str]:

@@ -2,7 +2,9 @@
 
 Every card begins with what it rests on: range of the test, effects, what it cannot hold. Conventions of the programmes: Abaqus 2023,
 Materials, 23.2.6 (POTENTIAL: ratios of yield stresses, those of shear by sqrt(3)); LS-DYNA Manual II (fields of ten columns);
-MFront, StandardElastoViscoPlasticity (Hill: F (11-22), G (22-33), H (33-11), L (12), M (13), N (23)).
+MFront, documentation of the brick StandardElastoViscoPlasticity and of its stress potential Hooke in TFEL (Hill after Lemaitre and
+Chaboche: F (11-22), G (22-33), H (33-11), L (12), M (13), N (23); hardening by points: Data; E, nu and expansion without a number hold for
+orthotropic behaviours too).
 """
 
 from __future__ import annotations
@@ -202,14 +204,15 @@ def mfront(card: Card, density: float | None = None) -> str:
         "@Epsilon 1.e-14;",
         "@Theta 1;",
         "@Brick StandardElastoViscoPlasticity{",
-        f'  stress_potential : "Hooke" {{young_modulus : {p["E"]:.8g}, poisson_ratio : {p["nu"]:.8g}}},',
+        f'  stress_potential : "Hooke" {{young_modulus : {p["E"]:.8g}, poisson_ratio : {p["nu"]:.8g},',
+        f"    thermal_expansion : {p['alpha_exp']:.8g}, thermal_expansion_reference_temperature : {p['theta_ref']:.8g}}},",
         '  inelastic_flow : "Plastic" {',
         "    // F (11-22)^2 + G (22-33)^2 + H (33-11)^2 + 2 L (12)^2 + 2 M (13)^2 + 2 N (23)^2",
         f'    criterion : "Hill" {{F : {f:.8g}, G : {h:.8g}, H : {g:.8g}, L : {of_12:.8g}, M : {of_13:.8g}, N : {of_23:.8g}}},',
         f'    isotropic_hardening : "Data" {{values : {{{data}}}, interpolation : "linear"}}',
         "  }",
         "};",
-        f"// expansion {p['alpha_exp']:.8g} 1/K from {p['theta_ref']:.8g} K, conductivity {p['kappa']:.8g} mW/(mm K)",
+        f"// conductivity {p['kappa']:.8g} mW/(mm K)",
     ]
     return "\n".join(lines) + "\n"
 

@@ -1,7 +1,8 @@
-"""Fields of the identified model and of the measurement over time, for ParaView: series of VTU files and a PVD file that lists them."""
+"""Fields of the identified model and of the measurement over time, for ParaView: series of VTU files with a PVD file, and XDMF."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 import meshio
 import numpy as np
+from meshio.xdmf import TimeSeriesWriter
 
 from thermofit.body.element.stress import cauchy_stress, deformation_gradients
 from thermofit.body.heat.equation import PointHistory, dissipation_of_points
@@ -35,8 +37,8 @@ class Frame:
     elements: Points
 
 
-def model_series(folder: Path, name: str, study: Study, data: Measured, parameters: Parameters) -> Path:
-    """Run the coupled model of a specimen with given parameters and write every load step; returns the path of the PVD file.
+def model_series(folder: Path, name: str, study: Study, data: Measured, parameters: Parameters) -> tuple[Path, Path]:
+    """Run the coupled model of a specimen with given parameters and write every load step; returns the paths of the PVD and XDMF files.
 
     NumericsError where the specimen cannot carry the force.
     """
@@ -102,7 +104,7 @@ def measured_series(folder: Path, record: Record) -> Iterator[Path]:
             if normalised is not None:
                 shown["residual"] = normalised[n]
             series.add(Frame(float(t), {key: _of_points(v) for key, v in shown.items()}, {}))
-        yield series.close()
+        yield from series.close()
 
 
 def _of_points(value: np.ndarray) -> np.ndarray:
@@ -113,7 +115,8 @@ def _of_points(value: np.ndarray) -> np.ndarray:
 
 
 class Series:
-    """Writes frames one by one as `<name>/<name>_0000.vtu` and at last `<name>.pvd`, which gives each its time in s."""
+    """Writes frames one by one as `<name>/<name>_0000.vtu` and at last `<name>.pvd`, which gives each its time in s; beside it the same as
+    one `<name>.xdmf` with `<name>.h5`."""
 
     def __init__(self, folder: Path, name: str, points: np.ndarray, cells: Sequence[tuple[str, np.ndarray]]) -> None:
         self.folder, self.name, self.points, self.cells = folder, name, points, list(cells)
@@ -121,6 +124,11 @@ class Series:
         (folder / name).mkdir(parents=True, exist_ok=True)
         for old in (folder / name).glob(f"{name}_*.vtu"):
             old.unlink()
+        # meshio puts the data beside where it runs, not beside the XDMF file: both are written in their folder.
+        self.together = TimeSeriesWriter(folder.absolute() / f"{name}.xdmf")
+        with contextlib.chdir(folder):
+            self.together.__enter__()
+        self.together.write_points_cells(points, self.cells)
 
     def add(self, frame: Frame) -> None:
         """Write the fields at one more time."""
@@ -129,13 +137,15 @@ class Series:
         mesh = meshio.Mesh(self.points, self.cells, point_data=dict(frame.nodes), cell_data=of_elements)
         with replacing(path, durable=False) as temporary:
             mesh.write(temporary, file_format="vtu")
+        self.together.write_data(frame.time, dict(frame.nodes), {key: list(value) for key, value in of_elements.items()})
         self.listed.append((frame.time, f"{self.name}/{path.name}"))
 
-    def close(self) -> Path:
-        """Write the list of times; returns its path."""
+    def close(self) -> tuple[Path, Path]:
+        """Write the lists of times; returns the paths of that of the VTU files and of the XDMF file."""
+        self.together.__exit__()
         entries = [f'    <DataSet timestep="{time:.9g}" part="0" file={quoteattr(file)}/>' for time, file in self.listed]
         text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">', "  <Collection>"]
         path = self.folder / f"{self.name}.pvd"
         with replacing(path, durable=False) as temporary:
             temporary.write_text("\n".join([*text, *entries, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")
-        return path
+        return path, self.folder / f"{self.name}.xdmf"

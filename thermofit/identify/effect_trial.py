@@ -133,7 +133,7 @@ class _Run:
             good = bool(np.all(np.isfinite(value)))
         except Exception as error:
             reason = " ".join(str(error).split())
-            raise StudyError(f"{where} does not run{given} ({type(error).__name__}: {reason}); mend it as docs/effects.md says") from error
+            raise StudyError(f"{where} does not run{given} ({type(error).__name__}: {reason}); see docs/effects.md") from error
         if value.shape != self.trial.off.shape:
             n = len(self.trial.off) if isinstance(result, tuple) or self.found.slot in LOAD else 0
             shape = f"{n} arrays of shape {self.trial.off.shape[1:]}" if n else f"shape {self.trial.off.shape}"

@@ -16,6 +16,7 @@ from thermofit.identify.budget import budget_datasets, budget_summary
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.observe.comparison import Comparison
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
+from thermofit.records.remarks import sorted_out
 from thermofit.records.staging import Made
 from thermofit.study.study import Study
 
@@ -119,7 +120,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "channels": channels,
         "evaluations": counts,
         **({} if solved.budget is None else budget_summary(solved.budget)),
-        "remarks": [r for r in (*remarks, solved.model.remark, *solved.remarks, *misfits(channels)) if r],
+        **sorted_out((*remarks, solved.model.remark, *solved.remarks, *misfits(channels))),
     }
     return Made(datasets, summary, parameter_results(study, start, solved))
 
@@ -145,7 +146,7 @@ def nothing_identified(base: Parameters, remarks: tuple[str, ...]) -> Made:
         "converged": True,
         "channels": {},
         "evaluations": merged_counts(),
-        "remarks": list(remarks[1:]),
+        **sorted_out(remarks[1:]),
     }
     return Made({}, summary, results)
 

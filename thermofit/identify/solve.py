@@ -29,7 +29,7 @@ from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.records.progress import progress
 from thermofit.records.staging import Job
-from thermofit.study.section import PRESETS, MeshSize
+from thermofit.study.section import PRESETS, MeshSize, ParameterStart
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -244,6 +244,12 @@ def stage_problem(
         first_jacobian=None if jacobian is None else change.by_variables(jacobian, base.vector()),
     )
     return problem, change
+
+
+def within(study: Study, base: Parameters, told: Mapping[str, tuple[float, float]]) -> Study:
+    """The study with the bounds within which an earlier stage has told parameters."""
+    starts = {name: ParameterStart(start=base[name], bounds=ends, scale=study.scale(name)) for name, ends in told.items()}
+    return study.model_copy(update={"parameters": {**study.parameters, **starts}}) if told else study
 
 
 def remembering(model: StageModel, count: int = 3) -> StageModel:

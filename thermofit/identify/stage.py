@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,11 @@ from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.combined import with_budget
 from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.outcome import made, nothing_identified
-from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve
+from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve, within
 from thermofit.law.bounds import beta_warning
 from thermofit.records.artefact import open_record
 from thermofit.records.key import stage_key
+from thermofit.records.remarks import Note, named
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.study.reading import reading
 from thermofit.study.stages import ElasticStage, StageSettings
@@ -64,6 +65,8 @@ class Ready:
     inputs: dict[str, Path]
     kept: tuple[str, ...] = ()
     """Elastic constants that the stage would identify, had any record an elastic range."""
+    told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Bounds within which an earlier stage has told parameters that are free again."""
 
 
 def ready(study: Study, key: str) -> Ready:
@@ -74,7 +77,9 @@ def ready(study: Study, key: str) -> Ready:
         settings, kept = experiment.stage(key)
         base, _ = with_identified(study, experiment.start(), EARLIER[key])
         inputs = {**experiment.inputs, **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
-    return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept)
+        told = experiment.told_before(key)
+    settings = settings.model_copy(update={"free": (*settings.free, *told)})
+    return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept, told)
 
 
 def as_recorded(study: Study, stage: Ready, key: str) -> Ready:
@@ -112,7 +117,7 @@ def identified(study: Study, stage: Ready, kind: StageKind, task: Job) -> Made:
         try:
             return _identified(study, stage, kind, task, to_the_end=not plastic)
         except NumericsError as error:
-            why = f"the model cannot carry the measured force ({error})"
+            why = f"the model finds no equilibrium at the measured force ({error})"
     turned, keyed = replace(stage, experiment=other), replace(task, config={**task.config, DRIVE: other.drive})
     return _identified(study, turned, kind, keyed, driven_remark(other, why))
 
@@ -125,7 +130,8 @@ def _identified(study: Study, stage: Ready, kind: StageKind, task: Job, said: st
     experiment = stage.experiment
     start, replaced = experiment.feasible(stage.base)
     model, scalable, again = model_on(experiment, stage.settings), experiment.scalable, experiment.again
-    solved = solve(study, stage.settings, start, model, task, scalable=scalable, again=again, to_the_end=to_the_end)
+    bound = within(study, stage.base, stage.told)
+    solved = solve(bound, stage.settings, start, model, task, scalable=scalable, again=again, to_the_end=to_the_end)
     solved, honest = _widened(study, solved)
     if study.static is None:
         records = {name: open_record(stage.inputs[name]) for name in EARLIER[kind.key]}
@@ -133,9 +139,9 @@ def _identified(study: Study, stage: Ready, kind: StageKind, task: Job, said: st
     warning = beta_warning(solved.parameters, study.hardening_law)
     remarks = (*kept, said, replaced, *_own_remarks(stage, kind, solved), warning or "", honest)
     if not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:
-        return _driven(made(study, stage.base, solved, remarks), experiment)
+        return _driven(made(bound, stage.base, solved, remarks), experiment)
     rows = answers(study, stage.settings, solved, experiment, task, lambda other: _widened(study, other))
-    record = made(study, stage.base, solved, (*remarks, remark_of(rows)))
+    record = made(bound, stage.base, solved, (*remarks, remark_of(rows)))
     return _driven(replace(record, summary={**record.summary, "side_by_side": rows}), experiment)
 
 
@@ -160,7 +166,7 @@ def _own_remarks(stage: Ready, kind: StageKind, solved: Solved) -> tuple[str, ..
     out = [*memory_remarks(solved.model, solved.fit.residual)]
     for test in stage.experiment.fields:
         here = replace(solved, parameters=stage.experiment.seen_by(solved.parameters, test.name))
-        out += [f"{test.name}: {text}" if test.name else text for text in kind.remarks(test, here)]
+        out += [named(test.name, text) for text in kind.remarks(test, here)]
     return tuple(out)
 
 
@@ -174,7 +180,7 @@ def memory_remarks(model: StageModel, residual: np.ndarray) -> tuple[str, ...]:
         here = [m for m in found if at <= m.part.start < at + c.n]
         at += c.n
         worth = sum(m.independent for m in here)
-        out.append(f"{c.channel}: {c.n} values count as {worth:.3g} independent ones, because their misfit is correlated in time")
+        out.append(Note(f"{c.channel}: {c.n} values count as {worth:.3g} independent ones, because their misfit is correlated in time"))
     return tuple(out)
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import StudyError
+from thermofit.core.experiment import DicField, Specimen
+from thermofit.study.models import EvaluationWindow
 
 _ON_AXIS = 1e-9
 
@@ -21,6 +23,27 @@ class ObservationPoints:
     node: np.ndarray
     mirror: np.ndarray
     xy: np.ndarray
+
+
+_ACROSS, _ALONG = 0.44, 0.2
+"""Parts of gauge width and parallel length on either side of the centre that are compared: 11 and 20 mm in the thesis (5.1.2)."""
+_SEEN = 0.5
+"""Share of the stages in which a point must be there to count as one of the field."""
+
+
+def reach_of(dic: DicField) -> tuple[float, float]:
+    """Largest |x| and |y| in mm of the DIC points that are there in half of the stages; of all points where none is."""
+    often = np.isfinite(dic.displacement[:, :, 0]).mean(axis=0) >= _SEEN
+    x, y = np.abs(dic.reference[often if often.any() else slice(None), :2]).max(axis=0)
+    return float(x), float(y)
+
+
+def observed_window(given: EvaluationWindow, specimen: Specimen, straight: bool, reach: tuple[float, float]) -> tuple[float, float]:
+    """Limits of |x| and |y| in mm of the nodes that are compared: those given, else the `reach` of the data; of a `straight` specimen not
+    beyond the part in which its ends are not felt."""
+    most = (_ACROSS * specimen.gauge_width, _ALONG * specimen.parallel_length) if straight else (np.inf, np.inf)
+    x, y = (min(data, limit) for data, limit in zip(reach, most, strict=True))
+    return (x if given.abs_x_max is None else given.abs_x_max), (y if given.abs_y_max is None else given.abs_y_max)
 
 
 def observation_points(nodes: np.ndarray, face_ids: np.ndarray, abs_x_max: float, abs_y_max: float) -> ObservationPoints:

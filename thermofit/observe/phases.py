@@ -75,7 +75,7 @@ def check_record(record: ForceRecord) -> None:
         if column is None:
             continue
         if column.shape != time.shape:
-            raise DataError(f"force record: column {name} has {column.size} samples, expected {time.size} as in time; mend the file")
+            raise DataError(f"force record: column {name} has {column.size} samples, expected {time.size} as in time; correct the file")
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
             raise DataError(

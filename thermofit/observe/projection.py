@@ -365,7 +365,7 @@ def rests(infrared: InfraredSequence, sight: Sight) -> list[Rest]:
             rows, columns, _, label = view
             pixels = np.zeros(image, dtype=bool)
             pixels[rows, columns] = (label >= 0).reshape(pixels[rows, columns].shape)
-            found.append(Rest(np.arange(first, n), pixels))
+            found.append(Rest(np.arange(first, n), pixels, u[first].reshape(-1, 2).mean(axis=0) * STILL / least))
         first = n
     return found
 

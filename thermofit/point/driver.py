@@ -194,7 +194,7 @@ def _run(parameters: Parameters, names: tuple[str, ...], programme: Programme, s
         what = f"stress {value[failed]:g} MPa" if by_stress[failed] else f"strain {value[failed]:g}"
         raise NumericsError(
             f"material point: {what} at {time[failed]:g} s is not reached after {settings.max_cuts} halvings of the step; "
-            "check the record there, and whether these parameters can carry it"
+            "check the record there, and whether these parameters can reach it"
         )
     channels = {name: np.ascontiguousarray(states[:, STATE.index(name)]) for name in CHANNELS}
     cost = dict(zip(("steps", "halvings", "newton_iterations"), counts.tolist(), strict=True))

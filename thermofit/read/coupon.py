@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from thermofit.read.coupon_repair import (
 )
 from thermofit.read.coupon_signs import branch_suspicion, lateral_suspicion, sign_suspicion
 from thermofit.read.formats.contents import Record
+from thermofit.read.plausible import questions_of_record, settled
 from thermofit.study.coupon import (
     ColumnSource,
     Coupon,
@@ -79,7 +81,7 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
     if settings.points is not None and settings.points < rows.time.size:
         kept = thinned(rows.time, rows.strain, rows.stress, settings.points)
         said.append(f"thinned from {rows.time.size} to {kept.size} samples, turning points kept")
-    return CouponRecord(
+    read = CouponRecord(
         name=settings.label,
         time=rows.time[kept],
         strain=rows.strain[kept],
@@ -95,6 +97,8 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
         measured_clock=settings.time is not None,
         over_plastic=settings.over_plastic,
     )
+    questions = questions_of_record(read, rate_is_given=settings.time is None and settings.sampling_rate is None)
+    return replace(read, remarks=(*read.remarks, *settled(questions, settings.confirmed, where)))
 
 
 def _rows(record: Record, settings: CouponRecordSettings, base_folder: Path, key: str) -> Rows:

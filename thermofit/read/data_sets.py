@@ -111,9 +111,7 @@ def mirror_root() -> Path | None:
         return None
     root = Path(value)
     if not root.is_dir():
-        raise StudyError(
-            f"{DATA_VARIABLE} is '{value}', which is no folder; let it name the folder that holds '{SETS_FOLDER}', or unset it"
-        )
+        raise StudyError(f"{DATA_VARIABLE} is '{value}', which is no folder; set it to the folder that holds '{SETS_FOLDER}', or unset it")
     return root
 
 

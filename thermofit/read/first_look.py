@@ -6,21 +6,17 @@ They set starts and bounds of a new study, which are good to a factor, not to a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.errors import ThermofitError
 from thermofit.core.experiment import Experiment
-from thermofit.read.raw import read_experiment
+from thermofit.read.ranges import RANGES
 
 _GAUGE = 0.4
 """Part of the parallel length on either side of the middle in which the strain is uniform enough."""
 _SURE = 0.1
 """Relative standard error of a chord's strain from which on the chord counts."""
 _LEAST_POINTS = 6
-_METAL = (5e3, 1e6)
-"""MPa: a slope outside of this is that of no metal, but of a wrong unit, a rigid-body motion or a slipping mark."""
 
 
 @dataclass(frozen=True)
@@ -32,23 +28,45 @@ class FirstLook:
     strain: float
 
 
-def first_look(folder: Path) -> FirstLook | str:
-    """What the raw folder of a test says of its material, or in words why it does not."""
-    try:
-        experiment = read_experiment(folder, ("force", "dic"))
-    except ThermofitError as error:
-        return f"the data cannot be read yet ({error})"
-    if experiment.dic is None:
-        return "the experiment has no displacements"
-    return looked_at(experiment)
-
-
 def looked_at(experiment: Experiment) -> FirstLook | str:
     """The same of an experiment in memory with displacements.
 
     The steepest chord from the first stage counts: plastic flow makes chords shallower, noise within `_SURE` does not make them much
     steeper.
     """
+    course = course_of(experiment)
+    if isinstance(course, str):
+        return course
+    modulus, largest = course.modulus, float(np.abs(course.stress).max())
+    if modulus is None or not largest > 0.0:
+        return "no strain stands clear of its noise while the force rises"
+    low, high = RANGES["modulus"].possible
+    if not low < modulus < high:
+        return f"its elastic slope would be {modulus:.3g} MPa, which is that of no metal: check units, axes and clocks"
+    return FirstLook(modulus, largest, float(np.abs(course.strain).max()))
+
+
+@dataclass(frozen=True)
+class Course:
+    """Nominal stress MPa and mean strain of the gauge length over time s, both (n,) from their first values; `sigma` (n,) is the standard
+    error of the strain."""
+
+    time: np.ndarray
+    strain: np.ndarray
+    stress: np.ndarray
+    sigma: np.ndarray
+
+    @property
+    def modulus(self) -> float | None:
+        """Steepest chord from the first value up to the largest stress; None where no strain stands clear of its noise."""
+        end = int(np.argmax(np.abs(self.stress)))
+        sure = np.flatnonzero(np.hypot(self.sigma, self.sigma[0]) < _SURE * np.abs(self.strain))
+        sure = sure[(sure > 0) & (sure <= end)]
+        return float(np.max(self.stress[sure] / self.strain[sure])) if len(sure) else None
+
+
+def course_of(experiment: Experiment) -> Course | str:
+    """Stress and strain of an experiment with displacements, or in words why there are none."""
     assert experiment.dic is not None
     strain, sigma = _gauge_strain(experiment)
     force = np.interp(experiment.dic.time, experiment.force.time, experiment.force.force)
@@ -56,16 +74,8 @@ def looked_at(experiment: Experiment) -> FirstLook | str:
     known = np.flatnonzero(np.isfinite(strain))
     if len(known) < 3:
         return f"only {len(known)} stages have {_LEAST_POINTS} points or more in the gauge length"
-    strain, stress, sigma = (value[known] - value[known[0]] * shift for value, shift in ((strain, 1.0), (stress, 1.0), (sigma, 0.0)))
-    largest, end = float(np.abs(stress).max()), int(np.argmax(np.abs(stress)))
-    sure = np.flatnonzero(np.hypot(sigma, sigma[0]) < _SURE * np.abs(strain))
-    sure = sure[(sure > 0) & (sure <= end)]
-    if not len(sure) or not largest > 0.0:
-        return "no strain stands clear of its noise while the force rises"
-    modulus = float(np.max(stress[sure] / strain[sure]))
-    if not _METAL[0] < modulus < _METAL[1]:
-        return f"its elastic slope would be {modulus:.3g} MPa, which is that of no metal: check units, axes and clocks"
-    return FirstLook(modulus, largest, float(np.abs(strain).max()))
+    first = known[0]
+    return Course(experiment.dic.time[known], strain[known] - strain[first], stress[known] - stress[first], sigma[known])
 
 
 def _gauge_strain(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:

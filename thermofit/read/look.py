@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,9 +17,10 @@ from thermofit.observe.triangles import point_spacing
 from thermofit.read.file_groups import FileGroup
 from thermofit.read.findings import ColumnFinding, Fact, Finding, Part, column_finding, units_of
 from thermofit.read.formats.contents import Column, Content, DicSequence, DicStage, Record, Records, ScalarField, ThermalFrames
-from thermofit.read.formats.naming import stage_time
+from thermofit.read.formats.naming import lost_numbers, stage_time
 from thermofit.read.formats.registry import read_native
 from thermofit.read.look_record import clock_facts, look_at_record, look_at_records
+from thermofit.read.plausible import Question, pose_of, questions_of_test
 from thermofit.read.raw import read_experiment
 from thermofit.read.study_lines import field_lines, series_lines
 
@@ -174,15 +174,16 @@ def look_at_matrix(field: ScalarField) -> Part:
 _T = TypeVar("_T")
 
 
-def look_at_raw(folder: Path) -> tuple[Part, ...]:
-    """Force record, DIC stages, infrared frames. DataError for every defect of the folder."""
+def look_at_raw(folder: Path) -> tuple[tuple[Part, ...], tuple[Question, ...]]:
+    """Force record, DIC stages, infrared frames, and what is to be asked about them. DataError for every defect of the folder."""
     experiment = read_experiment(folder)
     parts = [_force(experiment)]
     if experiment.dic is not None:
         parts.append(_dic(experiment))
     if experiment.ir is not None:
         parts.append(_ir(experiment))
-    return tuple(parts)
+    questions = questions_of_test(experiment, pose_of(experiment))
+    return tuple(parts), tuple(q for q in questions if q.name not in experiment.confirmed)
 
 
 def _clock(time: np.ndarray) -> dict[str, Fact]:
@@ -331,11 +332,8 @@ def _sequence(stages: Sequence[DicStage]) -> tuple[dict[str, Any], list[str]]:
     known = sorted(n for n in numbers if n is not None)
     if known:
         facts["stages"] = f"{known[0]} to {known[-1]}"
-        gone = sorted(set(range(known[0], known[-1] + 1)) - set(known))
-        regular = len(known) > 2 and len({b - a for a, b in pairwise(known)}) == 1
-        if gone and not regular:
-            shown = ", ".join(str(n) for n in gone[:5])
-            remarks.append(f"{len(gone)} stages are left out between {known[0]} and {known[-1]}: {shown}{', ...' if len(gone) > 5 else ''}")
+        if lost := lost_numbers(known, "stage"):
+            remarks.append(lost)
         if len(set(known)) < len(known):
             remarks.append("two files have the same stage number: exports of different tests in one folder?")
     times = np.array([stage.time for stage in stages if stage.time is not None], dtype=float)

@@ -14,6 +14,7 @@ from thermofit.read.coupon_repair import wild_places
 from thermofit.read.coupon_signs import branch_suspicion, sign_suspicion
 from thermofit.read.findings import ColumnFinding, Fact, Part, column_finding
 from thermofit.read.formats.contents import Column, Record, Records
+from thermofit.read.ranges import outside
 from thermofit.read.study_lines import coupon_lines
 
 GAP = 5.0
@@ -26,8 +27,6 @@ _LEAP = 10.0
 _MIRRORED = -0.9
 _LOADS = ("stress", "force", "true_stress")
 _STRAINS = ("strain", "extension", "true_strain")
-_LARGEST_STRAIN = 2.0
-_COLDEST, _HOTTEST = 50.0, 3000.0
 _SHOWN = {"area": "mm^2", "gauge_length": "mm", "diameter": "mm", "temperature": "K", "rate": "1/s"}
 
 
@@ -202,9 +201,13 @@ def _units(record: Record) -> list[str]:
             continue
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         unit = record.units.get(column.name, "")
-        if column.meaning in ("strain", "true_strain") and unit == "1" and max(-low, high) > _LARGEST_STRAIN:
+        if column.meaning in ("strain", "true_strain") and unit == "1" and outside("strain", max(-low, high)):
             found.append(f"{column.name}: strains up to {max(-low, high):.3g}; is the unit % or mm rather than '{column.unit}'?")
-        if column.meaning == "temperature" and unit == "K" and not (_COLDEST < low and high < _HOTTEST):
+        if column.meaning in ("stress", "true_stress") and unit == "MPa" and outside("stress", max(-low, high)) == "possible":
+            found.append(
+                f"{column.name}: stresses up to {max(-low, high):.3g} MPa are those of no metal; is the unit '{column.unit}' right?"
+            )
+        if column.meaning == "temperature" and unit == "K" and "possible" in (outside("temperature", low), outside("temperature", high)):
             found.append(f"{column.name}: {low:.4g} to {high:.4g} K cannot be a specimen; is the unit '{column.unit}' right?")
         if not unit:
             silent.append(column.name)

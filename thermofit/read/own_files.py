@@ -25,9 +25,9 @@ class Known:
 ARTEFACT = Known("thermofit artefact", "`thermofit show FILE` describes it")
 STUDY = Known("thermofit study", "`thermofit run FILE` runs it")
 EXPERIMENT = Known("thermofit experiment.yaml", "it describes a raw folder: inspect the folder")
-_STAGE = Known("thermofit DIC stage", "it belongs to a raw folder: inspect the folder with experiment.yaml")
-_FRAME = Known("thermofit infrared frame", "it belongs to a raw folder: inspect the folder with experiment.yaml")
-_FORCE = Known("thermofit force record", "it belongs to a raw folder: inspect the folder with experiment.yaml")
+STAGE = Known("thermofit DIC stage", "it belongs to a raw folder: inspect the folder with experiment.yaml")
+FRAME = Known("thermofit infrared frame", "it belongs to a raw folder: inspect the folder with experiment.yaml")
+FORCE = Known("thermofit force record", "it belongs to a raw folder: inspect the folder with experiment.yaml")
 
 
 def own_file(head: Head) -> Known | None:
@@ -41,9 +41,9 @@ def own_file(head: Head) -> Known | None:
     if not lines:
         return None
     if lines[0].startswith("# time_s:"):
-        return _STAGE if len(lines) > 1 and lines[1].startswith("id,") else _FRAME
+        return STAGE if len(lines) > 1 and lines[1].startswith("id,") else FRAME
     if lines[0].replace(" ", "").startswith("time_s,force_N"):
-        return _FORCE
+        return FORCE
     return _yaml(head, lines)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS, DicField, Experiment, ForceRecord, InfraredSequence
 from thermofit.read.formats.frames import read_frame_files
+from thermofit.read.formats.naming import lost_numbers, stage_time
 from thermofit.read.formats.sequence import read_dic_files
 from thermofit.read.raw_description import DESCRIPTION, Description, FieldSource, read_description
 from thermofit.read.raw_text import read_header, read_lines, read_table, read_time
@@ -59,6 +60,8 @@ def _files(source: FieldSource, declared: int | None, word: str) -> tuple[list[P
     remarks = [f"{source.folder.name}: {others} other files left unread"] if others else []
     if declared not in (None, len(paths)):
         remarks.append(f"{source.folder.name}: {len(paths)} {word}s found, {declared} declared in {DESCRIPTION}")
+    if lost := lost_numbers([n for n, _ in map(stage_time, paths) if n is not None], word):
+        remarks.append(f"{source.folder.name}: {lost}")
     return paths, remarks
 
 
@@ -156,7 +159,7 @@ def _read_frame(path: Path, shape: tuple[int, int] | None, origin: str) -> tuple
         raise DataError(f"{path}: the frame has {found}, expected {wanted} as in {origin}; export all frames with one window")
     if table.min() <= -CELSIUS:
         k, column = np.argwhere(table <= -CELSIUS)[0]
-        raise DataError(f"{path}, line {k + 2}, column {column + 1}: {table[k, column]:g} degC is below absolute zero; mend the export")
+        raise DataError(f"{path}, line {k + 2}, column {column + 1}: {table[k, column]:g} degC is below absolute zero; correct the export")
     return time, (table + CELSIUS).astype(np.float32)
 
 
@@ -240,4 +243,5 @@ def read_experiment(folder: Path, parts: Collection[str] = ("force", "dic", "ir"
         description.landmarks,
         description.programme,
         tuple(repairs),
+        description.confirmed,
     )

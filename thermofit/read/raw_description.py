@@ -15,6 +15,7 @@ from thermofit.core.files import TEXT_LIMIT
 from thermofit.core.units import known_unit
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.read.formats.clock import Above0, Rules
+from thermofit.read.ranges import Doubt
 from thermofit.read.raw_text import read_lines, shorten
 from thermofit.study.errors import content_error, sentence
 from thermofit.study.landmarks import PickedLandmarks
@@ -154,6 +155,8 @@ class _Keys(Section):
     force: ForceFile
     dic: Dic | None = None
     ir: Ir | None = None
+    confirmed: Annotated[tuple[Doubt, ...], expected(f"a list of some of {', '.join(get_args(Doubt))}")] = ()
+    """Questions about the plausibility of the data whose answer is: they are right."""
     programme: Annotated[tuple[Annotated[str, BeforeValidator(str)], ...], expected("a list of texts, one for each phase")] = ()
 
 

@@ -2,7 +2,8 @@
 
 Layout, schema version 1. Root attributes: `schema`, `schema_version`, `stage`, `thermofit_version`, `source_digest`, `created` (UTC),
 `packages` (JSON), `identity` (unlike for each writing), `seed` (absent where nothing was drawn), `config` (JSON),
-`inputs` (JSON: name -> sha256), `input_paths` (JSON), `summary` (JSON). Every dataset has the text attributes `unit` ("1" where it has
+`inputs` (JSON: name -> sha256), `input_paths` (JSON), `summary` (JSON), `sealed` (true: a line with the checksum of the content follows
+its end, `core.sealed`). Every dataset has the text attributes `unit` ("1" where it has
 none) and `dims` (names of its axes, separated by blanks). Where the entries along the axes called `parameter` have units of their own,
 `unit` is "mixed" and `units` (JSON) lists them; the unit of an entry is the product of those of its places. `parameters/NAME` is a scalar
 dataset with the attributes of ParameterResult. Only this module writes HDF5; files of other programmes are read by `foreign_hdf5`.
@@ -23,6 +24,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,8 @@ from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
 from thermofit.core.files import check_regular
 from thermofit.core.jsonable import json_text, jsonable
+from thermofit.core.sealed import seal, seal_holds
+from thermofit.records.foreign_hdf5 import own, refuse_elsewhere
 
 SCHEMA = "thermofit"
 SCHEMA_VERSION = 1
@@ -46,6 +50,8 @@ _PACKAGES = ("numpy", "scipy", "numba", "h5py", "nlopt")
 _TEXTS = ("stage", "thermofit_version", "source_digest", "created", "packages", "identity", "config", "inputs", "input_paths", "summary")
 MIXED = "mixed"
 """Unit of a dataset whose entries have the units of its parameters."""
+_SEALED = "sealed"
+"""Attribute of an artefact that has to end with a seal; earlier versions wrote none."""
 _HERE = "${HERE}"
 """In texts of the summary: the folder of the artefact, wherever it lies."""
 _NAME = re.compile(r"[A-Za-z0-9_.+@-]+(/[A-Za-z0-9_.+@-]+)*")
@@ -152,6 +158,7 @@ def write_record(path: Path, content: RecordContent) -> Record:
         with replacing(path) as temporary:
             with h5py.File(temporary, "w", locking=False) as file:
                 _write(file, content, inputs, path.absolute().parent)
+            seal(temporary)
     except (OSError, RuntimeError) as error:
         raise StudyError(
             f"artefact '{path}' cannot be written ({error}): expected a writable folder with free space; free it or take another"
@@ -248,6 +255,7 @@ def _write(file: h5py.File, content: RecordContent, inputs: Mapping[str, str], f
     file.attrs["created"] = datetime.now(UTC).isoformat(timespec="seconds")
     file.attrs["packages"] = json_text(_packages())
     file.attrs["identity"] = secrets.token_hex(16)
+    file.attrs[_SEALED] = True
     if content.seed is not None:
         file.attrs["seed"] = content.seed
     file.attrs["config"] = json_text(content.config)
@@ -326,11 +334,36 @@ def _reading(path: Path) -> Iterator[h5py.File]:
     """Open for reading; what HDF5 says of a damaged file becomes a DataError."""
     try:
         check_regular(path)
+        held = _seal(path)
+        if held is False:
+            raise _damaged(path)
         with h5py.File(path, "r", locking=False) as file:
+            if held is None and _SEALED in file.attrs:
+                raise _damaged(path)
             yield file
     except (OSError, RuntimeError, KeyError) as error:
         reason = str(error).strip("'\"").split(" (")[-1].rstrip(")")
         raise DataError(f"{path}: cannot be read as an artefact ({reason}): remove it and run its stage again") from error
+
+
+def _seal(path: Path) -> bool | None:
+    """Whether the content is what was written, None where it has no seal; a file that has not been touched is not read twice."""
+    state = path.stat()
+    if not path.is_file():
+        return None
+    return _seal_of_state(path, state.st_mtime_ns, state.st_ctime_ns, state.st_size, state.st_ino)
+
+
+@lru_cache(maxsize=4096)
+def _seal_of_state(path: Path, modified: int, changed: int, size: int, inode: int) -> bool | None:
+    return seal_holds(path)
+
+
+def _damaged(path: Path) -> DataError:
+    return DataError(
+        f"{path}: its content is not what was written there (the checksum differs, expected that of its last line): a disk, a copy or an "
+        "editor has changed it; remove it and run its stage again"
+    )
 
 
 def _record(path: Path, mend: str = "run its stage again") -> Record:
@@ -346,7 +379,8 @@ def _record(path: Path, mend: str = "run its stage again") -> Record:
         paths = {name: os.path.normpath(here / str(text)) for name, text in parsed["input_paths"].items()}
         attributes |= {"schema_version": SCHEMA_VERSION, "packages": parsed["packages"], "input_paths": paths}
         attributes["seed"] = int(file.attrs["seed"]) if "seed" in file.attrs else None
-        results = {name: _parameter(stored, path) for name, stored in file.get(PARAMETERS, {}).items()}
+        group = own(file, PARAMETERS, path) if PARAMETERS in file else {}
+        results = {name: _parameter(own(group, name, path), path) for name in group}
         return Record(
             stage=attributes["stage"],
             path=path,
@@ -373,6 +407,7 @@ def _names(file: h5py.File, path: Path) -> tuple[str, ...]:
 
 
 def _labels(stored: h5py.Dataset, path: Path) -> tuple[str, tuple[str, ...]]:
+    refuse_elsewhere(stored, path)
     unit, text = stored.attrs.get("unit"), stored.attrs.get("dims")
     if not isinstance(unit, str) or not unit or not isinstance(text, str):
         raise DataError(f"{path}: dataset '{stored.name}' has no unit or no dims, expected both as texts: run its stage again")

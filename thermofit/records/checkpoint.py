@@ -10,6 +10,8 @@ import numpy as np
 
 from thermofit.core.atomic import remove_partial, replacing
 from thermofit.core.errors import StudyError
+from thermofit.core.sealed import seal, seal_holds
+from thermofit.records.stopping import keeps, kept
 
 _KEY_FILE = "key"
 _ARGUMENT = "__x__"
@@ -36,6 +38,7 @@ class Checkpoint:
                     temporary.write_text(key, encoding="utf-8")
         except OSError as error:
             raise self._unwritable(error) from error
+        keeps(self)
 
     @property
     def count(self) -> int:
@@ -49,6 +52,8 @@ class Checkpoint:
         if not path.exists():
             return None
         try:
+            if not seal_holds(path):
+                raise ValueError("not what was stored")
             with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in stored.files}
             if not np.array_equal(arrays.pop(_ARGUMENT), argument, equal_nan=True):
@@ -60,15 +65,18 @@ class Checkpoint:
         return arrays
 
     def put(self, x: np.ndarray, **arrays: np.ndarray) -> None:
-        """Store the arrays of one evaluation; a kill leaves the whole file or none."""
+        """Store the arrays of one evaluation; a kill leaves the whole file or none. Stopped where the end was asked for meanwhile."""
         argument = _canonical(x)
         if objects := [name for name, array in arrays.items() if np.asarray(array).dtype.hasobject]:
             raise TypeError(f"arrays of Python objects cannot be read back: {', '.join(objects)}")
         try:
-            with replacing(self._path(argument), durable=False) as temporary, open(temporary, "wb") as stream:
-                np.savez(stream, **{_ARGUMENT: argument}, **arrays)  # type: ignore[arg-type]
+            with replacing(self._path(argument), durable=False) as temporary:
+                with open(temporary, "wb") as stream:
+                    np.savez(stream, **{_ARGUMENT: argument}, **arrays)  # type: ignore[arg-type]
+                seal(temporary)
         except OSError as error:
             raise self._unwritable(error) from error
+        kept()
 
     def discard(self) -> None:
         """Remove the evaluations, and the folder where nothing else is in it: the artefact is safely written."""

@@ -29,12 +29,14 @@ def each(study: Study, name: str, run: Run, applies: Callable[[Study], bool], *,
 
 def _list(study: Study, names: Sequence[str], outcomes: Sequence[Outcome]) -> Made:
     rows: list[dict[str, Any]] = []
-    pictures, remarks = [], []
+    pictures: list[str] = []
+    told: dict[str, list[str]] = {"remarks": [], "notes": []}
     for name, outcome in zip(names, outcomes, strict=True):
         said = outcome.record.summary
         role = "held out" if name in study.held_out else "fitted"
         rows.append({"experiment": name, "role": role, "result": str(said.get("verdict", ""))})
-        remarks += [f"{name}: {text}" for text in said.get("remarks", ())]
+        for kind, texts in told.items():
+            texts += [f"{name}: {text}" for text in said.get(kind, ())]
         pictures += [str(said["picture"])] if said.get("picture") else []
-    summary = {"verdict": f"{len(names)} experiments: {', '.join(names)}", "experiments": rows, "remarks": remarks, "figures": pictures}
+    summary = {"verdict": f"{len(names)} experiments: {', '.join(names)}", "experiments": rows, **told, "figures": pictures}
     return Made({}, summary)

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from thermofit.core.digest import source_digest
 from thermofit.core.errors import NumericsError, StudyError, ThermofitError
+from thermofit.records.lock import lend
 from thermofit.records.progress import mute
 from thermofit.study.reading import Key, read_by, reading
 
@@ -163,6 +164,13 @@ def answer_of(task: Task, threads: int) -> Answer:
         return True, task.answer()
     except ThermofitError as error:
         return False, error
+    except MemoryError as error:
+        return False, NumericsError(
+            f"{task.label}: the memory of its worker does not suffice{f' ({error})' if str(error) else ''}; what is finished is kept: give "
+            "each worker more memory or run fewer at once, and the same command resumes"
+        )
+    except OSError as error:
+        return False, error
     except Exception:
         return False, RuntimeError(f"{task.label}, in a worker:\n{traceback.format_exc()}")
 
@@ -246,9 +254,12 @@ def _processes(where: Executor) -> Iterator[_Processes]:
 
 def _begin() -> None:
     """What a new local process does first."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it too, and ends this process
+    for name in ("SIGINT", "SIGTERM", "SIGUSR1"):  # the parent hears it too, and ends this process
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     sys.stdout = sys.stderr  # the standard output belongs to the result
     mute()
+    lend()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -268,6 +279,7 @@ def remote_answer(task: Task, threads: int, digest: str) -> Answer:
             "the same: install the same version for the workers and start them again"
         )
     mute()
+    lend()
     with _BUSY:  # the threads of a worker share kernels that are not made for several callers at once
         return answer_of(task, threads)
 

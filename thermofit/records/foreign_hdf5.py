@@ -19,6 +19,8 @@ from thermofit.core.errors import DataError
 
 MAX_BYTES = 4 << 30
 """Limit of all values that are read from one file."""
+ROOM, EXPANDED = 256 << 20, 20
+"""All values together may take this many bytes, and so many times those of the file besides: a small file does not fill the memory."""
 MAX_OBJECTS = 100_000
 MAX_DEPTH = 24
 _MAX_RATIO = 1100
@@ -44,7 +46,7 @@ class Budget:
         if depth > MAX_DEPTH or self.objects < 0 or self.values < 0 or size > _MAX_RATIO * self.file_bytes:
             raise DataError(
                 f"{self.path}: at '{item.name}' the file claims more than {MAX_DEPTH} levels, {MAX_OBJECTS} objects or {MAX_BYTES >> 30} "
-                "GiB, or more values than it has room for, expected an undamaged export of fewer stages; export it again in parts"
+                "GiB, or far more values than it has room for, expected an undamaged export of fewer stages; export it again in parts"
             )
 
 
@@ -63,7 +65,23 @@ def read_foreign(path: Path, name: str, skip: Callable[[str], bool] = lambda nam
     with _opened(path) as file:
         if name not in file:
             raise DataError(f"{path}: no variable '{name}' in this HDF5 file, found {', '.join(file) or 'none'}; save the whole analysis")
-        return tree_of(file[name], Budget(path, path.stat().st_size), skip, 0)
+        size = path.stat().st_size
+        return tree_of(own(file, name, path), Budget(path, size, values=min(MAX_BYTES, ROOM + EXPANDED * size)), skip, 0)
+
+
+def own(group: h5py.Group, name: str, path: Path) -> h5py.HLObject:
+    """The member of a group, which has to lie there itself. DataError for a link: it may lead to any other file."""
+    link = group.get(name, getlink=True)
+    if not isinstance(link, h5py.HardLink):
+        to = f" to file '{link.filename}'" if isinstance(link, h5py.ExternalLink) else ""
+        raise DataError(f"{path}: '{group.name.rstrip('/')}/{name}' is a link{to}, expected the data themselves; save the file whole")
+    return group[name]
+
+
+def refuse_elsewhere(item: h5py.Dataset, path: Path) -> None:
+    """DataError for a dataset whose values lie in other files."""
+    if item.is_virtual or item.external:
+        raise DataError(f"{path}: the values of '{item.name}' lie in other files, expected them in this one; save the file whole")
 
 
 @contextmanager
@@ -80,9 +98,10 @@ def tree_of(item: h5py.HLObject, budget: Budget, skip: Callable[[str], bool], de
     """An item of a file as nested dicts, lists, arrays and texts, within the budget; DataError beyond it."""
     budget.take(item, depth)
     if isinstance(item, h5py.Group):
-        return {str(name): tree_of(item[name], budget, skip, depth + 1) for name in item if not skip(name)}
+        return {str(name): tree_of(own(item, name, budget.path), budget, skip, depth + 1) for name in item if not skip(name)}
     if not isinstance(item, h5py.Dataset):
         raise DataError(f"{budget.path}: '{item.name}' is neither a group nor a dataset, expected one of them; save the file again")
+    refuse_elsewhere(item, budget.path)
     if item.attrs.get("MATLAB_empty", 0):
         return "" if _matlab_class(item) == "char" else _no_values(item, budget)
     if h5py.check_ref_dtype(item.dtype) is h5py.Reference:

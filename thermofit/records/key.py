@@ -23,7 +23,8 @@ SOLVED = (
 """Sections that whatever runs the model reads."""
 BESIDES = {"plastic": ("stages.elastic.window",)}
 """What an identification stage reads besides its own section: was any point plastic within the elastic window?"""
-
+TOLD_AGAIN = {"lateral": ("nu",)}
+"""Parameters of the stage before that a stage which compares a channel may fit again (`Experiment.told_before`), by channel."""
 
 _THREADS = "threads"
 _ALONE = "parameters."
@@ -77,7 +78,9 @@ def stage_key(study: Study, key: str) -> dict[str, Any]:
     """The key of the identification stage of that name under `stages`. StudyError where a free parameter has no start."""
     several = ("experiments", "shared") if study.fitted else ()
     with reading(None):
-        return read_of(study, *SOLVED, *several, f"stages.{key}", *BESIDES.get(key, ()), free=study.stage(key).free)
+        stage = study.stage(key)
+        free = (*stage.free, *(name for channel in stage.channels for name in TOLD_AGAIN.get(channel, ())))
+        return read_of(study, *SOLVED, *several, f"stages.{key}", *BESIDES.get(key, ()), free=free)
 
 
 def differences(config: Mapping[str, Any], now: Mapping[str, Any], lead: str = "") -> tuple[str, ...]:

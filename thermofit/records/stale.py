@@ -60,9 +60,9 @@ def _stale_artefact(path: Path) -> tuple[str, ...]:
 def _untouched(path: Path) -> str:
     """Digest of a file; one that has not been touched is not read twice in a process, for every stage asks for the raw data."""
     state = path.stat()
-    return _of_state(path, state.st_mtime_ns, state.st_size, state.st_ino)
+    return _of_state(path, state.st_mtime_ns, state.st_ctime_ns, state.st_size, state.st_ino)
 
 
 @lru_cache(maxsize=4096)
-def _of_state(path: Path, modified: int, size: int, inode: int) -> str:
+def _of_state(path: Path, modified: int, changed: int, size: int, inode: int) -> str:
     return file_digest(path)

@@ -113,14 +113,20 @@ def symmetric_limit(values: np.ndarray, at_least: float) -> float:
     return max(float(np.quantile(used, 0.995)) if used.size else 0.0, at_least)
 
 
-def save_figures(folder: Path, figures: Mapping[str, Figure]) -> list[Path]:
-    """Write every figure as `<folder>/<name>.png`, each whole or not at all; returns the paths."""
+FORMATS: Mapping[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""Formats that figures may have besides PNG, and what their files do not say, so that the same figure is the same file."""
+
+
+def save_figures(folder: Path, figures: Mapping[str, Figure], also: Sequence[str] = ()) -> list[Path]:
+    """Write every figure as `<folder>/<name>.png`, and in the formats `also`, each whole or not at all; returns the paths of the PNG
+    files."""
     paths = []
     for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        with replacing(path, durable=False) as temporary:
-            figure.savefig(temporary, dpi=_DPI, format="png")
-        paths.append(path)
+        for kind in ("png", *also):
+            path = folder / f"{name}.{kind}"
+            with rc_context({"svg.hashsalt": name}), replacing(path, durable=False) as temporary:
+                figure.savefig(temporary, dpi=_DPI, format=kind, metadata=FORMATS.get(kind))
+        paths.append(folder / f"{name}.png")
     return paths
 
 

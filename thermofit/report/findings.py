@@ -11,7 +11,7 @@ import numpy as np
 from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.loop import Closed, Place, Round, place_of, ranking_rows
+from thermofit.diagnose.loop import Closed, Place, Round, like_of, place_of, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.proof_elsewhere import held_out_words
 from thermofit.diagnose.refit import failed_in_words
@@ -20,7 +20,7 @@ from thermofit.diagnose.trial import Trial
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.residuals import lag_ones
-from thermofit.experiment.trust import Level, doubts, level, undetermined
+from thermofit.experiment.trust import Level, above_floor, doubts, grade, level, undetermined
 from thermofit.fit.result import FitResult
 from thermofit.identify.solve import merged_counts
 from thermofit.records.artefact import Dataset, ParameterResult
@@ -97,7 +97,7 @@ def _undecided(here: Traced) -> list[str]:
     out = []
     for s in here.promising():
         if len(s.family) > 1:
-            out.append(f"{s.effect} cannot be told from {', '.join(s.family[1:])} by this test")
+            out.append(f"this test cannot distinguish {s.effect} from {', '.join(s.family[1:])}")
     return out
 
 
@@ -109,12 +109,19 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
         line = f"the residual points to {names}"
     else:
         line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
+    levels = _levels(here, found.numerical)
     against = doubts(
-        _levels(here, found.numerical), (here.case.model.priors, here.case.parameters), here.unjudged, ends=_ends(here, found.fit)
+        levels,
+        (here.case.model.priors, here.case.parameters),
+        here.unjudged,
+        ends=_ends(here, found.fit),
+        unpredicted=here.unpredicted,
     )
     return {
         **_common(found, here, against),
         "verdict": _with_doubts(line, against),
+        "grade": grade({s.effect: s.family[1:] for s in promising[:1]}, not promising and bool(above_floor(levels)), None),
+        "could_show": could_show(here),
         "ranking": ranking_rows(here),
         "undecided": _undecided(here),
     }
@@ -213,8 +220,15 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     table = before_after(closed.first, closed.last)
     here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
     against = doubts(
-        _levels(here, found.numerical), (here.case.model.priors, here.case.parameters), closed.unjudged, unsettled, _ends(here, closed.fit)
+        _levels(here, found.numerical),
+        (here.case.model.priors, here.case.parameters),
+        closed.unjudged,
+        unsettled,
+        _ends(here, closed.fit),
+        here.unpredicted,
     )
+    if closed.stand_ins is not None:
+        against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in like_of(closed).items() if others]
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
     common = _common(found, here, against)
@@ -226,13 +240,24 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         "unjudged": dict(closed.unjudged),
         "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),
+        "grade": grade(like_of(closed), bool(above_floor(_levels(here, found.numerical))), None),
+        "could_show": could_show(here),
         "accepted": list(closed.accepted),
+        "stand_ins": {name: list(others) for name, others in like_of(closed).items()},
         "dropped": list(closed.dropped),
         "rounds": [round_row(r) for r in closed.rounds],
         "last": _place(place_of(closed.last)),
         **table,
         "study": str(study_file),
     }
+
+
+def could_show(here: Traced) -> dict[str, dict[str, Any]]:
+    """Of every dormant effect the smallest amplitude that this test names with even odds: what is absent is so down to these. None where
+    nothing is felt of it."""
+    shown = {s.effect: s.detectable for s in here.ranking.scores} | dict.fromkeys(here.ranking.unfelt)
+    rows = {name: effect(name).amplitude for name in sorted(shown)}
+    return {name: {"parameter": p.name, "detectable": shown[name], "unit": p.unit} for name, p in rows.items()}
 
 
 def _with_doubts(line: str, against: Sequence[str]) -> str:
@@ -246,10 +271,8 @@ def _verdict(closed: Closed, table: dict[str, Any]) -> str:
     errors = error_rows(table)
     if not closed.accepted:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
-    families = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
     names = []
-    for name in closed.accepted:
-        others = [other for other in families.get(name, ()) if other != name]
+    for name, others in like_of(closed).items():
         names.append(f"{name} ({_estimates(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
     return f"added {', '.join(names)}; {errors}"
 

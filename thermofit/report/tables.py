@@ -88,10 +88,10 @@ def _study_rows(study: Study, records: Mapping[str, Record]) -> list[tuple[str, 
         ("mesh", meshes(records)),
         ("load steps", str(len(interpolate["steps/all/time"].value))),
         ("compared points", str(s["displacement"]["nodes"])),
-        ("displacements", f"{len(interpolate['u/time'].value)} times, {s['displacement']['masked']} point-times left out"),
+        ("displacements", f"{len(interpolate['u/time'].value)} times, {s['displacement']['masked']} values left out"),
     ]
     if "temperature" in s:
-        rows.append(("temperatures", f"{len(interpolate['theta/time'].value)} times, {s['temperature']['masked']} point-times left out"))
+        rows.append(("temperatures", f"{len(interpolate['theta/time'].value)} times, {s['temperature']['masked']} values left out"))
     rows += [("repairs of the data", str(text)) for text in s.get("repairs", ())]
     rows.append(("thermofit", f"{verify.attributes['thermofit_version']}, source {verify.attributes['source_digest'][:12]}"))
     return rows
@@ -184,9 +184,9 @@ def _energy_rows(verify: Record) -> list[list[str]]:
 
 
 def remark_lines(records: Mapping[str, Record]) -> list[str]:
-    """Every remark of every stage; stages whose answer is not to be trusted come with their verdict."""
+    """Every remark and note of every stage; stages whose answer is not to be trusted come with their verdict."""
     lines = []
     for stage, record in records.items():
         doubts = [str(record.summary["verdict"])] if record.summary.get("trustworthy") is False else []
-        lines += [f"- {stage}: {text}" for text in (*doubts, *record.summary.get("remarks", ()))]
+        lines += [f"- {stage}: {text}" for text in (*doubts, *record.summary.get("remarks", ()), *record.summary.get("notes", ()))]
     return ["\n".join(lines) if lines else "None."]

@@ -18,6 +18,7 @@ from thermofit.diagnose.unlisted import HALF, Unlisted, solved
 from thermofit.diagnose.unlisted_effect import VARIABLES, camera_file, heat_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field, basis_of
 from thermofit.experiment.missing import Grid, Missing, YieldTerms
+from thermofit.experiment.trust import grade
 from thermofit.records.artefact import Dataset
 from thermofit.report.figures import NOISE, STYLE, new_figure, save_figures, shade_phases, symmetric_limit
 from thermofit.report.figures_maps import Scale, draw_map
@@ -63,13 +64,14 @@ def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[
     """A summary of `diagnose` or `close-loop` with the entry `unlisted`; what leaves structure unexplained is not trusted (exit code 5)."""
     if said is None:
         return {**summary, "unlisted": None}
-    return {**summary, "unlisted": said, "trustworthy": False, "verdict": f"{summary['verdict']}; unlisted: {in_words(said)}"}
+    graded = {"grade": grade({}, False, said)} if "grade" in summary else {}
+    return {**summary, **graded, "unlisted": said, "trustworthy": False, "verdict": f"{summary['verdict']}; unlisted: {in_words(said)}"}
 
 
 def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
     part = f"{100 * said['excess_share']:.0f} %"
-    share = f"{part} of the square sum of {said['channel']} hangs together and no listed effect explains half of it"
+    share = f"{part} of the misfit of {said['channel']} is systematic, and no effect of the catalogue explains half of it"
     if said["where"] is None:
         return share
     a, b = said["when_s"]

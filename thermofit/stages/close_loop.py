@@ -9,6 +9,7 @@ from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.known_fit import known_fit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
+from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.study_with_effects import write_study
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.identify.solve import discard_checkpoints
@@ -39,6 +40,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
             found = replace(found, numerical=closed.numerical)
         closed, missing = ended(closed, closed.refit, closed.numerical, study.diagnosis.held_out)
         write_study(study, closed, study.run_dir / STUDY)
+        closed = with_stand_ins(closed)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         said = loop_summary(found, closed, study.run_dir / STUDY)
         told = decided(said, closed.last, added_families(closed), found.refit.parts)

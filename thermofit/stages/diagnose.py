@@ -30,7 +30,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         failures = tuple(found.refit.failures)
-        here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out))
+        here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
         missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         summary = {**with_unlisted(told, described(study, here, missing)), "drive": found.drive}

@@ -103,7 +103,7 @@ def _fields(source: Finished, folder: Path, _: float | None) -> Iterator[Path]:
     experiment = experiment_of(study)
     for test in experiment.fields:
         own = folder / "fields" / test.name if test.name else folder / "fields"
-        yield model_series(own, "model", test.study, test.data, experiment.seen_by(parameters, test.name))
+        yield from model_series(own, "model", test.study, test.data, experiment.seen_by(parameters, test.name))
         yield from measured_series(own, open_record(artefact_path(test.study.run_dir, "verify")))
 
 

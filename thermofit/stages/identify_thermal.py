@@ -5,6 +5,7 @@ from __future__ import annotations
 from thermofit.experiment.protocol import FieldTest
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
+from thermofit.records.remarks import Note
 from thermofit.records.staging import Outcome
 from thermofit.study.study import Study
 
@@ -15,8 +16,10 @@ def _remarks(test: FieldTest, solved: Solved) -> tuple[str, ...]:
     bulk = p["E"] / (3.0 * (1.0 - 2.0 * p["nu"]))
     pressure = p["c0"] + 9.0 * bulk * p["alpha_exp"] ** 2 * p["theta_ref"]
     return (
-        f"c0 is the heat capacity at constant elastic deformation; at constant pressure it is {pressure:.3f} mJ/(mm^3 K)",
-        f"air {p['theta_air']:.2f} K and jaws {p['theta_clamp']:.2f} K are taken as given; thermocouples carry about 0.1 K",
+        Note(f"for comparison with handbooks: c_p = {pressure:.3f} mJ/(mm^3 K); c0 is at constant elastic strain"),
+        Note(
+            f"air {p['theta_air']:.2f} K and jaws {p['theta_clamp']:.2f} K are taken as given; a thermocouple has an error of about 0.1 K"
+        ),
     )
 
 

@@ -13,7 +13,7 @@ from thermofit.read.findings import Part
 from thermofit.read.formats.registry import head_of, read_native
 from thermofit.read.formats.text import SEPARATOR_WORDS
 from thermofit.read.look import look_at, look_at_group, look_at_raw
-from thermofit.read.own_files import ARTEFACT, Known, own_file
+from thermofit.read.own_files import ARTEFACT, FRAME, STAGE, Known, own_file
 from thermofit.read.raw_description import DESCRIPTION
 from thermofit.read.study_lines import field_lines, joined_lines
 from thermofit.records.artefact import open_record
@@ -102,9 +102,10 @@ def _own(path: Path, known: Known) -> dict[str, Any]:
 
 
 def _raw_folder(path: Path) -> dict[str, Any]:
-    parts = look_at_raw(path)
+    parts, questions = look_at_raw(path)
+    refused = next((question.text for question in questions if question.nonsense), "")
     names = ", ".join(f"{part.name} ({part.points})" for part in parts)
-    suggestion = f"experiment: {path}     # key of a study; `thermofit new study.yaml --experiment {path}` writes one"
+    suggestion = f"experiment: {path}     # key of a study; `thermofit new study.yaml --raw {path}` writes one"
     return _result(
         path,
         "thermofit raw experiment folder",
@@ -113,9 +114,12 @@ def _raw_folder(path: Path) -> dict[str, Any]:
         points=sum(part.points for part in parts),
         missing=sum(part.missing for part in parts),
         parts=[_part(part) for part in parts],
-        remarks=[remark for part in parts for remark in part.remarks],
-        suggestion=suggestion,
-        verdict=f"thermofit raw folder with {names} values: ready for a study",
+        remarks=[*(remark for part in parts for remark in part.remarks), *(question.text for question in questions)],
+        questions=[vars(question) for question in questions],
+        suggestion="" if refused else suggestion,
+        trustworthy=not refused,
+        verdict=f"thermofit raw folder with {names} values: "
+        + (f"not ready for a study: {refused}" if refused else f"ready for a study; next: `thermofit new study.yaml --raw {path}`"),
     )
 
 
@@ -138,8 +142,18 @@ def _folder(path: Path) -> dict[str, Any]:
         missing=sum(group["missing"] for group in found),
         remarks=remarks,
         suggestion=joined_lines(list(lines)),
-        verdict=f"{sum(g['count'] for g in found)} files in {len(groups)} groups, {native} of native formats; inspect one of them for more",
+        verdict=f"{sum(g['count'] for g in found)} files in {len(groups)} groups, {native} of native formats; {_next(path, groups, found)}",
     )
+
+
+def _next(path: Path, groups: list[FileGroup], found: list[dict[str, Any]]) -> str:
+    """What to do with a folder that has no experiment.yaml."""
+    fields = any(group.format in (STAGE.format, FRAME.format) for group in groups) or any(
+        entry["native"] and ("DIC" in entry["summary"] or "infrared" in entry["summary"]) for entry in found
+    )
+    if fields:
+        return f"next: `thermofit new study.yaml --raw {path}`, which writes experiment.yaml and says what is missing in it"
+    return "inspect one of them for more"
 
 
 def _by_remark(found: list[tuple[str, str]]) -> list[str]:

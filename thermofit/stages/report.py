@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from thermofit.records.artefact import Record, open_record, read_record
 from thermofit.records.key import drifted
 from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
 from thermofit.records.stale import stale
-from thermofit.report.figures import STYLE, save_figures
+from thermofit.report.figures import FORMATS, STYLE, save_figures
 from thermofit.report.html.page import HTML, Written, write_report
 from thermofit.report.page import figures_of, text_of
+from thermofit.study.errors import near_miss
 from thermofit.study.study import Study
 
 NAME = "report"
@@ -29,16 +31,20 @@ _SHOWN = ("diagnose", "close-loop", "identifiability", "validate", "compare", "g
 """Stages that are no link of the chain: the page shows them where they have run."""
 
 
-def run(study: Study, *, force: bool = False) -> Outcome:
-    """Write `<run_dir>/figures/*.png` and `report.md`, of several experiments in the folder of each, and `<run_dir>/report.html` with its
-    JSON twin and the text of methods; the record lists them.
+def run(study: Study, *, force: bool = False, also: Sequence[str] = ()) -> Outcome:
+    """Write `<run_dir>/figures/*.png`, the same in the formats `also` (pdf, svg), and `report.md`, of several experiments in the folder of
+    each, and `<run_dir>/report.html` with its JSON twin and the text of methods; the record lists them.
 
-    Fresh only while these files are there. Artefacts that are stale, or made with other settings than the study has now, are reported as
-    what they are: the report says so, and its record is not trustworthy. StudyError where `interpolate`, `identify-elastic` or `verify` has
-    not run (names the command; the page then shows what there is) or where the folder cannot be written.
+    StudyError for a format that is not known. Fresh only while these files are there. Artefacts that are stale, or made with other settings
+    than the study has now, are reported as what they are: the report says so, and its record is not trustworthy. StudyError where
+    `interpolate`, `identify-elastic` or `verify` has not run (names the command; the page then shows what there is) or where the folder
+    cannot be written.
     """
+    for kind in also:
+        if kind not in FORMATS:
+            raise StudyError(f"--also {kind} is no format of figures{near_miss(kind, FORMATS)}; expected {' or '.join(FORMATS)}")
     try:
-        return _whole(study, force=force)
+        return _whole(study, tuple(dict.fromkeys(also)), force=force)
     except ThermofitError as error:
         written = unfinished(study, str(error))
         if written is None:
@@ -66,7 +72,7 @@ def _page_summary(written: Written) -> dict[str, Any]:
     return {"verdict": f"{verdict} {written.html}", "pages": {name: str(path) for name, path in paths.items()}}
 
 
-def _whole(study: Study, *, force: bool) -> Outcome:
+def _whole(study: Study, also: tuple[str, ...], *, force: bool) -> Outcome:
     """The record of a report of a verified run."""
     tests = experiment_of(study).tests
     alone = not tests[0].name
@@ -85,7 +91,7 @@ def _whole(study: Study, *, force: bool) -> Outcome:
 
     def make() -> Made:
         """The pages of all tests and the paths of what they show."""
-        made = [_page(one, of, doubts) for one, of in pages]
+        made = [_page(one, of, doubts, also) for one, of in pages]
         figures, texts = [path for paths, _ in made for path in paths], [text for _, text in made]
         what = f"{TEXT} and {HTML} written to"
         if not alone:
@@ -103,7 +109,12 @@ def _whole(study: Study, *, force: bool) -> Outcome:
 
     outcome = produce(task, make, force=force)
     said = outcome.record.summary
-    files = (*said[FIGURES], *said.get("reports", [said.get("report")]), *said["pages"].values())
+    files = (
+        *said[FIGURES],
+        *(str(Path(path).with_suffix(f".{kind}")) for path in said[FIGURES] for kind in also),
+        *said.get("reports", [said.get("report")]),
+        *said["pages"].values(),
+    )
     if outcome.fresh and not all(Path(path).exists() for path in files):
         outcome = produce(task, make, force=True)
     return outcome
@@ -122,12 +133,12 @@ def _judged(line: str, doubts: list[str]) -> dict[str, object]:
     return {"verdict": f"reported from stale results: {doubts[0]}{more}; {line}", "trustworthy": False, "remarks": doubts}
 
 
-def _page(study: Study, records: dict[str, Record], doubts: list[str]) -> tuple[list[str], str]:
+def _page(study: Study, records: dict[str, Record], doubts: list[str], also: Sequence[str]) -> tuple[list[str], str]:
     """Paths of the figures and of the text of one test."""
     text = study.run_dir / TEXT
     try:
         with matplotlib.rc_context(STYLE):
-            figures = save_figures(study.run_dir / FIGURES, figures_of(study, records))
+            figures = save_figures(study.run_dir / FIGURES, figures_of(study, records), also)
         with replacing(text, durable=False) as temporary:
             temporary.write_text(text_of(study, records, figures, doubts), encoding="utf-8")
     except OSError as error:

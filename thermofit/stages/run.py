@@ -11,6 +11,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import bare_name
 from thermofit.experiment.forms import experiment_of
 from thermofit.records.artefact import ParameterResult, Record, open_record
+from thermofit.records.lock import locked
 from thermofit.records.result import is_trustworthy, result_of
 from thermofit.records.staging import Outcome, artefact_path
 from thermofit.study.errors import near_miss
@@ -96,10 +97,22 @@ def chain(
 ) -> tuple[ChainStep, ...]:
     """Run the chosen stages one after another; `report` is told of each as soon as it is done.
 
-    A stage whose answer is not trustworthy does not end the chain, so that verify and report can say why; an error does.
+    A stage whose answer is not trustworthy does not end the chain, so that verify and report can say why; an error does. StudyError where
+    another process works in the run folder.
     """
     names = selected([link.name for link in links], selection)
     functions = {link.name: link.run for link in links}
+    with locked(study.run_dir):
+        return _steps(study, names, functions, force, report)
+
+
+def _steps(
+    study: Study,
+    names: Sequence[str],
+    functions: Mapping[str, Callable[..., Outcome]],
+    force: bool,
+    report: Callable[[dict[str, Any]], None] | None,
+) -> tuple[ChainStep, ...]:
     if _SOLVES & set(names):
         experiment_of(study).compile()
     steps = []

@@ -292,6 +292,8 @@ class CouponRecordSettings(Section):
     points: Annotated[Count, Field(ge=10)] | None = None
     """Thin to about this many samples, turning points kept; absent: all."""
     noise: CouponNoise = CouponNoise()
+    confirmed: tuple[Literal["time", "temperature", "strain", "stress"], ...] = ()
+    """Questions about the plausibility of the record whose answer is: the data are right."""
     held_out: StrictBool = False
     """True: predicted by `validate`, never fitted."""
 
@@ -365,8 +367,8 @@ class Coupon(Section):
     control: Literal["strain", "stress"] = "strain"
     """What is prescribed: the measured strain (then the stress is compared) or the measured stress."""
     heat: Literal["law", "measured-work"] = "law"
-    """What heats the specimen: stress and flow of the law, or the work of the measured stress on the measured plastic strain, of which the
-    share `beta` becomes heat; then no error of the hardening law reaches the temperature."""
+    """What heats the specimen: stress and flow of the law, or the work of the measured stress on the measured plastic strain. Of that work
+    the share `beta` becomes heat, and no error of the hardening law reaches the temperature."""
 
     @model_validator(mode="after")
     def _names_differ(self) -> Coupon:

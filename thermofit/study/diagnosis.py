@@ -27,8 +27,8 @@ class Diagnosis(Section):
     max_effects: Annotated[Whole, Field(ge=0, le=20)] = 3
     """Most effects that `close-loop` adds."""
     priors: dict[ParameterName, Positive | None] = Field(default={})
-    """Standard error of a declared value in the unit of the parameter: of the thermocouples `theta_air`, `theta_clamp` (0.1 K where nothing
-    is given), of an effect's amplitude about neutral (`clamp_difference.difference` 0.5 K); null: none."""
+    """Standard error of a declared value in the unit of the parameter; null: none. For the thermocouples `theta_air`, `theta_clamp` it is
+    0.1 K where nothing is given. For an effect it is that of its amplitude about neutral (`clamp_difference.difference` 0.5 K)."""
 
     @field_validator("priors")
     @classmethod

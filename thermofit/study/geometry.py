@@ -11,6 +11,8 @@ from thermofit.study.section import NonNegative, Number, Positive, Section
 
 Shape = Literal["dogbone", "bar", "plate-with-hole", "cruciform-arm", "file"]
 LengthUnit = Literal["m", "cm", "mm", "um", "in"]
+STRAIGHT = ("dogbone", "bar")
+"""Shapes with one width over their parallel length."""
 SetName = Annotated[str, Field(pattern=r"^(x0|z0|bottom|top|face|(air|clamp)[A-Za-z0-9_]*)$")]
 """Node sets x0, z0 (held across), bottom, top (the ends), face (what the cameras see); facet sets air..., clamp... (the films)."""
 

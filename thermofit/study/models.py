@@ -63,10 +63,14 @@ class MaterialAxes(Section):
 
 
 class EvaluationWindow(Section):
-    """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2)."""
+    """Nodes with |x| <= abs_x_max and |y| <= abs_y_max (mm) of the measured face are compared (thesis 5.1.2).
 
-    abs_x_max: Positive = 11.0
-    abs_y_max: Positive = 20.0
+    null: as far as there are DIC points; of a dogbone and a bar at most 0.44 of the gauge width and 0.2 of the parallel length. These are
+    11 and 20 mm for the specimen of the thesis.
+    """
+
+    abs_x_max: Positive | None = None
+    abs_y_max: Positive | None = None
 
 
 class Evaluation(Section):
@@ -76,8 +80,8 @@ class Evaluation(Section):
     nodes: Mesh = "full"
     """Mesh whose face nodes are compared; predictions on another mesh are interpolated to them by its shape functions."""
     interpolation: Literal["projection", "three-point"] = "projection"
-    """From points and pixels to nodes: `projection`, the mean of all in the patch of a node, the prediction averaged over the same; or
-    `three-point`, linear between the three next ones (algorithms 2 and 3 of the thesis)."""
+    """From points and pixels to nodes. `projection`: the mean of all in the patch of a node, with the prediction averaged over the same.
+    `three-point`: linear between the three next ones (algorithms 2 and 3 of the thesis)."""
     displacement_times: Annotated[Annotated[Literal["stages"], Tag("~word")] | Annotated[Times, Tag("~times")], word_or("~times")] = (
         "stages"
     )
@@ -98,9 +102,9 @@ class Force(Section):
     noise: Positive | None = None
     """Standard deviation of the load cell in N; null: estimated from the data."""
     drives: Literal["force", "crosshead", "dic"] = "force"
-    """What loads the model: the measured force (the motion of sections where the model cannot carry it); the crosshead less `compliance`
-    times the force; or `dic`, the elongation that the DIC points show between the model's ends, or between the outermost sections of their
-    field where the model is longer. Where it is not the force, compare channel force."""
+    """What loads the model. `force`: the measured force, or the motion of sections where the model cannot reach it. `crosshead`: the
+    crosshead less `compliance` times the force. `dic`: the elongation that the DIC points show between the model's ends. Where the model is
+    longer than their field, it is that between the outermost sections of the field. With crosshead or dic compare channel force."""
     compliance: NonNegative = 0.0
     """Compliance of the machine in mm/N, where the crosshead drives."""
     band: Positive = 2.0
@@ -168,7 +172,7 @@ class Numerics(Section):
 class Sections(Section):
     """All sections whose values mean the same in the file and in the loaded study."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Annotated[str, Field(pattern=r"^[.]*[A-Za-z0-9_-][A-Za-z0-9_.-]*$")]
     """Name of the study; letters, digits and _ . -"""
     model: ModelNumber = 2
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7) of the thesis: hardening voce or model2."""

@@ -79,8 +79,8 @@ class Sensitivity(Section):
 
     stage: StageName
     quantity: Quantity
-    """A parameter that the stage does not identify (theta_clamp, theta_air, ...); `thickness` of the specimen in mm; `clock`: seconds
-    added to the times of the infrared frames; `weight.<channel>`: factor on the weight of a channel; `weight.<channel>.x` or `.y`: its
+    """A parameter that the stage does not identify (theta_clamp, theta_air, ...), or `thickness` of the specimen in mm. `clock`: seconds
+    added to the times of the infrared frames. `weight.<channel>`: factor on the weight of a channel. `weight.<channel>.x` or `.y`: its
     manual weight in 1/mm^2."""
     values: Annotated[tuple[Number, ...], Field(min_length=1)]
 

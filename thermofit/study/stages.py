@@ -51,8 +51,8 @@ class ChannelSettings(Section):
         | Annotated[ComponentWeights, Tag("~components")],
         number_or("~components"),
     ] = "sigma"
-    """`sigma`: 1/sigma^2; `balanced`: the same, then every balanced channel counts as much as any other, however many values it has;
-    `value`: (2.25); `max`: (2.26); a number or {x: ..., y: ...}: manual, 1/unit^2."""
+    """`sigma`: 1/sigma^2. `balanced`: the same, then every balanced channel counts as much as any other, however many values it has.
+    `value`: (2.25). `max`: (2.26). A number or {x: ..., y: ...}: manual, 1/unit^2."""
     window: ChannelWindow = ChannelWindow()
     """Where and when this channel is compared."""
     mask: Mask = ()

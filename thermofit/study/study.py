@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.errors import near_miss, sentence
 from thermofit.study.experiments import OwnExperiment, virtual_of
+from thermofit.study.first_use import first_uses, notice
 from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
 from thermofit.study.paths import path_from
 from thermofit.study.reading import reading, seen
@@ -244,6 +246,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = (), check_effects: C
     except (TypeError, ValueError, RecursionError) as error:
         raise StudyError(f"{source}: expected texts, numbers, lists and sections only, but found something else ({error})") from None
     run_dir = path_from(Path.cwd(), file.run_dir or f"runs/{file.name}", f"{source}: key 'run_dir'")
+    if not any(text.partition("=")[0].strip() == "run_dir" for text in overrides):
+        _refuse_elsewhere(run_dir, source)
     if file.experiment is None:
         raw = run_dir / "raw"
     else:
@@ -254,6 +258,26 @@ def load_study(path: str | Path, overrides: Sequence[str] = (), check_effects: C
     return Study(
         **sections, source=source.absolute(), experiment=raw, run_dir=run_dir, virtual=_is_virtual(file), overrides=tuple(overrides)
     )
+
+
+def _refuse_elsewhere(run_dir: Path, source: Path) -> None:
+    """StudyError where a study, which may be someone else's, would write into a folder of other things that whoever runs it has not named.
+
+    Below the current folder and that of the study, in a new or empty folder, and in one that holds results already, a study may write.
+    """
+    homes = (Path.cwd().resolve(), source.absolute().parent.resolve())
+    if any(run_dir.resolve().is_relative_to(home) for home in homes) or not run_dir.is_dir():
+        return
+    try:
+        held = [path.name for path in run_dir.iterdir()]
+    except OSError as error:
+        raise StudyError(f"{source}: key 'run_dir' is {run_dir}, which cannot be read ({error})") from None
+    if held and not any(name == "raw" or name.endswith(".h5") for name in held):
+        raise StudyError(
+            f"{source}: key 'run_dir' is {run_dir}, a folder of other things ({len(held)}, among them {min(held)}) that lies neither below "
+            f"the current folder nor below that of the study; expected a new folder or one of results: say it on the command line, "
+            f"--run-dir {run_dir}, where it is meant"
+        )
 
 
 def _is_virtual(file: StudyFile) -> bool:
@@ -328,12 +352,16 @@ def set_key(tree: dict[str, Any], override: str) -> None:
 def declare_effects(tree: dict[str, Any], source: Path, check: Check | None = None) -> None:
     """Make the effects known that a study tree speaks of, and `check` those of the user; a study without any costs nothing.
 
+    Before a file of the user is used for the first time stderr says so.
+
     Files of a user are compiled into the kernels: they are named before these are loaded. StudyError for a file that is not there, and
     where kernels without it are loaded already.
     """
     files = _files(tree, source)
     if files and not use_effect_files(files):
         raise StudyError(f"{source}: key 'effects': the kernels are loaded already without these files; start a new process for it")
+    for file in first_uses(files):
+        sys.stderr.write(notice(source, file) + "\n")
     if files or "." in "".join(_names(tree)):
         import thermofit.effects.catalogue  # noqa: F401  (it declares the Params of all effects, and loads numba)
     if files and check is not None:

@@ -11,6 +11,8 @@ from pathlib import Path
 from thermofit.core.errors import StudyError
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import Hardening, hardening, hardening_laws
+from thermofit.study.errors import near_miss
+from thermofit.study.materials import MATERIALS
 
 _TEMPLATE = """\
 ## A study of thermofit: which experiment, which parameters are identified, and how.
@@ -35,11 +37,11 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 @LOOKED@
 parameters:
 @MEASURED@
-  nu: {start: 0.30, bounds: [0.05, 0.49]}
+@nu@
   F: {start: 0.5, bounds: [0.05, 5]}           # Hill parameter; load along y: width-to-thickness ratio r = F/H
-  alpha_exp: {start: 15.0e-6, bounds: [1.0e-7, 1.0e-4]}   # 1/K
-  kappa: {start: 50, bounds: [1, 1000]}        # mW/(mm K)
-  c0: {start: 2.8, bounds: [0.5, 10]}          # mJ/(mm^3 K), at constant elastic deformation
+@alpha_exp@
+@kappa@
+@c0@
   beta: {start: 1.0, bounds: [0.0, 5]}         # dissipation factor (not a Taylor-Quinney factor)
   alpha_air: {start: 10, bounds: [0, 1000]}    # W/(m^2 K)
   alpha_clamp: {start: 300, bounds: [0, 1.0e+6]}
@@ -48,7 +50,7 @@ parameters:
   # theta_ref: 296.7                           # absent: theta_clamp
 
 # evaluation:
-#   window: {abs_x_max: 11.0, abs_y_max: 20.0} # mm, nodes that are compared
+#   window: {abs_x_max: null, abs_y_max: null} # mm, nodes that are compared; null: as far as there are DIC points
 #   interpolation: projection                  # or three-point (algorithms 2 and 3 of the thesis)
 #   displacement_times: stages                 # or a list of times in s
 #   temperature_times: frames                  # or a list of times in s
@@ -185,6 +187,8 @@ _MODEL = hardening(2)
 """The hardening law of a study that names none."""
 _METALS = {"E": (1e5, 5e3, 1e6)}
 """Start and bounds of what a test shows at a first look beside hardening, for metals in general."""
+_GENERAL = {"nu": (0.30, 0.05, 0.49), "alpha_exp": (15e-6, 1e-7, 1e-4), "kappa": (50.0, 1.0, 1000.0), "c0": (2.8, 0.5, 10.0)}
+"""The same of what a first look does not show."""
 
 
 def _of_look(look: Look, law: Hardening) -> dict[str, tuple[float, float, float]]:
@@ -196,7 +200,8 @@ def _of_look(look: Look, law: Hardening) -> dict[str, tuple[float, float, float]
 def _line(name: str, values: tuple[float, float, float], meaning: str) -> str:
     """One parameter with start and bounds to two digits; any reader of YAML takes 1.0e+06 for a number, not 1e+06."""
     start, low, high = (re.sub(r"^(\d+)e", r"\1.0e", f"{float(f'{value:.1e}'):g}") for value in values)
-    return f"{f'  {name}: {{start: {start}, bounds: [{low}, {high}]}}':<47}# {meaning}"
+    setting = f"  {name}: {{start: {start}, bounds: [{low}, {high}]}}"
+    return f"{setting:<46} # {meaning}" if meaning else setting
 
 
 def template(
@@ -204,19 +209,24 @@ def template(
     experiment: str = "my-experiment",
     look: Look | str = "no data were looked at",
     law: Hardening = _MODEL,
+    material: str = "",
 ) -> str:
     """Text of the commented study file of that name on that raw folder; it loads as it stands. `look`: what the test has shown, from which
-    starts and bounds of the mechanical parameters are, or in words why it has shown nothing; `law`: that of hardening."""
+    starts and bounds of the mechanical parameters are, or in words why it has shown nothing; `law`: that of hardening; `material`: the
+    class of metals from which the others are."""
     first, second = f"name: {_quoted(name)}", f"experiment: {_quoted(experiment)}"
+    own = MATERIALS[material].values if material else {}
     if isinstance(look, str):
-        values = {**_METALS, **law.file.METALS}
-        said = f"## {', '.join(values)}: for metals in general; {' '.join(look.split())}."
+        values = {**_METALS, **{"E": own.get("E", _METALS["E"])}, **law.file.METALS}
+        said = f"## {', '.join(values)}: for {material or 'metals in general'}; {' '.join(look.split())}."
     else:
         values = _of_look(look, law)
         said = (
             f"## {', '.join(values)}: from these data at a first look, elastic slope {look[0]:.3g} MPa, largest nominal stress "
             f"{look[1]:.3g} MPa, strain {look[2]:.3g}."
         )
+    if material:
+        said += f"\n## nu, alpha_exp, kappa, c0: for {material}."
     chosen = f"{'# ' if law is _MODEL else ''}hardening: {law.name}"
     laws = ", ".join(known.name for known in hardening_laws())
     meaning = {"E": "MPa", **law.file.MEANING}
@@ -226,6 +236,10 @@ def template(
         .replace("@HARDENING@", f"{chosen:<37}# instead of `model` (docs/hardening.md): {laws}", 1)
         .replace("@FREE@", ", ".join(law.fitted), 1)
         .replace("@MEASURED@", lines, 1)
+        .replace("@nu@", _line("nu", own.get("nu", _GENERAL["nu"]), ""), 1)
+        .replace("@alpha_exp@", _line("alpha_exp", own.get("alpha_exp", _GENERAL["alpha_exp"]), "1/K"), 1)
+        .replace("@kappa@", _line("kappa", own.get("kappa", _GENERAL["kappa"]), "mW/(mm K)"), 1)
+        .replace("@c0@", _line("c0", own.get("c0", _GENERAL["c0"]), "mJ/(mm^3 K), at constant elastic deformation"), 1)
         .replace("name: my-study                     ", f"{first:<35}", 1)
         .replace("experiment: my-experiment          ", f"{second:<35}", 1)
         .replace("runs/my-study  ", f"runs/{name}  ", 1)
@@ -245,10 +259,11 @@ def write_template(
     overwrite: bool = False,
     look: LookAt | None = None,
     law: str | None = None,
+    material: str = "",
 ) -> str:
     """Write the commented study file, named after the file, on a raw folder given relative to the current directory; `look` at that folder
-    says what the test shows of its material, `law` names the hardening law (model2 where none is named). Returns in words where starts and
-    bounds are from.
+    says what the test shows of its material, `law` names the hardening law (model2 where none is named), `material` the class of metals.
+    Returns in words where starts and bounds are from.
 
     StudyError where no hardening law has that name, where the file exists (unless `overwrite`), where it cannot be written, or where the
     folder holds no experiment.
@@ -258,7 +273,9 @@ def write_template(
     seen: Look | str = "no data were looked at"
     if experiment is not None and look is not None and "${" not in experiment:
         seen = look(Path(experiment).expanduser())
-    text = template(name, raw, seen, _MODEL if law is None else hardening(law))
+    if material and material not in MATERIALS:
+        raise StudyError(f"--material {material} is not known{near_miss(material, MATERIALS)}; expected one of {', '.join(MATERIALS)}")
+    text = template(name, raw, seen, _MODEL if law is None else hardening(law), material)
     try:
         with file.open("w" if overwrite else "x", encoding="utf-8") as out:
             out.write(text)
@@ -269,8 +286,9 @@ def write_template(
             f"'{file}' cannot be written: {error.strerror or error}; expected the name of a file in a writable folder"
         ) from None
     if isinstance(seen, str):
-        return f"bounds are those of metals in general ({' '.join(seen.split())})"
-    return f"bounds by the elastic slope {seen[0]:.3g} MPa and the largest stress {seen[1]:.3g} MPa of the data"
+        return f"bounds are those of {material or 'metals in general'} ({' '.join(seen.split())})"
+    tail = f", those of heat for {material}" if material else ""
+    return f"bounds by the elastic slope {seen[0]:.3g} MPa and the largest stress {seen[1]:.3g} MPa of the data{tail}"
 
 
 def _from_file(experiment: str, file: Path) -> str:

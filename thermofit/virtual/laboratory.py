@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from thermofit.core.atomic import remove_partial, temporary_beside
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import CELSIUS, Landmarks
 from thermofit.observe.face import face_grid
@@ -186,10 +186,11 @@ def write_raw(folder: Path, fields: VirtualFields, settings: VirtualInstruments,
     if folder.exists() and not (folder / "experiment.yaml").is_file() and (not folder.is_dir() or any(folder.iterdir())):
         raise StudyError(f"{folder}: is not a raw experiment folder and is left alone; choose another run_dir or move it away")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    remove_partial(folder.parent, folder.name)
+    temporary = temporary_beside(folder)
     try:
         made = temporary / "new"
-        made.mkdir()
+        made.mkdir(parents=True)
         summary = _write_all(made, fields, settings, seed)
         if folder.exists():
             os.replace(folder, temporary / "old")

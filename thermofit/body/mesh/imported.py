@@ -110,7 +110,7 @@ def _right_handed(path: Path, points: np.ndarray, hexes: np.ndarray) -> tuple[np
     if bad.size:
         raise DataError(
             f"{path}: {bad.size} elements are folded or flat (their Jacobian changes its sign), the first is number {bad[0] + 1} of the "
-            "file's hexahedra; mend the mesh where it was made"
+            "file's hexahedra; repair the mesh where it was made"
         )
     return turned, [f"{int(left.sum())} left-handed elements turned"] if left.any() else []
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.naming import number_order
+from thermofit.read.formats.naming import lost_numbers, number_order
 from thermofit.study.section import Number, Positive, Section, expected
 
 Above0 = Annotated[Positive, expected("a number above 0")]
@@ -89,6 +89,8 @@ def set_clock(members: Sequence[Member], rules: Rules, word: str) -> Clock:
     remarks = []
     if (changed := int((moved != np.arange(len(moved))).sum())) > 0:
         remarks.append(f"{changed} {word}s sorted by time, their names or numbers give another order")
+    if lost := lost_numbers([member.number for member in members if member.number is not None], word):
+        remarks.append(lost)
     order = order[moved]
     same = np.flatnonzero(np.diff(time[order]) == 0.0)
     if len(same):

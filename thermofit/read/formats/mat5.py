@@ -21,8 +21,8 @@ _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHAR, _NUMERIC = 1, 2, 3, 4, range(6, 16)
 _DEPTH = 12
-_LARGEST = 2**29
-"""Bytes that a compressed element may expand to."""
+LARGEST = 2**29
+"""Bytes that all compressed elements of a file may expand to."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,12 @@ def variables(path: Path) -> Iterator[tuple[str, Value]]:
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
         raise ValueError("no mark of the byte order")
+    left = LARGEST
     for element in _elements(content[_HEADER:], order):
         if element.kind == _COMPRESSED:
-            inner = next(_elements(_inflated(element.data), order), None)
+            unpacked = _inflated(element.data, left)
+            left -= len(unpacked)
+            inner = next(_elements(unpacked, order), None)
             if inner is None:
                 raise ValueError("an empty compressed element")
             element = inner
@@ -60,10 +63,11 @@ def variables(path: Path) -> Iterator[tuple[str, Value]]:
             yield _matrix(element.data, order, 0)
 
 
-def _inflated(data: bytes) -> bytes:
+def _inflated(data: bytes, largest: int) -> bytes:
+    """The content of a compressed element of at most `largest` bytes. ValueError where it is damaged or longer."""
     machine = zlib.decompressobj()
     try:
-        content = machine.decompress(data, _LARGEST)
+        content = machine.decompress(data, max(largest, 1))
     except zlib.error as error:
         raise ValueError(f"a compressed element is damaged: {error}") from None
     if machine.unconsumed_tail or not machine.eof:

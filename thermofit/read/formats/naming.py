@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 _TIME = re.compile(r"[_\s](\d+(?:[.,]\d+)?)\s*s$")
@@ -27,3 +30,21 @@ def number_order(path: Path) -> tuple[tuple[int, float, str], ...]:
     """Key that sorts files by the numbers in their names as numbers: frame 2 before frame 10."""
     pieces = re.split(r"(\d+(?:\.\d+)?)", path.name)
     return tuple((1, float(piece), "") if k % 2 else (0, 0.0, piece) for k, piece in enumerate(pieces))
+
+
+_LOST = 0.5
+"""Share of a series that may be missing before its numbers count as those of something else."""
+
+
+def lost_numbers(numbers: Sequence[int], word: str) -> str:
+    """In words, which numbers of a series of stages or frames (`word`) are not there; empty where its numbers go on evenly."""
+    known = sorted(set(numbers))
+    if len(known) < 3:
+        return ""
+    step = Counter(b - a for a, b in pairwise(known)).most_common(1)[0][0]
+    there = set(known)
+    lost = [n for n in range(known[0], known[-1] + 1, step) if n not in there]
+    if not lost or len(lost) > _LOST * len(known) or any((n - known[0]) % step for n in known):
+        return ""
+    shown = ", ".join(str(n) for n in lost[:5]) + (", ..." if len(lost) > 5 else "")
+    return f"{len(lost)} {word}s are missing between number {known[0]} and {known[-1]}: {shown}; were they lost in the export?"

@@ -140,7 +140,7 @@ class Verdict(_Part):
 
 
 class Remark(_Part):
-    """What a stage remarks."""
+    """What a stage remarks, or notes."""
 
     stage: str
     text: str

@@ -87,7 +87,12 @@ def report_of(run: RunFolder, study: Study | None = None, failure: str = "") -> 
         profiles=list(_profiles(run)),
         stages=_stages(run, file),
         missing=_missing(run, file),
-        remarks=[Remark(stage=s, text=str(t)) for s in run.reached() for t in run.records[s].summary.get("remarks", ())],
+        remarks=[
+            Remark(stage=s, text=str(text))
+            for s in run.reached()
+            for kind in ("remarks", "notes")
+            for text in run.records[s].summary.get(kind, ())
+        ],
     )
 
 
@@ -151,7 +156,10 @@ def _like(others: Sequence[str]) -> str:
 
 
 def _family(name: str, summary: Mapping[str, Any]) -> list[str]:
-    """What this test cannot tell from an effect that was added: of the search for a test that would, else of its own trial."""
+    """What this test cannot tell from an effect that was added: at the end of the loop; in older records of the search for a test that
+    would, else of its own trial."""
+    if name in (summary.get("stand_ins") or {}):
+        return list(summary["stand_ins"][name])
     for found in summary.get("programmes") or ():
         if found.get("added") == name:
             return [other for other in found["family"] if other != name]
@@ -208,9 +216,9 @@ def _open(run: RunFolder, last: str) -> list[str]:
 def unlisted_words(said: Mapping[str, Any]) -> str:
     """An unlisted term in one clause."""
     where, when = said.get("where"), said.get("when_s")
-    share = f"{100 * float(said.get('excess_share') or 0.0):.2g} % of the square sum of {channel_words(str(said.get('channel')))}"
+    share = f"{100 * float(said.get('excess_share') or 0.0):.2g} % of the misfit of the {channel_words(str(said.get('channel')))}"
     if where is None or when is None:
-        return f"{share} hangs together, and no listed effect explains half of it"
+        return f"{share} is systematic, and no effect of the catalogue explains half of it"
     if "record" in where:
         place = f"in record {where['record']}"
     else:

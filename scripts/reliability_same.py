@@ -1,0 +1,64 @@
+"""The same answer: bit for bit from run to run, on one thread and on two, and with kernels compiled anew in a cache of their own.
+
+Each time the chain of a small study runs in a process of its own, until `verify`; all datasets and parameters of its artefacts are compared
+by their bytes. The cache that is compiled anew holds the same machine code where compiler and processor are the same.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from reliability_signals import values_of
+from reliability_study import command, environment, small_study
+
+STAGES = ("simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal", "verify")
+
+
+def ran(folder: Path, *settings: str, **variables: str) -> dict[str, bytes]:
+    """All values of a chain in a folder of its own."""
+    folder.mkdir()
+    study = small_study(folder)
+    sets = [word for text in settings for word in ("--set", text)]
+    words = command("run", str(study), "--until", "verify", *sets)
+    subprocess.run(words, env={**environment(), **variables}, capture_output=True, check=False)
+    return {f"{stage}:{name}": value for stage in STAGES for name, value in values_of(folder / "run", stage).items()}
+
+
+def difference(a: dict[str, bytes], b: dict[str, bytes]) -> dict[str, object]:
+    """How many values differ, and by how much at most over the largest of their dataset."""
+    differing = [name for name in a if a[name] != b.get(name)]
+    largest = 0.0
+    for name in differing:
+        try:
+            x, y = np.frombuffer(a[name]), np.frombuffer(b[name])
+            largest = max(largest, float(np.nanmax(np.abs(x - y)) / np.nanmax(np.abs(x))))
+        except (ValueError, KeyError):
+            largest = max(largest, float("nan"))
+    return {"compared": len(a), "differing": len(differing), "largest_relative": largest, "first": differing[:3]}
+
+
+def main() -> int:
+    """0 where run to run, threads and caches give the same bytes."""
+    with tempfile.TemporaryDirectory(prefix="thermofit-same-") as name:
+        folder = Path(name)
+        first = ran(folder / "a")
+        found = {
+            "run to run": difference(first, ran(folder / "b")),
+            "1 and 2 threads": difference(first, ran(folder / "c", "numerics.threads=2", NUMBA_NUM_THREADS="2")),
+            "2 threads of BLAS": difference(first, ran(folder / "d", OPENBLAS_NUM_THREADS="2", OMP_NUM_THREADS="2", MKL_NUM_THREADS="2")),
+        }
+        if "--caches" in sys.argv[1:]:
+            found["kernels compiled anew"] = difference(first, ran(folder / "e", THERMOFIT_CACHE_DIR=os.fspath(folder / "cache")))
+    print(json.dumps(found))
+    same = [one["differing"] == 0 for key, one in found.items() if key != "2 threads of BLAS"]
+    return 0 if all(same) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

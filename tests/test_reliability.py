@@ -1,0 +1,70 @@
+"""The page of reliability: figures of what has run on these sources, a word where nothing has, failures by name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ANSWERS: dict[str, Any] = {
+    "numerics": {"tests": 40, "failed": ["tests.body.test_heat.test_fin"], "skipped": 1, "figures": {"NAFEMS T3, degC (36.60)": "36.58"}},
+    "inputs": {
+        **{"inputs": 2000, "refused": 1500, "accepted": 499, "internal": 1, "slow": 0, "largest_memory_MB": 300},
+        "bad": [{"number": 7, "file": "force.csv", "kind": "internal", "said": "KeyError", "s": 0.1}],
+    },
+    "signals": {
+        **{"injected": 50, "survived": 49},
+        "wrong": [{"command": "verify", "signal": "SIGKILL", "moment_s": 1.5, "code": -9, "wrong": "left behind: .lock"}],
+    },
+    "same": {"run to run": {"compared": 243, "differing": 0, "largest_relative": 0.0, "first": []}},
+    "large": {
+        "fits": {"identifications": 200, "early_MB": 275.8, "late_MB": 276.1, "growth_percent": 0.12, "s": 66.0},
+        **{"fields": {"stages": 1000}, "frames": "1000 frames"},
+        "meshes": [
+            {"elements": 480, "degrees_of_freedom": 3444, "steps": 20, "cpu_s": 1.0, "peak_MB": 300},
+            {"elements": 3840, "error": "no"},
+        ],
+    },
+    "mutations": {"noticed": 0.97, "rooms": {"law": {"all": 3, "noticed": 3}}, "answers": [{"name": "x", "noticed": False}]},
+}
+
+
+def test_page_tells_what_was_found(scripts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = scripts("reliability")
+    monkeypatch.setattr(module, "KEPT", tmp_path)
+    for name, answer in ANSWERS.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps({"state": "now", "seconds": 12.0, "code": 0, **answer}), encoding="utf-8")
+    (tmp_path / "faults.json").write_text(json.dumps({"state": "now", "seconds": 1.0, "code": 2, "error": "no pytest"}), encoding="utf-8")
+    (tmp_path / "hostile.json").write_text(json.dumps({"state": "before", "seconds": 1.0, "code": 0}), encoding="utf-8")
+    page = module.page("now")
+    for text in (
+        "| NAFEMS T3, degC (36.60) | 36.58 |",
+        "* failed: `tests.body.test_heat.test_fin`",
+        "| 2000 | 1500 | 499 | 1 | 0 | 300 |",
+        "50 signals (SIGKILL, SIGINT, SIGTERM, SIGUSR1), 49 survived.",
+        "verify SIGKILL at 1.50 s: left behind: .lock",
+        "| run to run | 243 | 0 | 0.0e+00 |",
+        "0.12 % more (limit 5 %)",
+        "97.0 % noticed (95 %).",
+        "Not noticed: x",
+        "Not finished: `no pytest`",
+    ):
+        assert text in page, text
+    assert page.count("Not run on these sources") == len(module.PARTS) - len(ANSWERS) - 1
+    assert "Not run" in page.partition("## Hostile files")[2].partition("## ")[0], "an answer of other sources is none"
+
+
+def test_parts_name_what_is_there(scripts: Any) -> None:
+    module = scripts("reliability")
+    for part in module.PARTS:
+        for name in (*part.tests, *(f"scripts/{one}" for one in part.script[:1])):
+            assert (module.ROOT / name).is_file(), name
+
+
+def test_bill_of_materials_knows_every_requirement(scripts: Any) -> None:
+    module = scripts("bill_of_materials")
+    found = module.needed("thermofit", {})
+    assert {"numba", "llvmlite", "h5py", "meshio", "typer", "click"} - {"click"} <= set(found)
+    assert all(module.licence_of(one) for one in found.values())

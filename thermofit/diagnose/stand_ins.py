@@ -1,0 +1,76 @@
+"""Which other effects could stand in for one that was accepted: asked at the end, where nothing else is missing any more.
+
+A family is what one angle tells, |cos| above a limit. But where an amplitude of a hundred standard errors gives way to another effect at
+|cos| 0.9, forty of them are left: data that are good enough tell the two apart. So every effect of the family is put in the stead of the
+accepted one, which goes back to neutral by a run, with all other parameters stepping beside it; it stays a stand-in where held-out data are
+predicted as well. Of coupons all of them were refitted already, and that has told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import param
+from thermofit.diagnose.backward import held_out_of, without_effects
+from thermofit.diagnose.held_out import SURE, compared
+from thermofit.diagnose.loop import Closed, like_of
+from thermofit.diagnose.score import ALIKE, likeness
+from thermofit.diagnose.trace import Traced, room_of
+from thermofit.effects.catalogue import effect
+from thermofit.fit.linear_model import LinearModel
+
+
+def with_stand_ins(closed: Closed) -> Closed:
+    """The loop's result with the stand-ins of every accepted effect: of a body those that held-out data do not tell from it at the end."""
+    here = closed.last
+    if here.case.cheap or not here.whole:
+        return closed
+    return replace(closed, stand_ins={name: stand_ins(here, name, others) for name, others in like_of(closed).items()})
+
+
+def stand_ins(here: Traced, name: str, family: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Dormant effects, of the family or at |cos| above ALIKE from the accepted one, that in its stead predict held-out data as well."""
+    rest = _at_neutral(here, name)
+    own = rest.felt(_amplitudes(here, name))
+    blocks = {n: _best_of(here, rest, n) for n in here.problem.dormant if n != name}
+    near = {n: rest.felt(block) for n, block in blocks.items()}
+    alike = likeness({name: own, **{n: s for n, s in near.items() if s.shape[1] > 0}}, (name,))
+    asked = [n for n in blocks if n in family or alike.get((name, n), 0.0) > ALIKE]
+    now, folds = held_out_of(here), len(here.split.held_out)
+    found = []
+    for other in asked:
+        names = here.problem.dormant[other][0]
+        instead = rest.with_columns(blocks[other], room_of(here.case.parameters, names)).predicted(here.split.folds)
+        better = compared(instead, now, here.rows, folds, here.problem.model.noise, here.columns.residual)
+        if better.gain <= SURE * better.sigma:
+            found.append((better.gain, other))
+    return tuple(other for _, other in sorted(found))
+
+
+def _amplitudes(here: Traced, name: str) -> np.ndarray:
+    """Columns (n, k) of the amplitudes of an effect that is fitted."""
+    free = here.case.parameters.free
+    return here.columns.fitted[:, [free.index(p.name) for p in effect(name).amplitudes if p.name in free]]
+
+
+def _at_neutral(here: Traced, name: str) -> LinearModel:
+    """The problem without the columns of an effect, at neutral by a run; to first order where that run fails."""
+    rest = without_effects(here, [name])
+    off: Mapping[str, float] = {n: param(n).neutral for n in effect(name).names}
+    try:
+        return replace(rest, residual=here.case.model.residual(here.case.parameters.replace(**off)))
+    except NumericsError:
+        return rest
+
+
+def _best_of(here: Traced, rest: LinearModel, name: str) -> np.ndarray:
+    """Columns (n, k) of a dormant effect at the values of its exponents that do most in the stead of what went."""
+    blocks = [block for _, block in here.scanned.get(name, ())] or [here.problem.dormant[name][1]]
+    if len(blocks) == 1:
+        return blocks[0]
+    drops = [rest.score(s).drop if (s := rest.felt(block)).shape[1] > 0 else -1.0 for block in blocks]
+    return blocks[int(np.argmax(drops))]

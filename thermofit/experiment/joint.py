@@ -163,7 +163,7 @@ class Joint:
         """Error fields and their derivatives, not run again where they were asked for lately: by the fit that ends there, by the error of
         the force that is told there."""
         observed = self.prediction.instruments.observations
-        key, steps = (self.size, tuple(observed), tuple(sorted(parameters.values.items())), names), self.data.steps
+        key, steps = (self.size, self.substeps, tuple(observed), tuple(sorted(parameters.values.items())), names), self.data.steps
         if key not in self.kept or self.kept[key][0] is not steps:
             errors, slopes = self.prediction.linearise(parameters, names)
             self.kept[key] = steps, {name: errors[name] + o.value for name, o in observed.items()}, slopes

@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
+# Drawn experiments of each of exp1 and exp3.
+DRAWS ?= 40
 # Test processes that run side by side; with nothing compiled two took 4 min 45 s on two cores, 8 min 46 s of CPU in all. 0: one process.
 JOBS ?= 2
 
@@ -20,7 +22,7 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow nightly reliability licences lint docs format schema bench dead-ends mutations exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow nightly reliability licences lint docs format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
@@ -30,6 +32,7 @@ help:
 	@echo "make format            format the sources   make schema      rewrite the schemas and the generated pages of docs/"
 	@echo "make thesis            sections 5.3 to 5.5 of the thesis, tables and figures to docs/reproduction [MESH=coarse: minutes]"
 	@echo "make bench             timings              make exp1 | exp2 | exp3   one section of them"
+	@echo "make coverage          do the intervals hold the truth? 40 drawn experiments each of exp1 and exp3, to docs/coverage.md (hours; resumes)"
 	@echo "make dead-ends         fifty random materials and starts whose law lacks something strong: does the chain come to an end?"
 	@echo "make reliability       faults, mutated inputs, references, sameness, memory, mutations: docs/reliability.md (an hour; it resumes)"
 	@echo "make nightly           all tests, the slow ones too, and runs/nightly.md      make licences   docs/licences.md, docs/sbom.json"
@@ -78,6 +81,11 @@ schema: install
 bench: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python scripts/bench.py --write docs/performance.md
+
+# Finished draws are rows of docs/coverage.jsonl: remove it to begin anew.
+coverage: install
+	$(BIN)/python scripts/coverage.py --draws $(DRAWS)
+	$(BIN)/python scripts/coverage.py --draws 8 --mesh full
 
 dead-ends: install
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py

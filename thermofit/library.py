@@ -180,11 +180,12 @@ class Result:
 
     @property
     def _identified(self) -> Iterator[Record]:
-        return (self.record(name) for name in self.stages if name.startswith("identify-") or name == "necking")
+        return (self.record(name) for name in self.stages if name.startswith("identify-") or name in ("refine", "necking"))
 
     @property
     def parameters(self) -> dict[str, ParameterResult]:
-        """Every identified parameter by name: value, sigma, unit, at_bound, start, lower, upper."""
+        """Every identified parameter by name: value, sigma (its combined standard uncertainty), sigma_noise, unit, at_bound, start, lower,
+        upper; those of the joint fit where that has run."""
         return {name: p for record in self._identified for name, p in record.parameters.items() if p.free}
 
     @property

@@ -317,7 +317,7 @@ def test_run_goes_through_the_chain_and_ends_with_the_table(study: Path, monkeyp
     row = next(line for line in result.stdout.splitlines() if line.split()[:1] == ["E"])
     assert row.split() == ["E", "MPa", "70000", "60000", "69111", "404", "-1.27", "%"]
     assert "figure    figures/one.png" in result.stdout
-    assert result.stdout.splitlines()[-1].startswith("verdict   8 stages done")
+    assert result.stdout.splitlines()[-1].startswith("verdict   9 stages done")
 
 
 def test_run_as_json(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from virtual_pulls import TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.discretisation import corrected, finer_mesh
+from thermofit.experiment.discretisation import MESH, corrected, finer_mesh
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -47,7 +47,7 @@ def test_the_corrected_model_shows_what_a_fine_mesh_would() -> None:
         assert left < 0.65 * was, (c.channel, was, left)
         assert left < 1.3 * _rms(found.left[rows]), (c.channel, left, _rms(found.left[rows]))
         begin += c.n
-    assert found.share > 0.6
+    assert found.shares[MESH] > 0.6
     assert not found.left[begin:].any(), "priors have no mesh"
     assert 0.02 < found.largest_strain < 0.06
 
@@ -57,7 +57,7 @@ def test_data_of_the_same_mesh_stay_as_they_are() -> None:
     size = MeshSize(n_x=1, n_y=8, n_z=1)
     same = Joint(study(), data(), joint_settings(study(), parameters.free, data()), size)
     found = corrected(same, parameters)
-    assert found.share < 0.05 and _rms(found.left) > 0.5
+    assert found.shares[MESH] < 0.05 and _rms(found.left) > 0.5
     change = found.joint.model.residual(parameters) - same.model.residual(parameters)
     assert _rms(change) < 0.1 * _rms(found.left)
 

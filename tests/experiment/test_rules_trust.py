@@ -118,7 +118,7 @@ def test_a_fit_that_has_not_settled_speaks_against_the_answer() -> None:
 
 @pytest.mark.parametrize(("misfit", "knows", "far"), [(8.9, True, False), (9.1, True, True), (9.1, False, False)])
 def test_the_force_is_taken_as_exact_while_the_model_misses_three_standard_errors(misfit: float, knows: bool, far: bool) -> None:
-    parts: Any = SimpleNamespace(knows_force_error=knows, force_misfit=lambda _: misfit)
+    parts: Any = SimpleNamespace(knows_force_error=knows, force_misfit=lambda *_: misfit)
     assert too_far(parts, Parameters.of({})) is far
 
 

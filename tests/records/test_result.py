@@ -32,7 +32,8 @@ def test_result_has_the_keys_of_the_contract(tmp_path: Path) -> None:
     assert result["channels"] == {"du": {"rms": None}}
     assert result["evaluations"] == {} and result["energy"] == {"work": 1.0}
     assert result["parameters"]["E"] == {
-        "value": 7e4, "sigma": None, "unit": "MPa", "free": True, "at_bound": True, "start": 6e4, "lower": 3e4, "upper": 7e4
+        "value": 7e4, "sigma": None, "unit": "MPa", "free": True, "at_bound": True, "start": 6e4, "lower": 3e4, "upper": 7e4,
+        "sigma_noise": None
     }  # fmt: skip
     json.dumps(result, allow_nan=False)
 

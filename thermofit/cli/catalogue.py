@@ -90,6 +90,15 @@ STAGES: tuple[Entry, ...] = (
         "identify-thermal study.yaml --set 'stages.thermal.free=[beta, c0]'",
     ),
     Entry(
+        "refine",
+        CHAIN,
+        "All parameters in one fit of all channels, with combined uncertainty.",
+        "From where the stages ended: readings of thermocouples are data with an error, force noise, mesh and time steps are in the "
+        "uncertainty, and what the section 'uncertainty' states of calibration and dimensions. `thermofit show RUN_DIR/refine.h5 --budget` "
+        "shows its parts.",
+        "refine study.yaml --set uncertainty.force_class=0.5",
+    ),
+    Entry(
         "gridsearch",
         TRUST,
         "Other starts: is the optimum the only one?",
@@ -249,8 +258,9 @@ INSPECT_HELP = (
 RUN_HELP = (
     "All stages: raw files in, parameters and figures out.\n\n"
     "simulate (virtual experiments only), calibrate-ir (where there are infrared frames), interpolate, identify-elastic, "
-    "identify-plastic, identify-thermal, verify, report. Stages whose inputs are unchanged are fresh and cost nothing. Ends with a "
-    "table of start and identified values and with the paths of the figures. True values stand beside where the experiment is virtual."
+    "identify-plastic, identify-thermal, refine (all of them in one fit), verify, report. Stages whose inputs are unchanged are fresh and "
+    "cost nothing. Ends with a table of start and identified values with their combined standard uncertainty, and with the paths of the "
+    "figures. True values stand beside where the experiment is virtual."
 )
 
 RUN_EXAMPLES = """[bold]Examples:[/]

@@ -18,13 +18,15 @@ from thermofit.core.errors import StudyError
 SHOW_HELP = (
     "What is in a result: verdict, parameters, datasets.\n\n"
     "Of an artefact: its parameters, channels, datasets as a tree with units and axes, what it was made from and whether that has changed. "
-    "Of a run folder: its artefacts with their verdicts. --dataset shows the values of one, --plot draws them into RUN_DIR/figures."
+    "Of a run folder: its artefacts with their verdicts. --budget shows what the uncertainties are "
+    "made of, --dataset shows the values of one, --plot draws them into RUN_DIR/figures."
 )
 SHOW_EXAMPLES = "\n".join(
     (
         "[bold]Examples:[/]",
         "  thermofit show runs/my-study",
         "  thermofit show runs/my-study/verify.h5 --json",
+        "  thermofit show runs/my-study/refine.h5 --budget",
         "  thermofit show runs/my-study/verify.h5 --dataset over_time/du --plot",
     )
 )
@@ -41,12 +43,13 @@ def _show(
         str | None, typer.Option("--dataset", metavar="NAME", help="One dataset and its values.", show_default=False)
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw it into RUN_DIR/figures.")] = False,
+    budget: Annotated[bool, typer.Option("--budget", help="Causes of the uncertainty of every parameter, largest first.")] = False,
     json: AsJson = False,
 ) -> None:
     with reporting(json):
         from thermofit.cli import printing
         from thermofit.records.artefact import open_record
-        from thermofit.records.result import dataset_of, description_of, listing_of
+        from thermofit.records.result import budget_of, dataset_of, description_of, listing_of
 
         if artefact.is_dir():
             if plot or dataset:
@@ -61,6 +64,13 @@ def _show(
                 printing.make_console().print(printing.table("", ("stage", "made", "", "verdict"), rows, 4))
             return
         record = open_record(artefact)
+        if budget:
+            told = budget_of(record)
+            if json:
+                printing.as_json(told)
+            else:
+                _print_budget(printing.make_console(), told)
+            return
         picture = _drawn(record, dataset) if plot else None
         described = description_of(record) if dataset is None else dataset_of(record, dataset)
         if picture is not None:
@@ -74,6 +84,20 @@ def _show(
             _print_values(printing.make_console(), dataset, described)
         if picture is not None:
             typer.echo(f"picture   {picture}")
+
+
+def _print_budget(console: Console, told: Mapping[str, Any]) -> None:
+    """A row for every parameter and cause."""
+    from thermofit.cli.printing import table
+
+    rows = []
+    for name, found in told["budget"].items():
+        p = told["parameters"][name]
+        for k, one in enumerate(found):
+            lead = [name, number(p["value"], 6), number(p["sigma"], 2), p["unit"]] if k == 0 else ["", "", "", ""]
+            rows.append([*lead, one["cause"], number(one["sigma"], 2), f"{100.0 * one['share']:.1f} %"])
+    console.print(table("", ("parameter", "value", "+-", "unit", "cause", "its part", "of the variance"), rows, 1))
+    console.print(told["verdict"], soft_wrap=True)
 
 
 def _print_values(console: Console, name: str, described: Mapping[str, Any]) -> None:

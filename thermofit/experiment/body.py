@@ -21,11 +21,14 @@ from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_m
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
 from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
+from thermofit.experiment.stage_errors import StageErrors, stage_errors
 from thermofit.experiment.start import feasible_start, other_starts
 from thermofit.experiment.verification import Checked
 from thermofit.experiment.window import window_times
@@ -113,7 +116,7 @@ class BodyExperiment:
         study = self.study
         if stage == "simulate" and not study.virtual:
             return "the experiment is measured"
-        if stage == "identify-plastic" and study.static is not None:
+        if stage in ("identify-plastic", "refine") and study.static is not None:
             return "the experiment is one elastic load step"
         if stage in ("calibrate-ir", "identify-thermal") and study.experiment.is_dir() and not (study.experiment / "ir").is_dir():
             return "the experiment has no infrared frames"
@@ -191,6 +194,19 @@ class BodyExperiment:
         assert quantity == CLOCK
         return replace(self, given=_clocked(self.data, value))
 
+    def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
+        """Calibration of force and cameras, area, thermocouples."""
+        return of_specimen(self.study, self.data.specimen, parameters)
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """By runs on the coarse mesh."""
+        prescribed = self.prescribed_errors(parameters)
+
+        def model_of(data: Measured, own: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
+            return replace(self, given=data).model(own, base, size)
+
+        return stage_errors(self.study, self.data, settings, parameters, earlier, prescribed, model_of)
+
     def with_steps(self, parts: int) -> BodyExperiment:
         """Every load step in parts; what drives it is straight between the steps."""
 
@@ -215,9 +231,9 @@ class BodyExperiment:
         size = size or diagnosis_mesh(self.study)
         return self._problem(settings, base, Joint(self.study, self.data, settings, size), size)
 
-    def diagnosed(self, base: Parameters) -> JointProblem:
-        """With the error of the mesh at the optimum of the stages taken into the data."""
-        settings = self.joint_settings()
+    def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
+        """With the errors of mesh and steps at the optimum of the stages taken into the data."""
+        settings = self.joint_settings(free)
         base, size = base.with_free(settings.free), diagnosis_mesh(self.study)
         plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study))
         found = told(plain, base)
@@ -241,9 +257,11 @@ class BodyExperiment:
             correlation_length=self.data.correlation_length,
         )
 
-    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+    def checked(
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+    ) -> Checked:
         """One coupled run on the mesh of the study."""
-        return checked(self.study, self.data, parameters, thermal, word)
+        return checked(self.study, self.data, parameters, thermal, word, numerical)
 
 
 def _with_drive(study: Study, drive: str) -> Study:

@@ -16,6 +16,7 @@ from thermofit.experiment.channels import reference_times
 from thermofit.experiment.fields import LoadSteps, Measured, field_datasets, read_field
 from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.instruments import Instruments
+from thermofit.experiment.prediction import Errors
 from thermofit.experiment.residuals import ResidualField, Span, named_phases, node_rms, residual_field, time_rms
 from thermofit.experiment.verification import INFORMATION, Checked, Summary, channel_table, judge, phase_table
 from thermofit.experiment.window import axial_strain
@@ -45,15 +46,23 @@ class Verification:
         return next((field for field in self.residuals if field.channel == channel), None)
 
 
-def checked(study: Study, data: Measured, parameters: Parameters, thermal: Record | None, word: str = "verified") -> Checked:
-    """One coupled run with given parameters beside all data of an experiment. NumericsError where the specimen cannot carry the force."""
-    verified = verification(study, data, parameters)
+def checked(
+    study: Study, data: Measured, parameters: Parameters, thermal: Record | None, word: str = "verified", numerical: Errors | None = None
+) -> Checked:
+    """One coupled run with given parameters beside all data of an experiment; `numerical`: known errors of mesh and steps in its fields,
+    which are taken off. NumericsError where the specimen cannot carry the force."""
+    verified = verification(study, data, parameters, numerical or {})
     spans = named_phases(data.phases)
     summary = {**_summary(verified, spans, thermal, word), "evaluations": {"forward": 1, "failed": 0}}
+    if numerical:
+        sizes = [
+            f"{np.sqrt(np.nanmean(e**2)):.2g} {verified.observed[n].unit} in {n}" for n, e in numerical.items() if n in verified.observed
+        ]
+        summary["remarks"].append(f"errors of mesh and time steps are taken off the prediction, rms {', '.join(sizes)}")
     return Checked(summary, _datasets(verified, data, spans))
 
 
-def verification(study: Study, data: Measured, parameters: Parameters) -> Verification:
+def verification(study: Study, data: Measured, parameters: Parameters, numerical: Errors | None = None) -> Verification:
     """One coupled run through all load steps, compared at all observations. NumericsError where the specimen cannot carry the force."""
     steps = data.steps["all"]
     run = run_of(study, data, study.mesh_size, steps, march_settings(study, "full"))
@@ -64,6 +73,7 @@ def verification(study: Study, data: Measured, parameters: Parameters) -> Verifi
             text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
             raise NumericsError(text) from error
     observed, predicted = _fields(study, data, run, history, parameters)
+    predicted = {name: field - (numerical or {}).get(name, 0.0) for name, field in predicted.items()}
     return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
 
 

@@ -21,10 +21,13 @@ from thermofit.experiment.fields import INTERPOLATE, start_parameters
 from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import Moved, acting, columns, of_records
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
+from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked
 from thermofit.fit.linear_model import LinearModel
 from thermofit.point.driver import PointHistory, simulate
@@ -102,6 +105,8 @@ class CouponExperiment:
         """Why a stage has nothing to do: nothing to simulate, no camera, no temperature."""
         if stage in ("simulate", "calibrate-ir"):
             return "the experiment is a record of coupons"
+        if stage == "refine":
+            return "what a law lacks in the plastic range would draw E off, which the elastic range alone tells; the rest is fitted at once"
         if stage == "identify-thermal" and not any(record.temperature for record in self.study.records):
             return "no record holds a temperature"
         return ""
@@ -216,6 +221,19 @@ class CouponExperiment:
             "parameter or weight.<channel>"
         )
 
+    def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
+        """Calibration of the force."""
+        return of_records(self.study, parameters)
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """By derivatives of the point driver; its steps are those of the samples."""
+        prescribed = self.prescribed_errors(parameters)
+        names = tuple(dict.fromkeys((*earlier, *acting(prescribed))))
+        asked = settings.model_copy(update={"free": (*settings.free, *(n for n in names if n not in settings.free))})
+        model = self.model(asked, parameters, POINT)
+        slopes = model.linearised(parameters, names)[1] if names else np.zeros((sum(c.n for c in model.comparisons), 0))
+        return StageErrors(columns(prescribed, names, slopes), slopes[:, [names.index(n) for n in earlier]])
+
     def with_steps(self, parts: int) -> CouponExperiment:
         """Every step between two samples in parts."""
         numerics = self.study.numerics
@@ -255,9 +273,9 @@ class CouponExperiment:
         model = coupon_model(self.study, self.data, settings, base)
         return JointProblem(settings=settings, base=base, model=model, spans=self.spans, size=POINT)
 
-    def diagnosed(self, base: Parameters) -> JointProblem:
+    def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the error of the steps, which is of first order: half the steps differ by half of it."""
-        study, data, settings = self.study, self.data, self.widened(base)
+        study, data, settings = self.study, self.data, self.joint_settings(free) if free else self.widened(base)
         model, finer = (coupon_model(of, data, settings, base, effect_priors(study)) for of in (study, self.with_steps(2).study))
         run = coupon_run(study, data, settings.free)
         return JointProblem(
@@ -286,7 +304,9 @@ class CouponExperiment:
             return {}
         return {"E": _about(base["E"], error, study.bounds("E"))}
 
-    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+    def checked(
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+    ) -> Checked:
         """Every record by the point driver."""
         return checked_records(self.study, self.data, parameters, word)
 

@@ -1,13 +1,14 @@
-"""The error of the mesh in what a run shows, by Richardson's extrapolation, and the data with that error in them.
+"""The errors of mesh and time steps in what a run shows, by Richardson's extrapolation, and the data with these errors in them.
 
 On elements of size h a prediction is p_h = p_0 + C h^2 + o(h^2), so that a mesh finer by r tells its error:
-p_h - p_0 = (p_h - p_(h/r)) / (1 - 1/r^2). It hardly depends on the parameters. A coarse model is therefore compared with the data plus
-this error (a deferred correction, Stetter 1978, Numerische Mathematik 29, 425-443): it fits and is judged as the extrapolated one would
-be, at the cost of the coarse one.
+p_h - p_0 = (p_h - p_(h/r)) / (1 - 1/r^2). Half the steps tell theirs in the same way, by the order of the heat integration. Both hardly
+depend on the parameters. A coarse model is therefore compared with the data plus these errors (a deferred correction, Stetter 1978,
+Numerische Mathematik 29, 425-443): it fits and is judged as the extrapolated one would be, at the cost of the coarse one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured, temperature_of
 from thermofit.experiment.force_error import with_force_error
-from thermofit.experiment.joint import Joint
+from thermofit.experiment.joint import Joint, Known
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
@@ -27,27 +28,54 @@ FINER = 1.5
 """Refinement r of the mesh that tells the error."""
 REMAINS = 0.5
 """Part of the error that is not trusted to be gone: an order between 1 and infinity in place of 2 would leave or overdo about as much."""
-
-
+ORDER = {"sdirk2": 2, "backward-euler": 1}
+"""Order of the error of the time steps, by `numerics.heat_integration`: heat is what they tell of."""
+MESH, STEPS = "mesh", "time steps"
 _PLAIN = 3.0
-"""Length of the error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
+"""Length of an error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
+
+Parts = Mapping[str, np.ndarray]
+"""Errors (n,) in the residual that may be left, by cause."""
 
 
 @dataclass(frozen=True)
 class Discretised:
-    """A joint problem whose data hold the error of its mesh, that part of the error in the residual (n,) that may be left, the same where
-    the force is taken as exact, the share of it that the data show (0 to 1), and the run that told it, with its points."""
+    """A joint problem whose data hold the errors of its mesh and steps, that part of them in the residual that may be left, by cause, the
+    same where the force is taken as exact, the shares of them that the data show (0 to 1), and the run that told them, with its points."""
 
     joint: Joint
-    left: np.ndarray
-    left_exact: np.ndarray
-    share: float
+    causes: Parts
+    causes_exact: Parts
+    shares: Mapping[str, float]
+    fields: Mapping[str, Errors]
+    """The errors that the data hold, as fields, by cause."""
+    known: Known
+    """Error fields of the corrected problem at the given parameters, and their derivatives."""
     history: History
+
+    @property
+    def left(self) -> np.ndarray:
+        """Error (n,) of mesh and steps that may be left in the residual."""
+        return summed(self.causes)
+
+    @property
+    def left_exact(self) -> np.ndarray:
+        """The same where the force is taken as exact."""
+        return summed(self.causes_exact)
+
+    def doubt(self, exact: bool) -> Parts:
+        """What of the correction is in doubt, by cause: the part that may be left of the share that the data hold."""
+        return {cause: self.shares[cause] * rows for cause, rows in (self.causes_exact if exact else self.causes).items()}
 
     @property
     def largest_strain(self) -> float:
         """Largest Lambda of the run."""
         return max(float(p.accumulated.max()) for p in self.history.points)
+
+
+def summed(parts: Parts) -> np.ndarray:
+    """All errors (n,) together."""
+    return np.sum(list(parts.values()), axis=0)
 
 
 def finer_mesh(size: MeshSize) -> MeshSize:
@@ -56,39 +84,84 @@ def finer_mesh(size: MeshSize) -> MeshSize:
     return MeshSize(n_x=n_x, n_y=2 * int(np.ceil(0.5 * FINER * size.n_y)), n_z=n_z)
 
 
-def corrected(joint: Joint, parameters: Parameters) -> Discretised:
-    """The joint problem that knows the errors of its mesh and of its prescribed force at given parameters. NumericsError where a run fails.
+def numerical_errors(joint: Joint, parameters: Parameters, coarse: Errors) -> dict[str, Errors]:
+    """Errors of mesh and steps in the predicted fields of a joint problem, whose error fields are `coarse`. NumericsError where a run
+    fails."""
+    finer = {
+        MESH: (replace(joint, size=finer_mesh(joint.size)), FINER**-2),
+        STEPS: (replace(joint, substeps=2 * joint.substeps), 0.5 ** ORDER[joint.study.numerics.heat_integration]),
+    }
+    found = {}
+    for cause, (other, kept) in finer.items():
+        shown = other.shown(parameters)[1]
+        found[cause] = {name: (coarse[name] - shown[name]) / (1.0 - kept) for name in coarse}
+    return found
 
-    Data of a specimen hold all of the mesh's error, those of a virtual test on the same mesh nothing of it: the share is the one that
-    the residual shows beyond what the fitted parameters could take up.
+
+def corrected(joint: Joint, parameters: Parameters) -> Discretised:
+    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters. NumericsError where a run fails.
+
+    Data of a specimen hold all of these errors, those of a virtual test on the same mesh nothing of them: the shares are those that the
+    residual shows beyond what the fitted parameters could take up.
     """
     history, coarse = joint.shown(parameters)
     joint = with_force_error(joint, history, parameters)
-    fine = replace(joint, size=finer_mesh(joint.size)).shown(parameters)[1]
-    error: Errors = {name: (coarse[name] - fine[name]) / (1.0 - FINER**-2) for name in coarse}
+    errors = numerical_errors(joint, parameters, coarse)
     exact = joint.without_force_error().model
 
-    def told(model: StageModel) -> np.ndarray:
+    def told(model: StageModel, error: Errors) -> np.ndarray:
         rows = model.assemble(coarse) - model.assemble({name: coarse[name] - error[name] for name in coarse})
         return np.append(rows, np.zeros(len(model.priors)))
 
-    share = _share(told(joint.model), *joint.model.linearised(parameters, parameters.free or joint.settings.free))
-    holding = replace(joint, data=_holding(joint.data, error, share))
-    return Discretised(holding, REMAINS * told(joint.model), REMAINS * told(exact), share, history)
+    own = {cause: told(joint.model, error) for cause, error in errors.items()}
+    model, names = joint.model, parameters.free or joint.settings.free
+    assert model.linearise is not None
+    plain, slopes = model.linearise(parameters, names)
+    shares = _shares(own, *model.assembled(parameters, names, plain, slopes))
+    held = {cause: {name: shares[cause] * field for name, field in error.items()} for cause, error in errors.items()}
+    whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
+    return Discretised(
+        replace(joint, data=_holding(joint.data, whole)),
+        {cause: REMAINS * rows for cause, rows in own.items()},
+        {cause: REMAINS * told(exact, error) for cause, error in errors.items()},
+        shares,
+        held,
+        ({name: error - whole[name] for name, error in plain.items()}, slopes),
+        history,
+    )
 
 
-def _share(told: np.ndarray, residual: np.ndarray, fitted: np.ndarray) -> float:
-    """Share of an error (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, 0 to 1."""
-    own = LinearModel(told, fitted).left
-    length = float(own @ own)
-    return 1.0 if length <= _PLAIN**2 else float(np.clip(own @ residual / length, 0.0, 1.0))
+def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:
+    """Error of the other mesh over that of the first, h^2 of their elements."""
+    return float((size.n_x * size.n_y * size.n_z / (other.n_x * other.n_y * other.n_z)) ** (2.0 / 3.0))
 
 
-def _holding(data: Measured, error: Errors, share: float) -> Measured:
-    """Data with a share of the error of a mesh in them."""
+def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Errors:
+    """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2."""
+    scales = {cause: on_mesh_ratio(size, other) if cause == MESH else 1.0 for cause in fields}
+    return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
+
+
+def _shares(told: Parts, residual: np.ndarray, fitted: np.ndarray) -> dict[str, float]:
+    """Shares of errors (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, each 0 to 1; all of one that is
+    too small to tell."""
+    own = {cause: LinearModel(rows, fitted).left for cause, rows in told.items()}
+    shares = dict.fromkeys(told, 1.0)
+    plain = [cause for cause, rows in own.items() if float(rows @ rows) > _PLAIN**2]
+    if plain:
+        columns = np.stack([own[cause] for cause in plain], axis=1)
+        rest = residual - sum(own[cause] for cause in told if cause not in plain)
+        whole = np.zeros(len(plain)), np.ones(len(plain))
+        found = LinearModel(-rest, columns, bounds=whole).step.d
+        shares |= {cause: float(share) for cause, share in zip(plain, found, strict=True)}
+    return shares
+
+
+def _holding(data: Measured, error: Errors) -> Measured:
+    """Data with the errors of a model in them."""
 
     def seen(observation: FieldObservation) -> FieldObservation:
-        return replace(observation, value=observation.value + share * error[observation.name])
+        return replace(observation, value=observation.value + error[observation.name])
 
     held = replace(data, displacement=seen(data.displacement))
     if "theta" in error:

@@ -39,6 +39,13 @@ class LoadSteps:
 
         return self.at(time)
 
+    def divided(self, parts: int) -> LoadSteps:
+        """Every step in so many equal parts."""
+        if parts == 1:
+            return self
+        place = np.arange(parts * (len(self.time) - 1) + 1) / parts
+        return self.at(np.interp(place, np.arange(len(self.time)), self.time))
+
     def at(self, time: np.ndarray) -> LoadSteps:
         """The same course at other times s (n,)."""
 

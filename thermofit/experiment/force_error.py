@@ -23,6 +23,8 @@ from thermofit.observe.observation import FieldObservation
 
 _LEAST = 1e-7
 """Part of the largest force by which it changes at least in a step that tells a tangent."""
+_STRAINED = 0.02
+"""Part of the largest force from which on the secant of the elastic range is told."""
 _COLD = 1e-3
 """Excess temperature over the air, K, below which its decay says nothing."""
 _DOUBT = 0.3
@@ -63,7 +65,12 @@ def displacement_modes(history: History, steps: LoadSteps, look: Sampler, seen: 
     """What the error of the force makes of the displacements as they are `seen`; `steps` are those of the history."""
     u, change = look.operator.displacement(history.u), np.diff(steps.force)
     tangent, at = np.zeros((len(look.index), *u.shape[1:])), np.zeros(len(look.index), dtype=int)
-    for i, step, k in _observed(look, tangents(history, steps.force)):
+    found = tangents(history, steps.force)
+    for i, n in enumerate(look.index):
+        # Before flow the specimen is elastic: the secant is its tangent.
+        if found.of[n] < 0 and abs(steps.force[n]) > _STRAINED * float(np.abs(steps.force).max()):
+            tangent[i], at[i] = (u[n] - u[look.reference]) / steps.force[n], n
+    for i, step, k in _observed(look, found):
         tangent[i], at[i] = (u[k + 1] - u[k]) / change[k], step
     return _telling(seen.averaged(tangent), at, steps)
 

@@ -38,6 +38,8 @@ from thermofit.study.study import Study
 
 __all__ = ["NUISANCES", "THERMOCOUPLE", "joint_free", "joint_settings", "station_names"]
 NUISANCES = THERMOCOUPLES
+FORCE_NOISE = "force noise"
+"""Cause of uncertainty: what is left of the noise of the load cell in the smoothed force."""
 KEPT = 3
 """Differentiated runs that are remembered."""
 Kept = OrderedDict[tuple[Any, ...], tuple[Mapping[str, LoadSteps], Errors, dict[str, np.ndarray]]]
@@ -54,6 +56,11 @@ def diagnosis_mesh(study: Study) -> MeshSize:
     """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset."""
     if study.diagnosis.mesh is not None:
         return mesh_size(study.diagnosis.mesh)
+    return coarse_mesh(study)
+
+
+def coarse_mesh(study: Study) -> MeshSize:
+    """The mesh of the study, but not finer than the coarse preset."""
     own, coarse = study.mesh_size, PRESETS["coarse"]
     return own if own.n_x * own.n_y * own.n_z <= coarse.n_x * coarse.n_y * coarse.n_z else coarse
 
@@ -70,6 +77,10 @@ def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSe
     return StageSettings.model_construct(
         **{**study.stages.plastic.__dict__, "free": tuple(free), "channels": channels, "window": "all", "coupling": "full"}
     )
+
+
+Known = tuple[Errors, Mapping[str, np.ndarray]]
+"""Error fields of a joint problem and their derivatives, at some parameters."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +111,8 @@ class Joint:
     """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
     beside: tuple[Prior, ...] = ()
     """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
+    substeps: int = 1
+    """Equal parts into which every load step is divided."""
     kept: Kept = field(default_factory=OrderedDict, compare=False, repr=False)
     """What the last differentiated runs have shown, common to all problems that `replace` makes of this one: whether its data hold the
     error of the mesh, and whether that of the force is noise, changes no run."""
@@ -150,7 +163,7 @@ class Joint:
         """Error fields and their derivatives, not run again where they were asked for lately: by the fit that ends there, by the error of
         the force that is told there."""
         observed = self.prediction.instruments.observations
-        key, steps = (self.size, tuple(observed), tuple(sorted(parameters.values.items())), names), self.data.steps
+        key, steps = (self.size, self.substeps, tuple(observed), tuple(sorted(parameters.values.items())), names), self.data.steps
         if key not in self.kept or self.kept[key][0] is not steps:
             errors, slopes = self.prediction.linearise(parameters, names)
             self.kept[key] = steps, {name: errors[name] + o.value for name, o in observed.items()}, slopes
@@ -228,7 +241,7 @@ class Joint:
         return observations
 
     def _steps(self, names: Iterable[str]) -> LoadSteps:
-        return steps_for(self.data, set(names))
+        return steps_for(self.data, set(names)).divided(self.substeps)
 
     def _run(self, observations: Mapping[str, FieldObservation]) -> Run:
         return run_of(self.study, self.data, self.size, self._steps(observations), march_settings(self.study, "full"))
@@ -259,14 +272,16 @@ class Joint:
         """The same with a force that is taken as exact."""
         return replace(self, force_error=None)
 
-    def force_misfit(self, parameters: Parameters) -> float:
+    def force_misfit(self, parameters: Parameters, known: Mapping[str, Known] | None = None) -> float:
         """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
-        make: about one where the model is right. NumericsError where the run fails.
+        make: about one where the model is right; `known`: its fields at these parameters. NumericsError where the run fails.
 
         The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error.
         """
         model, shown = self.model, []
-        residual = LinearModel(*model.linearised(parameters, parameters.free or self.settings.free)).left
+        names = parameters.free or self.settings.free
+        found = model.linearised(parameters, names) if known is None else model.assembled(parameters, names, *known[""])
+        residual = LinearModel(*found).left
         ends = np.cumsum([c.n for c in model.comparisons])
         for common in model.common:
             for place, one in common.shown.items():
@@ -328,5 +343,6 @@ class JointParts(Protocol):
     def without_force_error(self) -> JointParts:
         """The same with forces that are taken as exact."""
 
-    def force_misfit(self, parameters: Parameters) -> float:
-        """Mean square of what the residual shows of the force's error, over its noise: about one where the model is right."""
+    def force_misfit(self, parameters: Parameters, known: Mapping[str, Known] | None = None) -> float:
+        """Mean square of what the residual shows of the force's error, over its noise: about one where the model is right; `known`: fields
+        of the tests at these parameters."""

@@ -11,21 +11,27 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
+from thermofit.experiment.discretisation import MESH, STEPS
 from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import Moved, of_test
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.protocol import JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
+from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked, together
 from thermofit.records.artefact import Record
 from thermofit.records.remarks import as_one, named
@@ -204,6 +210,33 @@ class SeveralExperiments:
             "parameter or weight.<channel>"
         )
 
+    def prescribed_errors(self, parameters: Parameters) -> dict[str, Moved]:
+        """Those of each, independent of each other: every test has its own instruments and its own specimen."""
+        found: dict[str, Moved] = {}
+        for test in self.tests:
+            here = seen_by(parameters, test.name).with_free(free_in(parameters.free, test.name).values())
+            found |= of_test(test.prescribed_errors(here), test.name, self.own)
+        return found
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """Those of each in its own rows; mesh and steps err alike in all."""
+        key = next(name for name, field in Stages.model_fields.items() if field.annotation is type(settings))
+        found: list[tuple[str, StageErrors]] = []
+        for test in self.tests:
+            acting_here = free_in((*settings.free, *earlier), test.name)
+            free = tuple(acting_here[n] for n in settings.free if n in acting_here)
+            here = settings.model_copy(update={"free": free, "window": getattr(test.study.stages, key).window})
+            own = tuple(acting_here[n] for n in earlier if n in acting_here)
+            told = test.stage_errors(here, seen_by(parameters, test.name).with_free(free), own)
+            slopes = np.zeros((len(told.slopes), len(earlier)))
+            slopes[:, [k for k, n in enumerate(earlier) if n in acting_here]] = told.slopes
+            causes = {c if c in (MESH, STEPS) else f"{c}{AT}{test.name}": rows for c, rows in told.causes.items()}
+            found.append((test.name, StageErrors(causes, slopes)))
+        names = dict.fromkeys(c for _, told in found for c in told.causes)
+        widths = {c: next(t.causes[c].shape[1] for _, t in found if c in t.causes) for c in names}
+        causes = {c: np.concatenate([t.causes.get(c, np.zeros((len(t.slopes), widths[c]))) for _, t in found]) for c in names}
+        return StageErrors(causes, np.concatenate([t.slopes for _, t in found]))
+
     def with_steps(self, parts: int) -> SeveralExperiments:
         """Those of each."""
         return replace(self, given=tuple(test.with_steps(parts) for test in self.tests))
@@ -218,9 +251,9 @@ class SeveralExperiments:
         size = size or diagnosis_mesh(self.study)
         return self._problem(settings, base, self._joint(settings, size), size)
 
-    def diagnosed(self, base: Parameters) -> JointProblem:
-        """With the error of every mesh at the optimum of the stages taken into the data."""
-        settings, size = self.joint_settings(), diagnosis_mesh(self.study)
+    def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
+        """With the errors of every mesh and its steps at the optimum of the stages taken into the data."""
+        settings, size = self.joint_settings(free), diagnosis_mesh(self.study)
         base, priors = base.with_free(settings.free), self._priors_of_each()
         plain = self._joint(settings, size)
         plain = JointSeveral({name: replace(part, beside=priors[name]) for name, part in plain.each.items()})
@@ -271,7 +304,9 @@ class SeveralExperiments:
         own = tuple(p for p in every if p.name in self.own or p.name in self.study.shared)
         return {name: every if name == names[0] else own for name in names}
 
-    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+    def checked(
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+    ) -> Checked:
         """All experiments, channels and phases of each under its name."""
         found = {test.name: test.checked(seen_by(parameters, test.name), None, word) for test in self.tests}
         return together(found, word)

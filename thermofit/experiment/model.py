@@ -69,7 +69,12 @@ class StageModel:
         """The residual (n,) and its Jacobian (n, n_p) from one forward run. ValueError where the model has no exact derivatives."""
         if self.linearise is None:
             raise ValueError("this model has no exact derivatives")
-        errors, slopes = self.linearise(parameters, names)
+        return self.assembled(parameters, names, *self.linearise(parameters, names))
+
+    def assembled(
+        self, parameters: Parameters, names: tuple[str, ...], errors: Errors, slopes: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The residual (n,) and its Jacobian (n, n_p) of error fields and their derivatives at parameters."""
         jacobian = self.with_priors(self.assemble_jacobian(errors, slopes), names)
         return np.append(self.assemble(errors), self.departures(parameters)), jacobian
 
@@ -87,6 +92,17 @@ class StageModel:
         for one in self.common:
             parts = one.innovations(parts)
         return parts
+
+    def common_columns(self) -> np.ndarray:
+        """What the errors that comparisons have in common make of the residual (n, k), each of unit variance: a part of its noise."""
+        counts = [c.n for c in self.comparisons]
+        blocks = []
+        for one in self.common:
+            k = len(next(iter(one.shown.values())).modes)
+            shown = {place: s.columns @ s.modes.T for place, s in one.shown.items()}
+            parts = [shown.get(place, np.zeros((n, k))) for place, n in enumerate(counts)]
+            blocks.append(np.concatenate([*self._apart(parts), np.zeros((len(self.priors), k))]))
+        return np.concatenate([np.zeros((sum(counts) + len(self.priors), 0)), *blocks], axis=1)
 
     def assemble_jacobian(self, errors: Errors, slopes: Mapping[str, np.ndarray]) -> np.ndarray:
         """The Jacobian (n, n_p) at error fields, of derivative fields (n_t, n_s, n_c, n_p)."""

@@ -20,7 +20,10 @@ from thermofit.experiment.fields import Measured
 from thermofit.experiment.flow_conditions import FlowConditions
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import Moved
 from thermofit.experiment.residuals import Span
+from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked
 from thermofit.records.artefact import Record
 from thermofit.study.section import MeshSize
@@ -251,6 +254,14 @@ class Experiment(Protocol):
     def with_prescribed(self, quantity: str, value: float) -> Experiment:
         """The same with another value of it. StudyError as `prescribed`."""
 
+    def prescribed_errors(self, parameters: Parameters) -> Mapping[str, Moved]:
+        """By how much one standard error of everything that it prescribes moves parameters that stand for it, by cause; not what is free in
+        the fit (`parameters.free`)."""
+
+    def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
+        """What one standard error of everything that a stage takes for exact makes of its residual, and its derivatives by parameters that
+        earlier stages told. NumericsError where a run fails."""
+
     def with_steps(self, parts: int) -> Experiment:
         """The same with every step in time cut into so many equal ones."""
 
@@ -263,12 +274,15 @@ class Experiment(Protocol):
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
         """The joint problem with the data as they are; None: on the mesh of a diagnosis."""
 
-    def diagnosed(self, base: Parameters) -> JointProblem:
+    def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """The joint problem that is to be diagnosed: declared readings as priors, with the errors of mesh, steps and prescribed force told
-        at `base`, and what it could show besides. NumericsError where a run fails."""
+        at `base`, and what it could show besides; `free` as in `joint_settings`. NumericsError where a run fails."""
 
     # With given parameters
 
-    def checked(self, parameters: Parameters, thermal: Record | None = None, word: str = "verified") -> Checked:
+    def checked(
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+    ) -> Checked:
         """The prediction with given parameters beside all data of one test; `thermal`: record of the thermal stage, of which the one-way
-        coupling is told; `word` is the verdict. NumericsError where the model cannot follow the test."""
+        coupling is told; `word` is the verdict; `numerical`: known errors of mesh and steps, which are taken off the prediction.
+        NumericsError where the model cannot follow the test."""

@@ -13,7 +13,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import AT, Parameters, acting, bare_name
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, ON_FACETS, effects
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.joint import Joint
+from thermofit.experiment.joint import Joint, Known
 from thermofit.experiment.known_motion import Direction
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
@@ -131,9 +131,10 @@ class JointSeveral:
         """The same with forces that are taken as exact."""
         return JointSeveral({name: part.without_force_error() for name, part in self.each.items()})
 
-    def force_misfit(self, parameters: Parameters) -> float:
+    def force_misfit(self, parameters: Parameters, known: Mapping[str, Known] | None = None) -> float:
         """The largest one of all experiments, see `Joint`."""
-        return max(part.force_misfit(self.seen_by(parameters, name)) for name, part in self.each.items())
+        here = {name: self.seen_by(parameters, name) for name in self.each}
+        return max(part.force_misfit(here[name], None if known is None else {"": known[name]}) for name, part in self.each.items())
 
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled runs, with their points kept."""

@@ -22,6 +22,8 @@ from thermofit.study.study import Study
 
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
 """The identification stages in their order."""
+REFINE = "refine"
+"""The joint fit that comes after them."""
 INFORMATION = ("u", "theta")
 """Channels that hold what no parameter of the law can explain (rigid-body motion, the camera's offset): shown, not judged."""
 Summary = dict[str, Any]
@@ -37,8 +39,9 @@ class Checked:
 
 
 def identified_stages(study: Study) -> tuple[str, ...]:
-    """The identification stages whose result is there; the elastic one always, so that its absence names its command."""
-    return tuple(name for name in IDENTIFY if name == IDENTIFY[0] or artefact_path(study.run_dir, name).exists())
+    """The identification stages whose result is there, and the joint fit after them; the elastic one always, so that its absence names its
+    command."""
+    return tuple(name for name in (*IDENTIFY, REFINE) if name == IDENTIFY[0] or artefact_path(study.run_dir, name).exists())
 
 
 def made_otherwise(study: Study, stages: Sequence[str]) -> list[str]:
@@ -132,8 +135,29 @@ def stages_remarks(study: Study, stages: Sequence[str], results: Mapping[str, Pa
 
 
 def thermal_record(study: Study, stages: Sequence[str]) -> Record | None:
-    """The record of the thermal stage, None where it has not run."""
-    return open_record(artefact_path(study.run_dir, IDENTIFY[2])) if IDENTIFY[2] in stages else None
+    """The record of the thermal stage, None where it has not run, or its parameters are not the last ones."""
+    if IDENTIFY[2] not in stages or refined_record(study, stages) is not None:
+        return None
+    return open_record(artefact_path(study.run_dir, IDENTIFY[2]))
+
+
+def refined_record(study: Study, stages: Sequence[str]) -> Record | None:
+    """The record of the joint fit, None where that has not run, or has left the parameters of the stages."""
+    if REFINE not in stages:
+        return None
+    record = open_record(artefact_path(study.run_dir, REFINE))
+    return record if record.summary.get("refined") else None
+
+
+def numerical_place(field: str, test: str) -> str:
+    """Where the record of the joint fit keeps the errors of mesh and steps of a field of a test."""
+    return f"numerical/{field}{AT}{test}" if test else f"numerical/{field}"
+
+
+def numerical_of(record: Record | None, test: str) -> dict[str, np.ndarray]:
+    """Known errors of mesh and steps in the fields of a test, (n_t, n_s, n_c) each; empty where there are none."""
+    places = {field: numerical_place(field, test) for field in ("u", "theta", "force")}
+    return {} if record is None else {field: record[place].value for field, place in places.items() if record.has(place)}
 
 
 def with_remarks(summary: Summary, more: Summary) -> Summary:

@@ -12,6 +12,7 @@ from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import field_datasets
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
+from thermofit.identify.budget import budget_datasets, budget_summary
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.observe.comparison import Comparison
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
@@ -26,16 +27,18 @@ MISFIT = 1.5
 def parameter_results(study: Study, start: Parameters, solved: Solved) -> dict[str, ParameterResult]:
     """Every parameter by name; sigma, at_bound and the study's bounds where it was free, else the physical bounds: the stage reads none."""
     free = solved.fit.names
-    sigma = None if solved.covariance is None else solved.covariance.sigma
+    noise = None if solved.covariance is None else solved.covariance.sigma
+    sigma = noise if solved.budget is None else solved.budget.sigma
     results = {}
     for name in solved.parameters.given():
         is_free = name in free
         low, high = study.bounds(name) if is_free else physical_bounds(name)
         index = free.index(name) if is_free else -1
-        spread = None if sigma is None or not is_free or not np.isfinite(sigma[index]) else float(sigma[index])
+        both = [None if s is None or not is_free or not np.isfinite(s[index]) else float(s[index]) for s in (sigma, noise)]
         results[name] = ParameterResult(
             value=solved.parameters[name],
-            sigma=spread,
+            sigma=both[0],
+            sigma_noise=both[1],
             unit=param(name).unit,
             free=is_free,
             at_bound=bool(is_free and solved.fit.at_bound[index]),
@@ -104,6 +107,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "evaluations/purpose": Dataset(np.array([str(e.purpose) for e in fit.log]), "1", ("evaluation",)),
         "evaluations/names": Dataset(np.array(fit.names), "1", ("parameter",)),
         **_matrices(solved),
+        **budget_datasets(solved.budget),
         **_fields(solved.model, errors),
     }
     summary = {
@@ -115,6 +119,7 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "algorithm": fit.algorithm,
         "channels": channels,
         "evaluations": counts,
+        **({} if solved.budget is None else budget_summary(solved.budget)),
         **sorted_out((*remarks, solved.model.remark, *solved.remarks, *misfits(channels))),
     }
     return Made(datasets, summary, parameter_results(study, start, solved))
@@ -149,11 +154,13 @@ def nothing_identified(base: Parameters, remarks: tuple[str, ...]) -> Made:
 def _matrices(solved: Solved) -> dict[str, Dataset]:
     if solved.covariance is None:
         return {}
-    dims = ("parameter", "parameter")
+    dims, spread = ("parameter", "parameter"), solved.covariance
+    units = units_of(spread.names)
     return {
-        "covariance": of_parameters(solved.covariance.matrix, dims, units_of(solved.covariance.names)),
-        "correlation": Dataset(solved.covariance.correlation_parameters, "1", dims),
-        "correlation_sensitivity": Dataset(solved.covariance.correlation_sensitivity, "1", dims),
+        "covariance": of_parameters(spread.matrix if solved.budget is None else solved.budget.covariance, dims, units),
+        "covariance_noise": of_parameters(spread.matrix, dims, units),
+        "correlation": Dataset(spread.correlation_parameters, "1", dims),
+        "correlation_sensitivity": Dataset(spread.correlation_sensitivity, "1", dims),
     }
 
 

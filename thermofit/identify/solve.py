@@ -16,6 +16,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.protocol import Experiment
+from thermofit.fit.budget import Budget
 from thermofit.fit.covariance import Covariance, NoiseOperator
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import memories, noise_operator
@@ -76,6 +77,8 @@ class Solved:
     covariance: Covariance | None
     earlier: tuple[FitResult, ...]
     remarks: tuple[str, ...]
+    budget: Budget | None = None
+    """Combined uncertainty of the free parameters by cause; None: only the noise is known."""
 
 
 def solve(
@@ -148,7 +151,7 @@ def _settled(
     """Model and fits on one mesh; the last fit is the result. Several only where the model is one-way."""
     fits: list[FitResult] = []
     for turn in range(TURNS):
-        model, fit = _minimise(study, settings, base, on, job, (jacobian, turn))
+        model, fit = minimised(study, settings, base, on, job, (jacobian, turn))
         fits.append(fit)
         if not model.one_way or not fit.converged or (turn and _close(*fits[-2:])):
             break
@@ -195,9 +198,10 @@ def method_of(model: StageModel, settings: StageSettings) -> str:
     return "trust-region" if model.cheap and settings.method == "least-squares" else settings.method
 
 
-def _minimise(
-    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[np.ndarray | None, int]
+def minimised(
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[np.ndarray | None, int] = (None, 0)
 ) -> tuple[StageModel, FitResult]:
+    """Model and fit on one mesh, every evaluation kept on disk; `start` = (dr/dx near `base` where it is known, number of the turn)."""
     (model_on, size, f_tolerance), (jacobian, turn) = on, start
     model = remembering(model_on(size, base))
     label = ("point" if model.cheap else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")

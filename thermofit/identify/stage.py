@@ -19,10 +19,12 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Experiment, FieldTest
 from thermofit.fit.memory import memories
 from thermofit.identify.beside import answers, remark_of
+from thermofit.identify.combined import with_budget
 from thermofit.identify.correlated import with_correlated_noise
 from thermofit.identify.outcome import made, nothing_identified
 from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_on, solve, within
 from thermofit.law.bounds import beta_warning
+from thermofit.records.artefact import open_record
 from thermofit.records.key import stage_key
 from thermofit.records.remarks import Note, named
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
@@ -131,6 +133,9 @@ def _identified(study: Study, stage: Ready, kind: StageKind, task: Job, said: st
     bound = within(study, stage.base, stage.told)
     solved = solve(bound, stage.settings, start, model, task, scalable=scalable, again=again, to_the_end=to_the_end)
     solved, honest = _widened(study, solved)
+    if study.static is None:
+        records = {name: open_record(stage.inputs[name]) for name in EARLIER[kind.key]}
+        solved = with_budget(stage.settings, experiment, solved, records)
     warning = beta_warning(solved.parameters, study.hardening_law)
     remarks = (*kept, said, replaced, *_own_remarks(stage, kind, solved), warning or "", honest)
     if not isinstance(stage.settings, ElasticStage) or not stage.settings.beside:

@@ -89,7 +89,8 @@ def of_parameters(value: np.ndarray, dims: tuple[str, ...], units: tuple[str, ..
 
 @dataclass(frozen=True)
 class ParameterResult:
-    """One parameter of a result in its unit; `sigma` is its standard error, None where it was not determined."""
+    """One parameter of a result in its unit; `sigma` is its combined standard uncertainty, None where it was not determined, `sigma_noise`
+    the part of it that the noise of the data makes, None where it is not told apart."""
 
     value: float
     sigma: float | None
@@ -99,6 +100,7 @@ class ParameterResult:
     start: float
     lower: float
     upper: float
+    sigma_noise: float | None = None
 
 
 @dataclass(frozen=True)
@@ -265,7 +267,9 @@ def _write(file: h5py.File, content: RecordContent, inputs: Mapping[str, str], f
     group = file.create_group(PARAMETERS)
     for name, result in content.parameters.items():
         stored = _write_dataset(group, name, Dataset(np.array(result.value, dtype=float), result.unit, ()))
-        stored.attrs["sigma"] = np.nan if result.sigma is None else result.sigma
+        for key in ("sigma", "sigma_noise"):
+            found = getattr(result, key)
+            stored.attrs[key] = np.nan if found is None else found
         for key in ("free", "at_bound", "start", "lower", "upper"):
             stored.attrs[key] = getattr(result, key)
 
@@ -435,10 +439,11 @@ def _dataset(stored: h5py.Dataset, path: Path) -> Dataset:
 def _parameter(stored: h5py.Dataset, path: Path) -> ParameterResult:
     unit, _ = _labels(stored, path)
     attrs = stored.attrs
-    sigma = float(attrs["sigma"])
+    sigma, noise = float(attrs["sigma"]), float(attrs.get("sigma_noise", np.nan))
     return ParameterResult(
         value=float(stored[()]),
         sigma=None if np.isnan(sigma) else sigma,
+        sigma_noise=None if np.isnan(noise) else noise,
         unit=unit,
         free=bool(attrs["free"]),
         at_bound=bool(attrs["at_bound"]),

@@ -18,7 +18,7 @@ from thermofit.study.study import Study
 
 SOLVED = (
     *("model", "hardening", "material_axes", "mesh", "geometry", "static", "parameters", "evaluation", "force", "numerics", "coupon"),
-    "diagnosis.priors",
+    *("diagnosis.priors", "uncertainty"),
 )
 """Sections that whatever runs the model reads."""
 BESIDES = {"plastic": ("stages.elastic.window",)}
@@ -58,7 +58,7 @@ def _read_of(study: Study, keys: Collection[str], free: Collection[str] | None) 
 
 
 def key_of(study: Study, stage: str) -> dict[str, Any]:
-    """The key of a stage of the chain by its command: `interpolate`, `identify-...` or `verify`.
+    """The key of a stage of the chain by its command: `interpolate`, `identify-...`, `refine` or `verify`.
 
     StudyError where a parameter that the stage frees has no start.
     """
@@ -67,6 +67,10 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
             return read_of(study, *study.measured_in)
     if stage == "verify":
         return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
+    if stage == "refine":
+        return read_of(
+            study, *SOLVED, "stages.plastic", "diagnosis.channels", "diagnosis.mesh", *(("experiments", "shared") if study.fitted else ())
+        )
     return stage_key(study, stage.removeprefix("identify-"))
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import DataError, StudyError
 from thermofit.core.jsonable import jsonable
 from thermofit.records.artefact import Record, layout, open_record
 from thermofit.records.stale import other_sources, stale
@@ -45,6 +45,24 @@ def description_of(record: Record) -> dict[str, Any]:
 def is_trustworthy(record: Record) -> bool:
     """False where the stage itself says that its answer is not to be trusted (exit code 5)."""
     return record.summary.get("trustworthy") is not False
+
+
+def budget_of(record: Record) -> dict[str, Any]:
+    """What the uncertainties of a result are made of: `budget` per parameter, causes largest first, and which measurement would help most.
+    DataError where it has none."""
+    if not record.summary.get("budget"):
+        raise DataError(
+            f"{record.path}: '{record.stage}' tells no causes of uncertainty; expected refine.h5 or the record of an identification"
+        )
+    told: dict[str, Any] = jsonable(
+        {
+            "stage": record.stage,
+            "verdict": str(record.summary.get("helps_most", "")),
+            "parameters": {name: asdict(p) for name, p in record.parameters.items() if p.free},
+            "budget": record.summary["budget"],
+        }
+    )
+    return told
 
 
 def dataset_of(record: Record, name: str) -> dict[str, Any]:

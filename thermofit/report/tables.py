@@ -10,6 +10,9 @@ from thermofit.records.artefact import Record
 from thermofit.study.section import PRESETS, MeshSize
 from thermofit.study.study import Study
 
+LEAST_SHARE = 0.01
+"""Share of the variance from which on a cause is named."""
+
 
 def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str] = ()) -> str:
     """The report of a run as Markdown; `records` by stage hold `interpolate`, `verify` and the identification stages that have run, `stale`
@@ -25,7 +28,7 @@ def report_text(study: Study, records: Mapping[str, Record], figures: Sequence[P
         table(("quantity", "standard deviation", "estimated by"), _noise_rows(interpolate)),
         "## Parameters",
         table(*parameter_rows(study, verify)),
-        "Standard errors hold the noise of the fields only: force, earlier stages, boundary temperatures, mesh and steps count as exact.",
+        *budget_lines(verify, records),
         "## Channels",
         "Coupled run with all parameters; `noise` is the rms that noise alone would give.",
         table(("channel", "n", "rms", "noise", "unit", "chi2/n", "lag-1", "lag-1 of noise"), _channel_rows(verify.summary["channels"])),
@@ -108,9 +111,9 @@ def _noise_rows(interpolate: Record) -> list[tuple[str, str, str]]:
 def parameter_rows(study: Study, verify: Record) -> tuple[list[str], list[list[str]]]:
     """Columns and rows of the identified parameters, with the truth of a virtual experiment where there is one."""
     truth = None if study.simulate is None else study.simulate.truth
-    columns = ["parameter", "unit", "value", "standard error", "start", "bounds"]
+    columns = ["parameter", "unit", "value", "standard uncertainty", "start", "bounds"]
     if truth is not None:
-        columns += ["true", "deviation", "in standard errors"]
+        columns += ["true", "deviation", "in standard uncertainties"]
     rows = []
     for name in _free_order(study, verify):
         p = verify.parameters[name]
@@ -125,6 +128,19 @@ def parameter_rows(study: Study, verify: Record) -> tuple[list[str], list[list[s
             ]
         rows.append(row)
     return columns, rows
+
+
+def budget_lines(verify: Record, records: Mapping[str, Record]) -> list[str]:
+    """What the standard uncertainties are made of: for every parameter its causes, largest first."""
+    told = [record for record in records.values() if record.summary.get("budget")]
+    rows: dict[str, list[str]] = {}
+    for record in told:
+        for name, causes in record.summary["budget"].items():
+            rows[name] = [name, ", ".join(f"{c['cause']} {100.0 * c['share']:.0f} %" for c in causes if c["share"] >= LEAST_SHARE)]
+    if not rows:
+        return ["Standard uncertainties hold the noise of the data only."]
+    words = "Standard uncertainties are combined: noise of all channels, what was prescribed, mesh and steps. Shares of the variance:"
+    return [words, table(("parameter", "causes"), rows.values()), str(told[-1].summary.get("helps_most", ""))]
 
 
 def _free_order(study: Study, verify: Record) -> list[str]:

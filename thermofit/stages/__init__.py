@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 CHAIN = (
-    *("simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal", "gridsearch", "sensitivity"),
-    *("verify", "report"),
+    *("simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal", "refine"),
+    *("gridsearch", "sensitivity", "verify", "report"),
 )
 """Names of the links of the chain, in their order."""
 NECKING_CHAIN = ("necking",)

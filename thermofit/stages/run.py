@@ -23,7 +23,8 @@ OPTIONAL = ("gridsearch", "sensitivity")
 ALONE = "necking"
 """The only link of the chain of a necking test."""
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
-_SOLVES = {"simulate", *IDENTIFY, "verify"}
+REFINE = "refine"
+_SOLVES = {"simulate", *IDENTIFY, REFINE, "verify"}
 """Stages that run a model."""
 
 
@@ -67,6 +68,10 @@ class Row:
     deviation: float | None
     at_bound: bool
     stage: str
+    sigma_noise: float | None = None
+    """The part of sigma that the noise of the data makes."""
+    staged: float | None = None
+    """What the stage that identified it alone had, where all were refined together."""
 
 
 def selected(names: Sequence[str], selection: Selection) -> tuple[str, ...]:
@@ -141,11 +146,13 @@ def step_result(step: ChainStep) -> dict[str, Any]:
 
 def table(study: Study, records: Sequence[Record]) -> tuple[Row, ...]:
     """Every identified parameter, beside its start and, where the study tells it, the truth."""
-    rows = []
+    found: dict[str, Row] = {}
     for record in records:
+        staged = record.summary.get("staged", {})
         for name, result in record.parameters.items():
             if result.free:
-                rows.append(_row(name, result, study.truth_of(name), record.stage))
+                found[name] = _row(name, result, study.truth_of(name), record, staged.get(name, {}).get("value"))
+    rows = found.values()
     order = {name: index for index, name in enumerate(_free_names(study))}
     return tuple(sorted(rows, key=lambda row: order.get(bare_name(row.name), len(order))))
 
@@ -154,23 +161,36 @@ def _free_names(study: Study) -> tuple[str, ...]:
     return (*study.stages.elastic.free, *study.stages.plastic.free, *study.stages.thermal.free)
 
 
-def _row(name: str, result: ParameterResult, true: float | None, stage: str) -> Row:
+def _row(name: str, result: ParameterResult, true: float | None, record: Record, staged: float | None) -> Row:
     deviation = result.value / true - 1.0 if true else None
-    return Row(name, result.unit, true, result.start, result.value, result.sigma, deviation, result.at_bound, stage)
+    return Row(
+        name=name,
+        unit=result.unit,
+        true=true,
+        start=result.start,
+        value=result.value,
+        sigma=result.sigma,
+        deviation=deviation,
+        at_bound=result.at_bound,
+        stage=record.stage,
+        sigma_noise=result.sigma_noise,
+        staged=staged,
+    )
 
 
 def _records(study: Study, steps: Sequence[ChainStep]) -> list[Record]:
-    """Records of the identification up to the last stage of this run; those before its first stage are on disk."""
+    """Records of the identification and of the joint fit up to the last stage of this run; those before its first stage are on disk."""
     reached = [step.name for step in steps]
     made = {step.name: step.outcome.record for step in steps if step.outcome is not None}
     if ALONE in made:
         return [made[ALONE]]
-    last = max((IDENTIFY.index(name) for name in reached if name in IDENTIFY), default=-1)
+    order = (*IDENTIFY, REFINE)
+    last = max((order.index(name) for name in reached if name in order), default=-1)
     if any(name in reached for name in (*OPTIONAL, "verify", "report")):
-        last = len(IDENTIFY) - 1
+        last = len(order) - 1
     left_out = {step.name for step in steps if step.outcome is None}
     records = []
-    for name in IDENTIFY[: last + 1]:
+    for name in order[: last + 1]:
         path = artefact_path(study.run_dir, name)
         if name in made:
             records.append(made[name])

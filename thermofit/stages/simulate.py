@@ -60,6 +60,14 @@ def _settings(study: Study) -> Simulate:
 
 def _make(study: Study, settings: Simulate) -> Made:
     set_threads(study.numerics.threads)
+    fields, history = virtual_fields(study, settings)
+    raw = study.run_dir / "raw"
+    summary = write_raw(raw, fields, settings, settings.seed)
+    return _made(study, study.truth_parameters(), history, summary, path_digest(raw))
+
+
+def virtual_fields(study: Study, settings: Simulate) -> tuple[VirtualFields, History]:
+    """What the instruments of a virtual experiment look at, and the run behind it. StudyError, NumericsError as `run`."""
     truth = study.truth_parameters()
     specimen = settings.specimen.lengths()
     steps = programme_of(settings.programme)
@@ -83,9 +91,7 @@ def _make(study: Study, settings: Simulate) -> Made:
         theta_clamp=truth["theta_clamp"],
         programme=describe_programme(steps),
     )
-    raw = study.run_dir / "raw"
-    summary = write_raw(raw, fields, settings, settings.seed)
-    return _made(study, truth, history, summary, path_digest(raw))
+    return fields, history
 
 
 def refuse_unseen(study: Study) -> None:

@@ -17,6 +17,8 @@ from thermofit.experiment.verification import (
     fitted_parameters,
     identified_stages,
     made_otherwise,
+    numerical_of,
+    refined_record,
     results_in,
     stages_remarks,
     thermal_record,
@@ -60,7 +62,11 @@ def run(study: Study, *, force: bool = False, refine: bool = False) -> Outcome:
         for test in experiment.tests:
             thermal = None if test.name else thermal_record(study, stages)
             here = experiment.seen_by(parameters, test.name)
-            driven, one, said = carried(test, lambda one, here=here, thermal=thermal: one.checked(here, thermal))  # type: ignore[misc]
+            errors = numerical_of(refined_record(study, stages), test.name)
+            driven, one, said = carried(
+                test,
+                lambda one, here=here, thermal=thermal, errors=errors: one.checked(here, thermal, numerical=errors),  # type: ignore[misc]
+            )
             own_remarks = {"drive": driven.drive, "remarks": [said] if said else []}
             found[test.name] = one = replace(one, summary=with_remarks(one.summary, own_remarks))
             if test.name:

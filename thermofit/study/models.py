@@ -135,6 +135,20 @@ class Noise(Section):
     """Noise of one pixel, K."""
 
 
+class Uncertainty(Section):
+    """What is known of the errors of what is prescribed: standard uncertainties, combined with those of the data. What is not stated
+    counts as exact. Thermocouples: `diagnosis.priors`."""
+
+    force_class: Positive | None = None
+    """Class of the testing machine after ISO 7500-1 (0.5, 1, 2, 3): its force is within so many percent."""
+    thickness: Positive | None = None
+    """Standard uncertainty of the thickness, mm."""
+    width: Positive | None = None
+    """Standard uncertainty of the width of the gauge, mm."""
+    camera_scale: Positive | None = None
+    """Relative standard uncertainty of the scale of the displacements."""
+
+
 class Numerics(Section):
     """How the forward model is solved."""
 
@@ -175,6 +189,7 @@ class Sections(Section):
     force: Force = Force()
     ir: Infrared = Infrared()
     noise: Noise = Noise()
+    uncertainty: Uncertainty = Uncertainty()
     numerics: Numerics = Numerics()
     stages: Stages = Stages()
     gridsearch: GridSearch | None = None

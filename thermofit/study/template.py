@@ -58,6 +58,7 @@ parameters:
 # force: {smoothing: phases, noise: null, drives: force}   # phases or none; N, null: estimated; or drives: crosshead, dic
 # ir: {rotation_deg: null, refine: true, edge_margin: 1.0, blur: 0.0}   # landmarks: as in experiment.yaml, to replace them
 # noise: {displacement: null, temperature: null}              # sigma in mm and K; null: estimated
+# uncertainty: {force_class: 0.5, thickness: 0.005, width: 0.02}   # ISO 7500-1; standard uncertainties in mm; absent: taken as exact
 # numerics:
 #   steps_per_interval: 1
 #   max_time_step: 5.0                         # s

@@ -30,7 +30,7 @@ from thermofit.report.html.content import (
     Verdict,
 )
 from thermofit.report.html.repeated import scatter_of_records
-from thermofit.report.html.run_folder import IDENTIFY, NEEDED, RunFolder
+from thermofit.report.html.run_folder import IDENTIFY, NEEDED, REFINE, RunFolder
 from thermofit.study.study import Study
 
 LOOP, DIAGNOSE, VERIFY = "close-loop", "diagnose", "verify"
@@ -408,7 +408,7 @@ def _parameters(run: RunFolder, study: Study | None) -> list[Value]:
     """Every fitted parameter: of the last model of the loop, else of the verified one, else of each stage so far."""
     found: dict[str, tuple[ParameterResult, str]] = {}
     starts: dict[str, float] = {}
-    for stage in (*IDENTIFY, "necking", VERIFY, DIAGNOSE, LOOP):
+    for stage in (*IDENTIFY, REFINE, "necking", VERIFY, DIAGNOSE, LOOP):
         if run.has(stage):
             free = {name: (p, stage) for name, p in run.records[stage].parameters.items() if p.free}
             starts = {name: p.start for name, (p, _) in free.items()} | starts
@@ -468,7 +468,7 @@ def _phases(run: RunFolder, judged: Record | None) -> list[PhaseRow]:
 
 
 def _correlations(run: RunFolder) -> Iterator[Correlation]:
-    for stage in (*IDENTIFY, "identifiability"):
+    for stage in (*IDENTIFY, REFINE, "identifiability"):
         record = run.records.get(stage)
         names = "names" if stage == "identifiability" else "evaluations/names"
         if record is None or not record.has("correlation") or not record.has(names):

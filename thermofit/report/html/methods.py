@@ -11,7 +11,7 @@ from thermofit import __version__
 from thermofit.core.errors import StudyError
 from thermofit.effects.catalogue import effect
 from thermofit.report.html.gather import LOOP, VERIFY, channel_words
-from thermofit.report.html.run_folder import IDENTIFY, Records, RunFolder
+from thermofit.report.html.run_folder import IDENTIFY, REFINE, Records, RunFolder
 
 _ENTRY = re.compile(r"^@\w+\{(?P<key>\w+),.*?^\}$", re.MULTILINE | re.DOTALL)
 _CITED = re.compile(r"@(\w+)")
@@ -98,8 +98,15 @@ def _fit(records: Records, run: RunFolder) -> Iterator[str]:
     if any(stage in records for stage in IDENTIFY):
         yield (
             "Derivatives come from direct differentiation of the discrete equations [@kleiber1997]; where much of the data stays "
-            "unexplained, second derivatives are added [@dennis1981]. Standard errors hold the noise of the data alone, corrected for its "
-            "correlation in time [@newey1987]."
+            "unexplained, second derivatives are added [@dennis1981]. Uncertainties are combined standard ones: noise of the data, "
+            "corrected for its correlation in time [@newey1987], and what is stated of everything that was prescribed."
+        )
+    if REFINE in records and records[REFINE].summary.get("refined"):
+        free = [name for name, p in records[REFINE].parameters.items() if p.free]
+        yield (
+            f"At last {', '.join(free)} were fitted together to all channels: readings of thermocouples are data with an error, the "
+            "error of the smoothed force is noise, and the errors of mesh and time steps, told by a finer mesh and half the steps, are in "
+            "the data."
         )
 
 

@@ -12,7 +12,11 @@ from thermofit.records.stale import stale
 
 FIRST = ("simulate", "calibrate-ir", "interpolate")
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")
-ORDER = (*FIRST, *IDENTIFY, "verify", "diagnose", "close-loop", "gridsearch", "sensitivity", "identifiability", "validate", "compare")
+REFINE = "refine"
+ORDER = (
+    *(*FIRST, *IDENTIFY, REFINE, "verify", "diagnose", "close-loop"),
+    *("gridsearch", "sensitivity", "identifiability", "validate", "compare"),
+)
 """Order in which stages are listed."""
 NEEDED = ("interpolate", "identify-elastic", "identify-plastic", "verify", "close-loop")
 """Stages without which something of the report is missing."""

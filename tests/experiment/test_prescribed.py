@@ -1,0 +1,72 @@
+"""What is prescribed and errs: its stand-ins among the parameters against runs with the wrong value itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from virtual_pulls import SIZE, SPECIMEN, TRUTH, data, study
+
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.body import BodyExperiment
+from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.prescribed import CALIBRATION, acting, calibration, columns, of_specimen, of_test
+from thermofit.experiment.stage_errors import stage_errors
+from thermofit.study.stages import ChannelSettings, PlasticStage
+
+STATED = "uncertainty: {force_class: 1, thickness: 0.012, width: 0.25, camera_scale: 0.001}\n"
+PARAMETERS = Parameters.of(TRUTH, ("E", "M_y0"))
+
+
+@pytest.mark.parametrize("cause", ["thickness", "width", "force calibration"])
+def test_an_area_or_a_force_that_errs_is_what_its_stand_in_makes(cause: str) -> None:
+    """One percent of it, in displacements and temperatures, by a run of its own; what is left is of second order."""
+    case, measured = study(STATED), data()
+    here = Joint(case, measured, joint_settings(case, ("E",), measured), SIZE)
+    found = of_specimen(case, measured.specimen, PARAMETERS)
+    slopes = here.model.linearised(PARAMETERS, acting(found))[1]
+    told = columns(found, acting(found), slopes)[cause][:, 0]
+    if cause == CALIBRATION:
+        wrong, size = {name: replace(s, force=1.001 * s.force) for name, s in measured.steps.items()}, calibration(case) / 0.001
+        other = replace(measured, steps=wrong)
+    else:
+        # The mesh of a wider gauge is another one: of the width the area is what acts, and it acts as a thickness does.
+        other, size = replace(measured, specimen=replace(SPECIMEN, thickness=1.001 * SPECIMEN.thickness)), 10.0
+    made = size * (replace(here, data=other).model.residual(PARAMETERS) - here.model.residual(PARAMETERS))
+    near = 0.05 if cause == "width" else 0.01
+    assert np.linalg.norm(told - made) < near * np.linalg.norm(made)
+
+
+def test_what_is_free_is_no_cause_and_what_is_not_stated_neither() -> None:
+    plain = of_specimen(study(), SPECIMEN, PARAMETERS)
+    assert set(plain) == {"theta_air", "theta_clamp"} and plain["theta_air"] == {"theta_air": 0.1}
+    assert set(of_specimen(study(), SPECIMEN, PARAMETERS.with_free(("theta_air", "E")))) == {"theta_clamp"}
+    stated = of_specimen(study(STATED), SPECIMEN, PARAMETERS)
+    assert set(stated) - set(plain) == {"force calibration", "thickness", "width", "camera scale"}
+    assert stated[CALIBRATION]["force_scale.gain"] == pytest.approx(0.01 / np.sqrt(3.0)), "limits of a class are no standard error"
+    several = of_test(stated, "second", frozenset({"force_scale.gain", "alpha_air"}))
+    assert several["thickness@second"].keys() == {"force_scale.gain@second", "alpha_air@second"}
+
+
+def test_a_stage_tells_what_it_takes_for_exact() -> None:
+    """Earlier parameters by their derivatives; the force by one column for each of its modes; a mesh as coarse as this one by much."""
+    case, measured = study(STATED), data()
+    modes = np.ones((len(measured.steps["all"].time), 1)) * 4.0
+    measured = replace(measured, steps={name: replace(s, error=modes) for name, s in measured.steps.items()})
+    experiment = BodyExperiment(case, given=measured)
+    settings = PlasticStage(free=("M_y0", "F"), channels={"du": ChannelSettings()}, window=(0.0, 40.0))
+    told = stage_errors(
+        case, measured, settings, PARAMETERS.with_free(settings.free), ("E",), experiment.prescribed_errors(PARAMETERS),
+        lambda of, own, base, size: replace(experiment, given=of).model(own, base, size),
+    )  # fmt: skip
+    assert {"mesh", "force noise", "force calibration", "thickness", "camera scale"} <= set(told.causes)
+    assert "theta_air" not in told.causes and "time steps" not in told.causes, "displacements hardly feel them"
+    model = experiment.model(settings, PARAMETERS.with_free(settings.free), case.mesh_size)
+    step = 50.0
+    there = model.residual(PARAMETERS.replace(E=TRUTH["E"] + step)) - model.residual(PARAMETERS.replace(E=TRUTH["E"] - step))
+    assert np.allclose(told.slopes[:, 0], there / (2.0 * step), atol=2e-3 * np.abs(there).max() / step)
+    gain = told.causes["force calibration"][:, 0]
+    noise = told.causes["force noise"][:, 0]
+    flow = np.flatnonzero(np.abs(noise) > 0.1 * np.abs(noise).max())
+    assert float(noise[flow] @ gain[flow]) > 0.5 * np.linalg.norm(noise[flow]) * np.linalg.norm(gain[flow]), "both pull at the specimen"

@@ -1,0 +1,121 @@
+"""What a stage takes for exact, and what one standard error of it makes of the residual of that stage: earlier parameters, what is
+prescribed, the smoothed force, mesh and steps.
+
+All of it is asked on the coarse mesh, whose rows are those of the stage: an uncertainty need not be known better than to a tenth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thermofit.core.parameters import Parameters
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.discretisation import FINER, MESH, ORDER, STEPS, finer_mesh, on_mesh_ratio
+from thermofit.experiment.fields import LoadSteps, Measured
+from thermofit.experiment.force_error import displacement_modes, temperature_modes
+from thermofit.experiment.forward import march_settings, run_of, sampler
+from thermofit.experiment.held import thermal_names
+from thermofit.experiment.joint import FORCE_NOISE, ForceModes, Joint, coarse_mesh
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prescribed import SCALE, Moved, acting, columns
+from thermofit.study.section import MeshSize
+from thermofit.study.stages import StageSettings
+from thermofit.study.study import Study
+
+ModelOf = Callable[[Measured, StageSettings, Parameters, MeshSize], StageModel]
+"""StageModel of data, settings and parameters on a mesh."""
+
+
+@dataclass(frozen=True)
+class StageErrors:
+    """Columns (n, m) of the residual by cause, and its derivatives (n, n_b) by parameters that earlier stages told."""
+
+    causes: Mapping[str, np.ndarray]
+    slopes: np.ndarray
+
+
+def stage_errors(
+    study: Study,
+    data: Measured,
+    settings: StageSettings,
+    parameters: Parameters,
+    earlier: tuple[str, ...],
+    prescribed: Mapping[str, Moved],
+    model_of: ModelOf,
+) -> StageErrors:
+    """StageErrors of a stage on one specimen at its optimum. NumericsError where a run fails."""
+    size = coarse_mesh(study)
+    warm = any(field_of(c) == "theta" for c in settings.channels)
+    causes = _numerical(study, data, settings, parameters, size, model_of, warm)
+    # Displacements hardly feel what acts in the heat balance alone.
+    felt = {c: moved for c, moved in prescribed.items() if warm or not set(moved) <= thermal_names() | {"theta_air", "theta_clamp"}}
+    scale = felt.pop(SCALE, None)
+    if not warm:
+        felt = {c: {n: by for n, by in moved.items() if n not in thermal_names()} for c, moved in felt.items()}
+    names = tuple(dict.fromkeys((*earlier, *acting(felt))))
+    asked = settings.model_copy(update={"free": (*settings.free, *(n for n in names if n not in settings.free))})
+    model = model_of(data, asked, parameters, size)
+    if names:
+        _, slopes = model.linearised(parameters, names)
+    else:
+        slopes = np.zeros((sum(c.n for c in model.comparisons), 0))
+    causes |= columns(felt, names, slopes)
+    if scale is not None and "u" in model.observations:
+        causes[SCALE] = sum(scale.values()) * _of_displacements(model, parameters)
+    noise = _force_noise(study, data, settings, parameters, size, model)
+    if noise.size:
+        causes[FORCE_NOISE] = noise
+    return StageErrors(causes, slopes[:, [names.index(n) for n in earlier]])
+
+
+def _numerical(
+    study: Study, data: Measured, settings: StageSettings, parameters: Parameters, size: MeshSize, model_of: ModelOf, warm: bool
+) -> dict[str, np.ndarray]:
+    """Errors of the study's mesh and of the steps, (n, 1) each: wholly in the residual, for a stage does not correct them. Steps tell of
+    heat: where no temperatures are compared they are not asked."""
+    here = model_of(data, settings, parameters, size).residual(parameters)
+    fine = model_of(data, settings, parameters, finer_mesh(size)).residual(parameters)
+    found = {MESH: on_mesh_ratio(size, study.mesh_size) * (here - fine)[:, None] / (1.0 - FINER**-2)}
+    if warm:
+        halved = replace(data, steps={name: steps.divided(2) for name, steps in data.steps.items()})
+        slow = model_of(halved, settings, parameters, size).residual(parameters)
+        found[STEPS] = (here - slow)[:, None] / (1.0 - 0.5 ** ORDER[study.numerics.heat_integration])
+    return found
+
+
+def _of_displacements(model: StageModel, parameters: Parameters) -> np.ndarray:
+    """What all displacements larger by themselves make of the residual (n, 1)."""
+    errors = model.errors(parameters)
+    shown = {name: errors[name] + o.value if name == "u" else np.zeros_like(o.value) for name, o in model.observations.items()}
+    return model.assemble_jacobian(errors, {name: field[..., None] for name, field in shown.items()})
+
+
+def _force_noise(
+    study: Study, data: Measured, settings: StageSettings, parameters: Parameters, size: MeshSize, model: StageModel
+) -> np.ndarray:
+    """What the error of the smoothed force makes of the residual (n, k), one column for each of its modes; none where it drives nothing."""
+    whole = data.steps["all"]
+    if whole.error is None or study.force.drives != "force":
+        return np.zeros((0, 0))
+    found: dict[str, tuple[ForceModes, np.ndarray]] = {}
+    if "theta" in model.observations:
+        joint = Joint(study, data, settings, size)
+        history, _ = joint.shown(parameters)
+        assert data.temperature is not None
+        found["theta"] = temperature_modes(joint, history, whole.at(history.time), parameters), data.temperature.time
+    if "u" in model.observations:
+        seen = model.observations["u"]
+        steps = data.steps["displacement"].until(float(seen.time[-1]))
+        run = run_of(study, data, size, steps, march_settings(study, settings.coupling, keep_points=True))
+        times = LoadSteps(steps.time, steps.force, np.zeros_like(steps.time))
+        look = sampler(run.body, seen, times)
+        found["u"] = displacement_modes(run(parameters), whole.at(steps.time), look, seen), seen.time
+    zero = {name: np.zeros_like(o.value) for name, o in model.observations.items()}
+    slopes = {name: np.zeros((*o.value.shape, whole.error.shape[1])) for name, o in model.observations.items()}
+    for name, (modes, time) in found.items():
+        own = modes.tangent[..., None] * modes.modes[:, None, None, :] @ modes.turned.T
+        slopes[name] = own[np.searchsorted(time, model.observations[name].time - 1e-9)]
+    return model.assemble_jacobian(zero, slopes)

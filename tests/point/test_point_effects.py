@@ -224,7 +224,9 @@ def test_yield_stress_in_compression() -> None:
 def test_bar_of_finite_elements(name: str, control: str) -> None:
     """Every effect of the law, and all at once, loaded, unloaded and reversed: stress, strains and temperature of the adiabatic bar are
     those of the point to 1e-8, driven by its end or by the force."""
-    on = {e.amplitude.name: PROBES[e.amplitude.name] for e in law_effects()}
+    on = {
+        e.amplitude.name: PROBES[e.amplitude.name] for e in law_effects() if e.amplitude.name in PROBES
+    }  # others: of files that tests read
     changes = {**SECONDARY, **(on if name == "all" else {name: 2.0 * PROBES[name]})}
     if control == "force":
         changes["H_lin"] = 900.0  # without it the plateau is flat, and the strain at a given stress not unique

@@ -16,11 +16,11 @@ FAR = ("parameters.alpha_exp.start=45.0e-6", "parameters.c0.start=5.0", "paramet
 
 def thermal(study: Study) -> dict[str, tuple[float, float]]:
     record = tiny.stage_run("identify-thermal")(study, force=True).record
-    return {name: (p.value, p.sigma or 0.0) for name, p in record.parameters.items() if p.free}
+    return {name: (p.value, p.sigma_noise or 0.0) for name, p in record.parameters.items() if p.free}
 
 
 def distance(study_of: StudyOf) -> float:
-    """Largest distance in standard errors of the optima from the usual start and from one far off."""
+    """Largest distance in standard errors of noise of the optima from the usual start and from one far off."""
     near, far = thermal(study_of()), thermal(study_of(*FAR))
     return max(abs(far[name][0] - value) / sigma for name, (value, sigma) in near.items())
 

@@ -93,8 +93,8 @@ def test_without_infrared(tmp_path: Path) -> None:
 def test_measured_experiment_has_no_truth(study: Study, tmp_path: Path) -> None:
     records = {name: open_record(artefact_path(study.run_dir, name)) for name in ("interpolate", *ALL, "verify")}
     known, unknown = report_text(study, records, ()), report_text(made.study_in(tmp_path), records, ())
-    assert "in standard errors" in known and "virtual experiment" in known
-    assert "in standard errors" not in unknown and "virtual" not in unknown
+    assert "in standard uncertainties" in known and "virtual experiment" in known
+    assert "in standard uncertainties" not in unknown and "virtual" not in unknown
 
 
 def test_missing_verify_names_its_command_and_leaves_a_page(tmp_path: Path) -> None:

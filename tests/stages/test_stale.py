@@ -223,7 +223,7 @@ def test_a_record_holds_bounds_that_its_stage_has_read(folder: Path) -> None:
         names, at_bound = ("E", "nu"), (False, False)
 
     class Solved:
-        fit, parameters, covariance = Fit(), base, None
+        fit, parameters, covariance, budget = Fit(), base, None, None
 
     results = parameter_results(study, base, Solved())  # type: ignore[arg-type]
     assert (results["kappa"].lower, results["kappa"].upper) == (1e-3, 1e5)

@@ -265,11 +265,11 @@ def _refuse_elsewhere(run_dir: Path, source: Path) -> None:
 
     Below the current folder and that of the study, in a new or empty folder, and in one that holds results already, a study may write.
     """
-    homes = (Path.cwd().resolve(), source.absolute().parent.resolve())
-    if any(run_dir.resolve().is_relative_to(home) for home in homes) or not run_dir.is_dir():
+    homes, place = (Path.cwd().resolve(), source.absolute().parent.resolve()), run_dir.resolve()
+    if any(place.is_relative_to(home) for home in homes) or not place.is_dir():
         return
     try:
-        held = [path.name for path in run_dir.iterdir()]
+        held = [path.name for path in place.iterdir()]
     except OSError as error:
         raise StudyError(f"{source}: key 'run_dir' is {run_dir}, which cannot be read ({error})") from None
     if held and not any(name == "raw" or name.endswith(".h5") for name in held):

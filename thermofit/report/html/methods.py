@@ -104,8 +104,8 @@ def _fit(records: Records, run: RunFolder) -> Iterator[str]:
     if REFINE in records and records[REFINE].summary.get("refined"):
         free = [name for name, p in records[REFINE].parameters.items() if p.free]
         yield (
-            f"At last {', '.join(free)} were fitted together to all channels: readings of thermocouples are data with an error, the "
-            "error of the smoothed force is noise, and the errors of mesh and time steps, told by a finer mesh and half the steps, are in "
+            f"At last {', '.join(free)} were fitted together to all channels. Readings of thermocouples are data with an error, and the "
+            "error of the smoothed force is noise. The errors of mesh and time steps come from a finer mesh and half the steps, and are in "
             "the data."
         )
 

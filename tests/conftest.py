@@ -40,7 +40,7 @@ def pytest_configure(config: pytest.Config) -> None:
             "try:\n    compiled()\n"
             "finally:\n    pathlib.Path(sys.argv[1]).touch()"
         )
-        running = subprocess.Popen([sys.executable, "-c", code, str(ended)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        running = subprocess.Popen([sys.executable, "-P", "-c", code, str(ended)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
         def end() -> None:
             running.terminate()

@@ -94,7 +94,8 @@ STAGES: tuple[Entry, ...] = (
         CHAIN,
         "All parameters in one fit of all channels, with combined uncertainty.",
         "From where the stages ended. Readings of thermocouples are data with an error. Force noise, mesh and time steps are in the "
-        "uncertainty, as is what the section 'uncertainty' states of calibration and dimensions. `thermofit show RUN_DIR/refine.h5 --budget` "
+        "uncertainty. So is what the section 'uncertainty' states of calibration and dimensions. "
+        "`thermofit show RUN_DIR/refine.h5 --budget` "
         "shows its parts.",
         "refine study.yaml --set uncertainty.force_class=0.5",
     ),

@@ -62,7 +62,7 @@ def compiled() -> None:
         return
     with progress("compiling kernels, once", None):
         code = "from thermofit.experiment.compiling import compile_body; compile_body()"
-        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
+        with subprocess.Popen([sys.executable, "-P", "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
             try:
                 compile_point()
                 if child.wait() == 0:

@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# What a user needs, without what only developing needs.
+RUN_STAMP := $(VENV)/.installed-to-run
 # Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
 # Drawn experiments of each of exp1 and exp3.
@@ -42,14 +44,18 @@ help:
 
 install: $(STAMP)
 
-# The stamp makes this a no-op until pyproject.toml changes.
-$(STAMP): pyproject.toml
+# The stamps make this a no-op until pyproject.toml changes.
+$(RUN_STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "thermofit needs Python >= 3.11, found " + sys.version.split()[0] + ": make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	touch $@
+
+$(STAMP): $(RUN_STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	touch $@
 
-demo: install
+demo: $(RUN_STAMP)
 	$(BIN)/thermofit run configs/quickstart.yaml
 
 test: install

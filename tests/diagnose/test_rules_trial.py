@@ -148,7 +148,7 @@ def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
     split = SimpleNamespace(held_out=(None,) * 5)
     problem = SimpleNamespace(model=SimpleNamespace(noise=None))
     return SimpleNamespace(
-        case=SimpleNamespace(parameters=parameters, **{"bounds": physical, **case}),
+        case=SimpleNamespace(parameters=parameters, **{"bounds": physical, "cheap": False, **case}),
         rows=None,
         split=split,
         problem=problem,
@@ -294,19 +294,27 @@ def test_exponents_that_do_not_settle_are_held_where_they_came_to(monkeypatch: p
 
 
 def at_scans(
-    monkeypatch: pytest.MonkeyPatch, ends: dict[float, tuple[float, float, bool]], cheap: bool = True, sigma: float = 0.0
-) -> tuple[list[float], Trial]:
-    """Starts of a lamp that were tried, and the trial that is taken: `ends` = (amplitude, gain, accepted) by start, their error `sigma`."""
+    monkeypatch: pytest.MonkeyPatch,
+    ends: dict[float, tuple[float, float, bool]],
+    cheap: bool = True,
+    sigma: float = 0.0,
+    f: dict[float, float] | None = None,
+) -> tuple[list[float], list[float], Trial]:
+    """Starts of a lamp that were refitted, those that were judged, and the trial that is taken: `ends` = (amplitude, gain, accepted) by
+    start, their error `sigma`, their square sums `f` (rising where not given)."""
     begun: list[float] = []
+    judged: list[float] = []
 
     def nearer(here: Any, scores: Any, chosen: Any, refit: Any) -> Any:
-        begun.append(chosen["lamp.start"])
-        return chosen["lamp.start"]
+        start = chosen["lamp.start"]
+        begun.append(start)
+        return "no equilibrium" if f is not None and start not in f else (start, SimpleNamespace(f=start if f is None else f[start]))
 
-    def judge(here: Any, fit: Any, scores: Any, start: float, means: Any) -> Any:
-        size, gain, accepted = ends[start]
+    def judge(here: Any, fit: Any, scores: Any, end: Any, means: Any) -> Any:
+        judged.append(end[0])
+        size, gain, accepted = ends[end[0]]
         one = Trial(scores, replace(GOOD, gain=gain), {"lamp.absorbed": size}, {"lamp.absorbed": sigma}, 0.0, "" if accepted else "refused")
-        return one, ("there", start) if accepted else None
+        return one, ("there", end[0]) if accepted else None
 
     monkeypatch.setattr(module, "nearer", nearer)
     monkeypatch.setattr(module, "ended_at", judge)
@@ -315,20 +323,32 @@ def at_scans(
     here.scanned, here.settings = {"lamp": tuple(({"lamp.start": s}, None) for s in ends)}, {"lamp": {"lamp.start": next(iter(ends))}}
     fit: Any = None
     means: Any = SimpleNamespace(refit=None)
-    return begun, tried(here, fit, of("lamp"), means)[0]
+    return begun, judged, tried(here, fit, of("lamp"), means)[0]
 
 
 def test_an_effect_at_its_bound_is_tried_at_other_exponents(monkeypatch: pytest.MonkeyPatch) -> None:
     """Up to one that is off it; of all ends the accepted one with the largest gain is taken. Of a body no second refit is made."""
     bound = param("lamp.absorbed").upper
     ends = {10.0: (bound, 0.9, False), 20.0: (0.995 * bound, 0.3, True), 30.0: (0.2, 0.2, True), 40.0: (0.2, 0.99, True)}
-    begun, trial = at_scans(monkeypatch, ends)
-    assert begun == [10.0, 20.0, 30.0] and trial.gain == 0.3
-    begun, trial = at_scans(monkeypatch, ends, cheap=False)
-    assert begun == [10.0] and trial.gain == 0.9
-    assert at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)})[0] == [10.0]
-    begun, trial = at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)}, sigma=0.2)
-    assert begun == [10.0, 20.0] and trial.gain == 0.9, "nor has one a value of its own that is not away from neutral"
+    _, judged, trial = at_scans(monkeypatch, ends)
+    assert judged == [10.0, 20.0, 30.0] and trial.gain == 0.3
+    begun, judged, trial = at_scans(monkeypatch, ends, cheap=False)
+    assert begun == judged == [10.0] and trial.gain == 0.9
+    assert at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)})[1] == [10.0]
+    _, judged, trial = at_scans(monkeypatch, {10.0: (0.3, 0.1, False), 20.0: (0.3, 0.9, True)}, sigma=0.2)
+    assert judged == [10.0, 20.0] and trial.gain == 0.9, "nor has one a value of its own that is not away from neutral"
+
+
+def test_of_coupons_the_best_fit_of_all_exponents_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One step ranks exponents near the optimum without the effect; the least square sum may lie in another valley. Of a body the first
+    that can be run counts."""
+    ends = dict.fromkeys((10.0, 20.0, 30.0, 40.0, 50.0, 60.0), (0.2, 0.5, True))
+    f = {10.0: 5.0, 20.0: 4.0, 40.0: 3.0, 60.0: 1.0, 50.0: 2.0}
+    begun, judged, _ = at_scans(monkeypatch, ends, f=f)
+    assert begun == list(ends) and judged == [60.0]
+    assert at_scans(monkeypatch, ends, f=f, sigma=1.0)[1] == [60.0, 50.0, 40.0, 20.0], "in the order of their fits, four at most"
+    assert at_scans(monkeypatch, ends, cheap=False, f={30.0: 2.0, 40.0: 1.0})[:2] == ([10.0, 20.0, 30.0], [30.0])
+    assert at_scans(monkeypatch, ends, cheap=False, f={60.0: 1.0})[0] == [10.0, 20.0, 30.0, 40.0]
 
 
 def test_of_a_body_what_is_freed_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

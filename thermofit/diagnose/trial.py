@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -32,7 +33,7 @@ AWAY = 2.0
 NEARER = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.015625)
 """Parts of its estimate from which a refit starts in turn, as long as the model cannot run there."""
 OTHER_SCANS = 3
-"""Further values of the exponents that are tried where no start can be run at the best ones."""
+"""Further values of the exponents that are judged where no start can be run at the best ones, or an amplitude has no value of its own."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +94,12 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
         score, settings = at_settings(here, score, scanned[0]), scanned[0][0]
     starts = [(score, settings or {})]
     # The first values of the exponents are those of the score; at others the same run may be possible.
-    starts += [(at_settings(here, score, scan), scan[0]) for scan in [s for s in scanned if s[0] != settings][:OTHER_SCANS]]
-    failures = []
+    starts += [(at_settings(here, score, scan), scan[0]) for scan in scanned if scan[0] != settings]
+    failures: list[str] = []
     best: tuple[Trial, Accepted | None] | None = None
     first: Trial | None = None
-    for score, chosen in starts:
-        begun = nearer(here, (score,), chosen, means.refit)
-        if isinstance(begun, str):
-            failures.append(begun)
-            continue
-        ended = ended_at(here, fit, (score,), begun, means)
+    for score, end in islice(_begun(here, starts, means, failures), 1 + OTHER_SCANS):
+        ended = ended_at(here, fit, (score,), end, means)
         first = ended[0] if first is None else first
         if best is None or (ended[1] is not None, ended[0].gain) > (best[1] is not None, best[0].gain):
             best = ended
@@ -115,6 +112,28 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
         said = f"has no value of its own at other exponents, where {proof.words}; here {trial.proof.words} only"
         return replace(trial, refused=said), None
     return best
+
+
+def _begun(
+    here: Traced, starts: Sequence[tuple[Score, Mapping[str, float]]], means: Means, failures: list[str]
+) -> Iterator[tuple[Score, End]]:
+    """Refits with exponents held at the values of every start, of coupons the best fit first; words of those that failed go to `failures`.
+
+    One step ranks the exponents near the optimum without the effect. Where the effect takes over a part of the base law (a fast term the
+    knee, and that the slow rest), the least square sum lies in another valley, which only a refit begun at other exponents reaches.
+    """
+    found = (
+        (score, nearer(here, (score,), chosen, means.refit)) for score, chosen in (starts if here.case.cheap else starts[: 1 + OTHER_SCANS])
+    )
+    ends = []
+    for score, end in found:
+        if isinstance(end, str):
+            failures.append(end)
+        elif here.case.cheap:
+            ends.append((score, end))
+        else:
+            yield score, end
+    yield from sorted(ends, key=lambda begun: begun[1][1].f)
 
 
 def _undetermined(here: Traced, own: Effect, trial: Trial) -> bool:

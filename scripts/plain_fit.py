@@ -22,14 +22,15 @@ from numba import njit
 from scipy.optimize import least_squares
 
 NAMES = ("E", "M_y0", "M_yinf", "H_exp", "H_lin", "Q", "b", "C1", "g1", "C2", "g2", "K", "m", "rate0", "C", "rate1", "slope")
-NAMES += ("share", "length", "upper", "drop", "amount", "scale", "c0", "tau")
-OFF = {"b": 60.0, "g1": 100.0, "m": 0.2, "rate0": 1e-3, "rate1": 1e-4, "length": 0.02, "drop": 1e-3, "scale": 0.02}
+NAMES += ("share", "length", "upper", "drop", "amount", "scale", "c0", "tau", "part", "power", "fall")
+OFF = {"b": 60.0, "g1": 100.0, "m": 0.2, "rate0": 1e-3, "rate1": 1e-4, "length": 0.02, "drop": 1e-3, "scale": 0.02, "power": 1.0}
 BOUNDS = {"E": (1e3, 5e5), "M_y0": (0.5, 3e3), "M_yinf": (1.0, 6e3), "H_exp": (0.03, 3e3), "H_lin": (-5e3, 1e5), "Q": (-1e3, 1e3)}
 BOUNDS |= {"b": (0.1, 5e3), "C1": (0.0, 5e6), "g1": (1e-3, 1e4), "C2": (0.0, 5e6), "g2": (0.0, 1e4), "K": (0.0, 2e3), "m": (0.02, 1.0)}
 BOUNDS |= {"rate0": (1e-9, 1e4), "C": (0.0, 0.5), "rate1": (1e-9, 1e4), "slope": (-0.02, 0.02), "share": (0.0, 3.0), "length": (1e-3, 0.2)}
 BOUNDS |= {"upper": (0.0, 500.0), "drop": (1e-5, 0.05), "amount": (0.0, 0.9), "scale": (1e-4, 10.0)}
-"""Those of the effects of the catalogue."""
-POSITIVE = {"E", "M_y0", "M_yinf", "H_exp", "b", "g1", "m", "rate0", "rate1", "length", "drop", "scale"}
+BOUNDS |= {"part": (-2.0, 2.0), "power": (0.2, 8.0), "fall": (-1e-3, 5e-3)}
+"""Those of the effects of the catalogue; it has no modulus that falls with the temperature."""
+POSITIVE = {"E", "M_y0", "M_yinf", "H_exp", "b", "g1", "m", "rate0", "rate1", "length", "drop", "scale", "power"}
 """Fitted by their logarithm."""
 SIZE = {
     "H_lin": 200.0,
@@ -43,6 +44,8 @@ SIZE = {
     "share": 0.5,
     "upper": 20.0,
     "amount": 0.1,
+    "part": 0.1,
+    "fall": 1e-4,
 }
 TERMS: dict[str, tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]] = {
     "lin": (("H_lin",), ((100.0,),)),
@@ -52,6 +55,8 @@ TERMS: dict[str, tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]] = {
     "power": (("K", "m", "rate0"), ((5.0, 0.2, 1e-3), (20.0, 0.1, 1e-2))),
     "log": (("C", "rate1"), ((0.01, 1e-4), (0.02, 1e-6), (0.1, 1.0))),
     "soft": (("slope",), ((5e-4,),)),
+    "softpower": (("part", "power"), ((0.1, 1.0), (0.1, 2.0))),
+    "modulus": (("fall",), ((5e-4,),)),
     "plateau": (("share", "length"), ((0.8, 0.015), (0.5, 0.03))),
     "upper": (("upper", "drop"), ((20.0, 1e-3),)),
     "damage": (("amount", "scale"), ((0.1, 0.01),)),
@@ -69,6 +74,9 @@ def _yield_stress(p: float, rate: float, theta: float, P: np.ndarray) -> float:
         late = 0.5 * (p - P[18] + math.sqrt((p - P[18]) ** 2 + soft)) - 0.5 * (-P[18] + math.sqrt(P[18] ** 2 + soft))
         s += P[17] * (voce * (math.exp(-P[3] * p) - math.exp(-P[3] * late)) + P[19] * math.exp(-p / P[20]))
     s += P[11] * ((1.0 + rate / P[13]) ** P[12] - 1.0)
+    if P[25] != 0.0:
+        warm = 0.01 * (theta - 293.15)
+        s *= 1.0 - P[25] * warm * (warm * warm + 1e-4) ** (0.5 * (P[26] - 1.0))
     return s * (1.0 - P[16] * (theta - 293.15)) * (1.0 + P[14] * math.log(1.0 + rate / P[15]))
 
 
@@ -83,7 +91,7 @@ def stresses(time: np.ndarray, eps: np.ndarray, start: float, P: np.ndarray) -> 
         parts = max(1, min(100, int(abs(eps[k] - before) / STEP) + 1))
         dt = whole / parts
         for j in range(1, parts + 1):
-            modulus = P[0] * (1.0 - P[21] * (1.0 - math.exp(-p / P[22])))
+            modulus = P[0] * (1.0 - P[21] * (1.0 - math.exp(-p / P[22]))) * (1.0 - P[27] * (theta - 293.15))
             trial = modulus * (before + (eps[k] - before) * j / parts - flow)
             n = 1.0 if trial - X1 - X2 >= 0.0 else -1.0
             dp = 0.0

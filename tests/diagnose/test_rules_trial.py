@@ -231,9 +231,11 @@ def ended(
     freed: dict[tuple[str, ...], bool],
     cheap: bool = True,
     settles: bool | None = False,
+    before: Parameters = BASE,
 ) -> Trial:
     """The end of two effects with an exponent each: `gains` = (gain, why refused) by what is free, `freed` = what can be freed, and whether
-    it settles; `settles`: whether a refit with exponents held where they came to does, None: it cannot be run."""
+    it settles; `settles`: whether a refit with exponents held where they came to does, None: it cannot be run; `before`: parameters of the
+    round."""
 
     def refit(start: Parameters, label: str) -> Any:
         assert label == f"{' '.join(PAIR)} held there" and not set(BOTH) & set(start.free)
@@ -255,7 +257,7 @@ def ended(
     means: Any = SimpleNamespace(refit=refit)
     fit: Any = None
     end: Any = (WITH_EXPONENTS, SimpleNamespace(converged=True, of="held"))
-    trial, found = ended_at(here_of(cheap=cheap), fit, tuple(of(n) for n in PAIR), end, means)
+    trial, found = ended_at(here_of(before, cheap=cheap), fit, tuple(of(n) for n in PAIR), end, means)
     return replace(trial, exponents=f"{found}: {trial.exponents}")
 
 
@@ -274,6 +276,20 @@ def test_of_coupons_the_best_end_is_taken_and_not_the_first(monkeypatch: pytest.
 def test_an_end_that_is_refused_comes_after_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     gains = {"held": (0.1, ""), " ".join(BOTH): (0.4, "at its bound")}
     assert ended(monkeypatch, gains, {BOTH: True}).refused == ""
+
+
+def test_exponents_of_earlier_effects_are_fitted_beside_those_that_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are held: one that an earlier round has fitted is free already. Alone too, and only where that settles."""
+    earlier, C = "backstress_first.gamma", "backstress_first.C"
+    before = BASE.replace(**{C: 5e4, earlier: 300.0}).with_free(("kappa", C))
+    both, alone, gains = (*BOTH, earlier), (earlier,), {"held": (0.1, ""), " ".join((*BOTH, earlier)): (0.5, ""), earlier: (0.4, "")}
+    found = ended(monkeypatch, gains, {both: True, alone: True}, before=before)
+    assert found.exponents == f"{' '.join(both)}: {', '.join(both)} fitted" and found.gain == 0.5
+    assert ended(monkeypatch, gains, {both: False, alone: True}, before=before).gain == 0.4
+    assert ended(monkeypatch, gains, {both: False, alone: False}, before=before).gain == 0.1
+    for other in (before.with_free(("kappa", C, earlier)), before.with_free(("kappa",)), BASE):
+        assert ended(monkeypatch, gains, {both: True, alone: True}, before=other).gain == 0.1
+    assert ended(monkeypatch, gains, {both: True, alone: True}, cheap=False, before=before).gain == 0.1, "of a body a run costs too much"
 
 
 @pytest.mark.parametrize("settles", [False, None])

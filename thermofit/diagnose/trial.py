@@ -18,7 +18,7 @@ from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.retraced import missed
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Scan, Traced, best_scans
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import Effect, effect, effect_of_param, is_of_effect
 from thermofit.experiment.priors import beyond_error, in_words
 from thermofit.experiment.trust import at_bound
 from thermofit.fit.result import FitResult
@@ -211,9 +211,21 @@ def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, 
         parts = groups if len(names) > 1 else [(name,) for name in scanned]
         singly = [(freed_refit(end, part, label, means.refit), part) for part in parts if part]
         ends += [(one[0], f"{', '.join(part)} {one[1]}", none) for one, part in singly if one[0] is not None and one[0][1].converged]
+    earlier = held_exponents(here)  # held where they stood in for what is added now, they keep the others from their best fit
+    for part in dict.fromkeys(((*scanned, *earlier), earlier)) if earlier else ():
+        found_there, words = freed_refit(end, part, f"{label} beside", means.refit)
+        if found_there is not None and found_there[1].converged:
+            ends.append((found_there, f"{', '.join(part)} {words}", none))
     judged = [(*judged_trial(here, fit, scores, e, means), words, loose) for e, words, loose in ends]
     trial, found, said, loose = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
     return replace(trial, exponents=said, adrift=loose), found
+
+
+def held_exponents(here: Traced) -> tuple[str, ...]:
+    """Exponents of effects that were accepted, whose amplitudes are fitted, and that a fit holds where they are."""
+    free = here.case.parameters.free
+    added = dict.fromkeys(effect_of_param(n) for n in free if is_of_effect(n))
+    return tuple(p.name for e in added for p in e.exponents if p.name not in free)
 
 
 def _held_there(end: End, scanned: Sequence[str], label: str, refit: Refit) -> tuple[End | None, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -102,3 +103,30 @@ def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles:
     else:
         assert fits[1:] == [(("E", "rate_logarithmic.C"), f"{label} held")]
         assert found.free == ("E", "rate_logarithmic.C") and fit.converged
+
+
+def test_how_well_an_exponent_is_known_is_asked_of_errors_that_know_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """White noise would know it to a tenth; as the noise hangs together, the data do not: it is held."""
+    fits: list[str] = []
+
+    @dataclass(frozen=True)
+    class Fit:
+        names: tuple[str, ...]
+        sigma: np.ndarray
+        converged: bool = True
+        covariance: Any = None
+
+    def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, **_: Any) -> tuple[Parameters, Any]:
+        fits.append(name)
+        return start, Fit(start.free, 0.1 * start.vector())
+
+    def spread(model: Any, fit: Fit) -> tuple[Any, str]:
+        return SimpleNamespace(sigma=8.0 * fit.sigma), ""
+
+    monkeypatch.setattr(JointFit, "minimised_on", minimised)
+    monkeypatch.setattr(refit, "covariance_of", spread)
+    model: Any = SimpleNamespace(cheap=False)
+    fitting = JointFit(*[SimpleNamespace()] * 2, model, SimpleNamespace())  # type: ignore[arg-type]
+    found, fit = fitting(Parameters.of({"E": 7e4, NAME: 1e-4}, ("E", NAME)), "rate")
+    assert fits == ["rate", "rate held"] and found.free == ("E",)
+    assert fit.sigma is not None and fit.sigma.tolist() == [pytest.approx(5.6e4)]

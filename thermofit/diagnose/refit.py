@@ -178,12 +178,16 @@ class JointFit:
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
         most *= OFTEN if self.model.cheap else 1
         start = self.approached(start, label)
-        parameters, fit = self.minimised_on(start, self.model, label, most)
+        parameters, fit = self._with_errors(*self.minimised_on(start, self.model, label, most))
         vague = () if self.model.cheap else undetermined_exponents(parameters, fit)
         if vague:
             # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are.
             held = parameters.with_free(tuple(name for name in parameters.free if name not in vague))
-            parameters, fit = self.minimised_on(held, self.model, f"{label} held", most)
+            parameters, fit = self._with_errors(*self.minimised_on(held, self.model, f"{label} held", most))
+        return parameters, fit
+
+    def _with_errors(self, parameters: Parameters, fit: FitResult) -> tuple[Parameters, FitResult]:
+        """The end of a fit with standard errors that know how its noise hangs together."""
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
 

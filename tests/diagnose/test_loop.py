@@ -203,11 +203,18 @@ def test_exponents_that_were_held_are_asked_again_beside_the_error_of_the_force(
 
 @pytest.mark.parametrize(
     ("free", "asked"),
-    [(("rate_logarithmic.C",), (EXPONENT,)), (("E",), ()), (("rate_logarithmic.C", EXPONENT), ()), (("lamp.absorbed",), ())],
+    [
+        (("rate_logarithmic.C",), (EXPONENT,)),
+        (("E",), ()),
+        (("rate_logarithmic.C", EXPONENT), ()),
+        (("lamp.absorbed",), ()),
+        (("latent_heat.heat",), ()),
+    ],
 )
 def test_held_exponents_are_those_of_effects_that_are_on(free: tuple[str, ...], asked: tuple[str, ...]) -> None:
-    """Those known by their order of magnitude: a lamp's time is told, or it does nothing."""
-    case: Any = SimpleNamespace(parameters=Parameters.of({EXPONENT: 1e-4}, free), known=(effect("rate_logarithmic"), effect("lamp")))
+    """Those with a size of their own that displacements show: of the heat balance they are free where that gains something."""
+    known = tuple(effect(name) for name in ("rate_logarithmic", "lamp", "latent_heat"))
+    case: Any = SimpleNamespace(parameters=Parameters.of({EXPONENT: 1e-4}, free), known=known)
     assert loop.vague_exponents(case) == asked
 
 

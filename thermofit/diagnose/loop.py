@@ -15,11 +15,13 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.refit import has_size
 from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
+from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -291,10 +293,11 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
 
 
 def vague_exponents(case: Case) -> tuple[str, ...]:
-    """Exponents known by their order of magnitude that are held, of effects with a free amplitude."""
+    """Exponents of effects with a free amplitude that were fitted and are held, because they were known to no better than their size."""
     free = set(case.parameters.free)
     added = [e for e in case.known if free & {p.name for p in e.amplitudes}]
-    return tuple(p.name for e in added for p in e.exponents if p.logarithmic and p.name not in free)
+    held = tuple(p.name for e in added for p in e.exponents if has_size(p) and p.name not in free)
+    return tuple(n for n in held if n not in felt_by_temperatures(held))
 
 
 def rivals(here: Traced, name: str, gain: float) -> bool:

@@ -9,9 +9,11 @@ import pytest
 from virtual_pulls import SIZE, TIME, TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.body_check import verification
 from thermofit.experiment.fields import LoadSteps, Measured
-from thermofit.experiment.force_error import with_force_error
+from thermofit.experiment.force_error import told_error, with_force_error
 from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.verification import KnownErrors
 
 TIMES = np.unique(np.concatenate([np.linspace(0.0, 50.0, 101), TIME]))
 COURSE = np.interp(TIMES, [0.0, 2.0, 6.0, 24.0, 27.0, 30.0, 44.0, 50.0], [0.0, 0.0, 3900.0, 5000.0, 1500.0, 5000.0, 5300.0, 1000.0])
@@ -139,3 +141,30 @@ def test_parameters_that_follow_the_force_do_not_count_as_its_misfit() -> None:
     off = PARAMETERS.replace(M_y0=1.02 * PARAMETERS["M_y0"])
     assert holding.force_misfit(off.with_free(("nu",))) > 9.0
     assert holding.force_misfit(off.with_free(free)) < 2.0
+
+
+def test_all_channels_tell_the_error_of_the_force() -> None:
+    """The history of the error comes back, with its sign, where the force tells by its effect; none where it is not known."""
+    history, right = joint(COURSE).shown(PARAMETERS)
+    planted, random = 4.0 * MODES[:, 1] - 3.0 * MODES[:, 2], np.random.default_rng(9)
+    errs = with_force_error(joint(COURSE + planted, 3.0 * MODES), history, PARAMETERS)
+    data = errs.data
+    assert data.temperature is not None
+    seen = {
+        o.name: replace(o, value=o.value + right[o.name] + o.sigma * random.normal(size=o.value.shape))
+        for o in (data.displacement, data.temperature)
+    }
+    holding = replace(errs, data=replace(data, displacement=seen["u"], temperature=seen["theta"]))
+    found = told_error(holding, PARAMETERS)
+    assert found is not None
+    np.testing.assert_allclose(found, planted, atol=0.2 * np.abs(planted).max())
+    assert told_error(holding.without_force_error(), PARAMETERS) is None
+
+
+def test_what_is_known_of_the_force_is_taken_off_before_a_run() -> None:
+    """The check of a fit runs under the corrected force: that of the same test under the right one, to the last digits."""
+    error = 5.0 * MODES[:, 1]
+    right = verification(study(), loaded(COURSE, None), PARAMETERS, KnownErrors({}))
+    corrected = verification(study(), loaded(COURSE + error, None), PARAMETERS, KnownErrors({"u": np.array(0.5)}, error))
+    np.testing.assert_allclose(corrected.predicted["u"], right.predicted["u"] - 0.5, atol=1e-9)
+    np.testing.assert_allclose(corrected.predicted["theta"], right.predicted["theta"], atol=1e-7)

@@ -21,7 +21,6 @@ from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_m
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
@@ -30,7 +29,7 @@ from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
 from thermofit.experiment.stage_errors import StageErrors, stage_errors
 from thermofit.experiment.start import feasible_start, other_starts
-from thermofit.experiment.verification import Checked
+from thermofit.experiment.verification import Checked, KnownErrors
 from thermofit.experiment.window import window_times
 from thermofit.records.artefact import Record
 from thermofit.records.staging import artefact_path
@@ -258,10 +257,10 @@ class BodyExperiment:
         )
 
     def checked(
-        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", known: KnownErrors | None = None
     ) -> Checked:
         """One coupled run on the mesh of the study."""
-        return checked(self.study, self.data, parameters, thermal, word, numerical)
+        return checked(self.study, self.data, parameters, thermal, word, known)
 
 
 def _with_drive(study: Study, drive: str) -> Study:

@@ -16,9 +16,8 @@ from thermofit.experiment.channels import reference_times
 from thermofit.experiment.fields import LoadSteps, Measured, field_datasets, read_field
 from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.instruments import Instruments
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.residuals import ResidualField, Span, named_phases, node_rms, residual_field, time_rms
-from thermofit.experiment.verification import INFORMATION, Checked, Summary, channel_table, judge, phase_table
+from thermofit.experiment.verification import INFORMATION, Checked, KnownErrors, Summary, channel_table, judge, phase_table
 from thermofit.experiment.window import axial_strain
 from thermofit.observe.comparison import plain, rigid_free, temperature_change
 from thermofit.observe.observation import FieldObservation, face_operator
@@ -47,24 +46,36 @@ class Verification:
 
 
 def checked(
-    study: Study, data: Measured, parameters: Parameters, thermal: Record | None, word: str = "verified", numerical: Errors | None = None
+    study: Study,
+    data: Measured,
+    parameters: Parameters,
+    thermal: Record | None,
+    word: str = "verified",
+    known: KnownErrors | None = None,
 ) -> Checked:
-    """One coupled run with given parameters beside all data of an experiment; `numerical`: known errors of mesh and steps in its fields,
-    which are taken off. NumericsError where the specimen cannot carry the force."""
-    verified = verification(study, data, parameters, numerical or {})
+    """One coupled run with given parameters beside all data of an experiment; `known`: what is known to be wrong with it, which is taken
+    off. NumericsError where the specimen cannot carry the force."""
+    verified = verification(study, data, parameters, known or KnownErrors({}))
     spans = named_phases(data.phases)
     summary = {**_summary(verified, spans, thermal, word), "evaluations": {"forward": 1, "failed": 0}}
-    if numerical:
-        sizes = [
-            f"{np.sqrt(np.nanmean(e**2)):.2g} {verified.observed[n].unit} in {n}" for n, e in numerical.items() if n in verified.observed
-        ]
-        summary["remarks"].append(f"errors of mesh and time steps are taken off the prediction, rms {', '.join(sizes)}")
+    if known is not None:
+        errors = {name: error for name, error in known.fields.items() if name in verified.observed}
+        sizes = [f"{np.sqrt(np.nanmean(error**2)):.2g} {verified.observed[name].unit} in {name}" for name, error in errors.items()]
+        if sizes:
+            summary["remarks"].append(f"errors of mesh and time steps are taken off the prediction, rms {', '.join(sizes)}")
+        if known.force is not None:
+            summary["remarks"].append(
+                f"the smoothed force is corrected by what all channels tell of its error, rms {np.sqrt(np.mean(known.force**2)):.2g} N, "
+                f"at most {np.abs(known.force).max():.2g} N"
+            )
     return Checked(summary, _datasets(verified, data, spans))
 
 
-def verification(study: Study, data: Measured, parameters: Parameters, numerical: Errors | None = None) -> Verification:
+def verification(study: Study, data: Measured, parameters: Parameters, known: KnownErrors) -> Verification:
     """One coupled run through all load steps, compared at all observations. NumericsError where the specimen cannot carry the force."""
     steps = data.steps["all"]
+    if known.force is not None:
+        steps = replace(steps, force=steps.force - known.force)
     run = run_of(study, data, study.mesh_size, steps, march_settings(study, "full"))
     with progress("verify", len(steps.time) - 1) as advance:
         try:
@@ -73,7 +84,7 @@ def verification(study: Study, data: Measured, parameters: Parameters, numerical
             text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
             raise NumericsError(text) from error
     observed, predicted = _fields(study, data, run, history, parameters)
-    predicted = {name: field - (numerical or {}).get(name, 0.0) for name, field in predicted.items()}
+    predicted = {name: field - known.fields.get(name, 0.0) for name, field in predicted.items()}
     return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
 
 

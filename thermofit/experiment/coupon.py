@@ -21,14 +21,13 @@ from thermofit.experiment.fields import INTERPOLATE, start_parameters
 from thermofit.experiment.flow_conditions import flow_conditions
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import Moved, acting, columns, of_records
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.stage_errors import StageErrors
-from thermofit.experiment.verification import Checked
+from thermofit.experiment.verification import Checked, KnownErrors
 from thermofit.fit.linear_model import LinearModel
 from thermofit.point.driver import PointHistory, simulate
 from thermofit.point.programmes import NAMES, Usual, programme
@@ -305,7 +304,7 @@ class CouponExperiment:
         return {"E": _about(base["E"], error, study.bounds("E"))}
 
     def checked(
-        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", known: KnownErrors | None = None
     ) -> Checked:
         """Every record by the point driver."""
         return checked_records(self.study, self.data, parameters, word)

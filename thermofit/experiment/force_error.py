@@ -16,6 +16,7 @@ import numpy as np
 
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import LoadSteps, temperature_of
 from thermofit.experiment.forward import Sampler
 from thermofit.experiment.joint import ForceModes, Joint
@@ -91,6 +92,18 @@ def temperature_modes(joint: Joint, history: History, steps: LoadSteps, paramete
         left = np.clip(np.divide(now, then, out=np.ones_like(now), where=np.abs(then) > _COLD), 0.0, 1.0)
         tangent[i, :, 0], at[i] = released * (left if look.index[i] > step else 1.0), step
     return _telling(temperature_of(joint.data).averaged(tangent), at, steps, _DOUBT)
+
+
+def told_error(joint: Joint, parameters: Parameters) -> np.ndarray | None:
+    """Error of the prescribed force at all load steps, N (n_steps,), as all channels together tell it: the mean of its modes, given the
+    residual. None where it is not known. NumericsError where the run fails."""
+    whole = joint.data.steps["all"].error
+    if joint.force_error is None or whole is None:
+        return None
+    model = joint.model
+    errors = model.errors(parameters)
+    parts = dict(enumerate(c.residual(errors[field_of(c)]) for c in model.comparisons))
+    return np.asarray(sum(whole @ common.told(parts) for common in model.common))
 
 
 def _telling(tangent: np.ndarray, at: np.ndarray, steps: LoadSteps, doubt: float = 0.0) -> ForceModes:

@@ -25,14 +25,13 @@ from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import Moved, of_test
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.protocol import JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
 from thermofit.experiment.stage_errors import StageErrors
-from thermofit.experiment.verification import Checked, together
+from thermofit.experiment.verification import Checked, KnownErrors, together
 from thermofit.records.artefact import Record
 from thermofit.records.remarks import as_one, named
 from thermofit.study.section import MeshSize
@@ -307,7 +306,7 @@ class SeveralExperiments:
         return out
 
     def checked(
-        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", known: KnownErrors | None = None
     ) -> Checked:
         """All experiments, channels and phases of each under its name."""
         found = {test.name: test.checked(seen_by(parameters, test.name), None, word) for test in self.tests}

@@ -20,11 +20,10 @@ from thermofit.experiment.fields import Measured
 from thermofit.experiment.flow_conditions import FlowConditions
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import Moved
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.stage_errors import StageErrors
-from thermofit.experiment.verification import Checked
+from thermofit.experiment.verification import Checked, KnownErrors
 from thermofit.records.artefact import Record
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import StageSettings
@@ -281,8 +280,8 @@ class Experiment(Protocol):
     # With given parameters
 
     def checked(
-        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", numerical: Errors | None = None
+        self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", known: KnownErrors | None = None
     ) -> Checked:
         """The prediction with given parameters beside all data of one test; `thermal`: record of the thermal stage, of which the one-way
-        coupling is told; `word` is the verdict; `numerical`: known errors of mesh and steps, which are taken off the prediction.
+        coupling is told; `word` is the verdict; `known`: what is known to be wrong with the prediction, which is taken off.
         NumericsError where the model cannot follow the test."""

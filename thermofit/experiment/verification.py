@@ -149,15 +149,31 @@ def refined_record(study: Study, stages: Sequence[str]) -> Record | None:
     return record if record.summary.get("refined") else None
 
 
-def numerical_place(field: str, test: str) -> str:
-    """Where the record of the joint fit keeps the errors of mesh and steps of a field of a test."""
-    return f"numerical/{field}{AT}{test}" if test else f"numerical/{field}"
+@dataclass(frozen=True)
+class KnownErrors:
+    """What the joint fit knows to be wrong with a prediction: errors of mesh and steps in its fields, (n_t, n_s, n_c) each, and the error
+    of the smoothed force at the load steps, N (n_steps,), as all channels together tell it; None where it is not told."""
+
+    fields: Mapping[str, np.ndarray]
+    force: np.ndarray | None = None
 
 
-def numerical_of(record: Record | None, test: str) -> dict[str, np.ndarray]:
-    """Known errors of mesh and steps in the fields of a test, (n_t, n_s, n_c) each; empty where there are none."""
-    places = {field: numerical_place(field, test) for field in ("u", "theta", "force")}
-    return {} if record is None else {field: record[place].value for field, place in places.items() if record.has(place)}
+def known_place(cause: str, test: str) -> str:
+    """Where the record of the joint fit keeps something that it knows of a test: "force_error", or "numerical/u" of a field."""
+    return f"{cause}{AT}{test}" if test else cause
+
+
+FORCE_TOLD, NUMERICAL = "force_error", "numerical"
+
+
+def known_errors(record: Record | None, test: str) -> KnownErrors | None:
+    """What the record of the joint fit knows to be wrong with the prediction of a test; None without a record."""
+    if record is None:
+        return None
+    places = {field: known_place(f"{NUMERICAL}/{field}", test) for field in ("u", "theta", "force")}
+    force = known_place(FORCE_TOLD, test)
+    fields = {field: record[place].value for field, place in places.items() if record.has(place)}
+    return KnownErrors(fields, record[force].value if record.has(force) else None)
 
 
 def with_remarks(summary: Summary, more: Summary) -> Summary:

@@ -16,6 +16,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name
 from thermofit.experiment.channels import FIELDS
 from thermofit.experiment.discretisation import on_mesh
+from thermofit.experiment.force_error import told_error
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.model import StageModel
@@ -24,7 +25,7 @@ from thermofit.experiment.prescribed import acting, columns
 from thermofit.experiment.priors import improbable, off_declared
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.trust import READING
-from thermofit.experiment.verification import numerical_place
+from thermofit.experiment.verification import FORCE_TOLD, NUMERICAL, known_place
 from thermofit.fit.budget import combined
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.combined import groups_above_noise
@@ -193,7 +194,7 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
     # What the joint fit sees are data with the errors of mesh and steps in them: fields are those of `verify`.
     fields = tuple(f"{name}/" for name in model.observations)
     datasets = {name: data for name, data in record.datasets.items() if not name.startswith(fields)}
-    datasets |= _numerical(study, problem)
+    datasets |= _known(study, problem, solved.parameters)
     summary = {
         **record.summary,
         "verdict": str(record.summary["verdict"]).replace("identified", "refined", 1),
@@ -204,12 +205,17 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
     return replace(record, datasets=datasets, parameters=results, summary=summary)
 
 
-def _numerical(study: Study, problem: JointProblem) -> dict[str, Dataset]:
-    """Errors of mesh and steps in the fields as the study's own mesh has them, by field and test."""
+def _known(study: Study, problem: JointProblem, parameters: Parameters) -> dict[str, Dataset]:
+    """What is known to be wrong with a prediction, by test: errors of mesh and steps in its fields as the study's own mesh has them, and
+    what the data tell of the error of a prescribed force."""
     out, units = {}, {name.partition(AT)[0]: o.unit for name, o in problem.model.observations.items()}
     for test, fields in ({} if problem.errors is None else problem.errors.fields).items():
+        assert problem.parts is not None
+        force = told_error(problem.parts.each[test], problem.parts.seen_by(parameters, test))
+        if force is not None:
+            out[known_place(FORCE_TOLD, test)] = Dataset(force, "N", ("step",))
         for name, error in on_mesh(fields, problem.size, study.mesh_size).items():
-            out[numerical_place(name, test)] = Dataset(error, units[name], ("time", "point", "component"))
+            out[known_place(f"{NUMERICAL}/{name}", test)] = Dataset(error, units[name], ("time", "point", "component"))
     return out
 
 

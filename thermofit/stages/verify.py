@@ -16,8 +16,8 @@ from thermofit.experiment.verification import (
     Checked,
     fitted_parameters,
     identified_stages,
+    known_errors,
     made_otherwise,
-    numerical_of,
     refined_record,
     results_in,
     stages_remarks,
@@ -62,10 +62,10 @@ def run(study: Study, *, force: bool = False, refine: bool = False) -> Outcome:
         for test in experiment.tests:
             thermal = None if test.name else thermal_record(study, stages)
             here = experiment.seen_by(parameters, test.name)
-            errors = numerical_of(refined_record(study, stages), test.name)
+            errors = known_errors(refined_record(study, stages), test.name)
             driven, one, said = carried(
                 test,
-                lambda one, here=here, thermal=thermal, errors=errors: one.checked(here, thermal, numerical=errors),  # type: ignore[misc]
+                lambda one, here=here, thermal=thermal, errors=errors: one.checked(here, thermal, known=errors),  # type: ignore[misc]
             )
             own_remarks = {"drive": driven.drive, "remarks": [said] if said else []}
             found[test.name] = one = replace(one, summary=with_remarks(one.summary, own_remarks))

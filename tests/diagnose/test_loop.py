@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from seen_field import BASE, N_S, N_T, SIGMA, TIME, case_of, field
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose import loop
 from thermofit.diagnose.backward import Means, held_out_of, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, Sharper
@@ -115,6 +117,7 @@ def test_an_effect_that_does_not_stand_off_neutral_is_refused() -> None:
     assert later and all(row["remark"] for row in later)
 
 
+EXPONENT = "rate_logarithmic.reference"
 DRIFTING = {"ir_drift.rate": 0.02}
 
 
@@ -171,6 +174,48 @@ def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermine
     assert found.accepted == ("ir_drift",) and "c0" not in found.last.case.parameters.free
     (said,) = found.remarks
     assert said == f"held at c0 = {found.last.case.parameters['c0']:.3g}: free beside the error of the force, it does not settle"
+
+
+def test_exponents_that_were_held_are_asked_again_beside_the_error_of_the_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A force that is taken as exact and wrong may have held them at the wrong place."""
+    case, _ = with_gain_as_noise(case_of(5, **DRIFTING), 1e-3)
+    case, fit = fitted(case)
+    sharper, begun = case.sharper, []
+    assert sharper is not None
+
+    def watched(parameters: Parameters) -> Sharper | None:
+        sharp = sharper(parameters)
+        if sharp is None:
+            return None
+        nearby = sharp.nearby
+
+        def near(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+            begun.append(start.free)
+            return nearby(start.with_free(n for n in start.free if n != EXPONENT), label)
+
+        return replace(sharp, nearby=near)
+
+    monkeypatch.setattr(loop, "vague_exponents", lambda case: (EXPONENT,))
+    found = close_loop(replace(case, sharper=watched), fit, refitting(case.model), 3, None)
+    assert [EXPONENT in free for free in begun] == [True] and EXPONENT not in found.last.case.parameters.free
+    assert found.remarks[0].startswith(f"held at {EXPONENT} = ")
+
+
+@pytest.mark.parametrize(
+    ("free", "asked"),
+    [
+        (("rate_logarithmic.C",), (EXPONENT,)),
+        (("E",), ()),
+        (("rate_logarithmic.C", EXPONENT), ()),
+        (("lamp.absorbed",), ()),
+        (("latent_heat.heat",), ()),
+    ],
+)
+def test_held_exponents_are_those_of_effects_that_are_on(free: tuple[str, ...], asked: tuple[str, ...]) -> None:
+    """Those with a size of their own that displacements show: of the heat balance they are free where that gains something."""
+    known = tuple(effect(name) for name in ("rate_logarithmic", "lamp", "latent_heat"))
+    case: Any = SimpleNamespace(parameters=Parameters.of({EXPONENT: 1e-4}, free), known=known)
+    assert loop.vague_exponents(case) == asked
 
 
 def test_the_loop_stays_with_the_plain_problem_where_it_is_never_near() -> None:

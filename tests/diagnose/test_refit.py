@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,38 +11,50 @@ import pytest
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose import refit
-from thermofit.diagnose.refit import EXPONENTS, JointFit, as_strong, profiled
+from thermofit.diagnose.refit import EXPONENTS, Fitted, JointFit, as_strong, walked
 
 NAME = "rate_logarithmic.reference"
 
 
-def searched(best: float, begin: float) -> tuple[Parameters, list[float]]:
-    """The search on a bowl in the logarithm with its bottom at `best`, and the values that it tried."""
+def searched(best: float, begin: float, runs: float = np.inf) -> tuple[float, list[float]]:
+    """The search on a bowl in the logarithm with its bottom at `best`, and the values that it tried; above `runs` the model fails."""
     tried: list[float] = []
 
-    def at(value: float) -> tuple[float, Parameters]:
+    def at(value: float) -> Fitted:
         tried.append(value)
-        return (np.log10(value) - np.log10(best)) ** 2, Parameters.of({NAME: value})
+        way = float(np.log(best / value))
+        return Fitted(way**2 if value < runs else np.inf, Parameters.of({NAME: value}), way)
 
-    return profiled(at, begin, NAME), tried
+    return walked(at, begin, NAME)[NAME], tried
 
 
-@pytest.mark.parametrize(("best", "begin"), [(3e-5, 1e-2), (4e-4, 1e-4), (2e-3, 1e-6)])
-def test_search_walks_down_the_scan_and_takes_the_vertex(best: float, begin: float) -> None:
+@pytest.mark.parametrize(("best", "begin", "expected"), [(3e-5, 1e-2, [1e-2, 1e-3, 1e-4]), (3e-4, 1e-6, [1e-6, 1e-5, 1e-4])])
+def test_the_search_walks_down_the_scan_until_a_step_stays_within_it(best: float, begin: float, expected: list[float]) -> None:
+    """From there a fit with the exponent free goes on; no value on the other side is tried."""
     found, tried = searched(best, begin)
-    assert found[NAME] == pytest.approx(best, rel=1e-6)
-    assert len(tried) == len(set(tried)) <= len(param(NAME).scan) + 1
+    assert tried == pytest.approx(expected) and found == pytest.approx(expected[-1])
 
 
-def test_search_ends_at_the_edge_of_the_scan() -> None:
-    assert searched(1e-8, 1e-6)[0][NAME] == pytest.approx(1e-6)
+def test_a_value_that_is_near_enough_is_the_only_one() -> None:
+    assert searched(2e-4, 1e-4) == (1e-4, [1e-4])
+
+
+def test_the_search_ends_at_the_edge_of_the_scan() -> None:
+    assert searched(1e-9, 1e-6) == (1e-6, [1e-6])
+
+
+def test_the_search_turns_back_where_a_step_promised_too_much() -> None:
+    rises = {1e-4: 1.0, 1e-3: 2.0}
+    found = walked(lambda v: Fitted(rises[round(v, 9)], Parameters.of({NAME: v}), 5.0), 1e-4, NAME)
+    assert found[NAME] == 1e-4
 
 
 def test_a_value_at_which_the_model_fails_is_passed_over() -> None:
-    def at(value: float) -> tuple[float, Parameters]:
-        return (float("inf") if value > 1e-3 else abs(np.log(value / 1e-4))), Parameters.of({NAME: value})
-
-    assert profiled(at, 1e-3, NAME)[NAME] == pytest.approx(1e-4)
+    found, tried = searched(1e-4, 1e-2, runs=5e-3)
+    assert found == pytest.approx(1e-4) and tried == pytest.approx([1e-2, 1e-3, 1e-4])
+    tried.clear()
+    walked(lambda v: tried.append(v) or Fitted(np.inf, Parameters.of({NAME: v}), 0.0), 1e-4, NAME)  # type: ignore[func-returns-value]
+    assert len(tried) == len(param(NAME).scan)
 
 
 def test_another_exponent_starts_as_strong_as_before() -> None:
@@ -70,10 +83,14 @@ def test_free_names_may_come_from_a_generator() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value", "sigma", "vague"),
-    [(NAME, 1e-6, 0.4e-6, False), (NAME, 1e-6, 0.6e-6, True), (NAME, 1e-6, np.nan, True), ("lamp.start", 40.0, 30.0, False)],
+    [
+        *[(NAME, 1e-6, 0.4e-6, False), (NAME, 1e-6, 0.6e-6, True), (NAME, 1e-6, np.nan, True), ("lamp.start", 40.0, 30.0, False)],
+        *[("backstress_first.gamma", 100.0, 60.0, True), ("initial_gradient.tilt", 1.0, 0.9, False)],
+        *[("latent_heat.centre", 0.02, 0.015, False), ("second_hardening.b", 60.0, 20.0, False)],
+    ],
 )
 def test_an_exponent_that_the_data_hardly_determine_is_held(name: str, value: float, sigma: float, vague: bool) -> None:
-    """Only of those that are logarithms: a time has no size of its own."""
+    """Only of positive quantities: a time has no size of its own."""
     parameters = Parameters.of({"E": 7e4, name: value}, ("E", name))
     fit: Any = SimpleNamespace(converged=True, names=("E", name), sigma=np.array([1e9, sigma]))
     assert refit.undetermined_exponents(parameters, fit) == ((name,) if vague else ())
@@ -102,3 +119,70 @@ def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles:
     else:
         assert fits[1:] == [(("E", "rate_logarithmic.C"), f"{label} held")]
         assert found.free == ("E", "rate_logarithmic.C") and fit.converged
+
+
+def test_how_well_an_exponent_is_known_is_asked_of_errors_that_know_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """White noise would know it to a tenth; as the noise hangs together, the data do not: it is held."""
+    fits: list[str] = []
+
+    @dataclass(frozen=True)
+    class Fit:
+        names: tuple[str, ...]
+        sigma: np.ndarray
+        converged: bool = True
+        covariance: Any = None
+
+    def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, **_: Any) -> tuple[Parameters, Any]:
+        fits.append(name)
+        return start, Fit(start.free, 0.1 * start.vector())
+
+    def spread(model: Any, fit: Fit) -> tuple[Any, str]:
+        return SimpleNamespace(sigma=8.0 * fit.sigma), ""
+
+    monkeypatch.setattr(JointFit, "minimised_on", minimised)
+    monkeypatch.setattr(refit, "covariance_of", spread)
+    model: Any = SimpleNamespace(cheap=False)
+    fitting = JointFit(*[SimpleNamespace()] * 2, model, SimpleNamespace())  # type: ignore[arg-type]
+    found, fit = fitting(Parameters.of({"E": 7e4, NAME: 1e-4}, ("E", NAME)), "rate")
+    assert fits == ["rate", "rate held"] and found.free == ("E",)
+    assert fit.sigma is not None and fit.sigma.tolist() == [pytest.approx(5.6e4)]
+
+
+def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a fit with it free has ended, the next one goes on from there; from elsewhere it is looked for, one side of it alone."""
+    fits: list[tuple[str, tuple[str, ...], float]] = []
+    best = 3e-6
+
+    def minimised(self: JointFit, start: Parameters, model: Any, name: str, *_: Any) -> tuple[Parameters, Any]:
+        fits.append((name, start.free, start[NAME]))
+        there = start.replace(**{NAME: best}) if NAME in start.free else start
+        way = float(np.log(best / there[NAME]))
+        n = len(there.free)
+        jacobian = np.vstack([np.zeros((1, n)), np.eye(n)])
+        fit = SimpleNamespace(
+            f=way**2, residual=np.append(-way, np.zeros(n)), jacobian=jacobian, names=there.free, converged=True, sigma=None
+        )
+        return there, fit
+
+    def linearised(parameters: Parameters, names: tuple[str, ...]) -> tuple[None, np.ndarray]:
+        assert names == (NAME,)
+        return None, np.array([[1.0 / parameters[NAME]], [0.0], [0.0]])
+
+    flow = (np.array([0.01]), np.array([1e-3]), np.array([1e-3]))
+    monkeypatch.setattr(refit, "flow_of", lambda histories: flow)
+    monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))
+    monkeypatch.setattr(JointFit, "minimised_on", minimised)
+    model: Any = SimpleNamespace(cheap=False, linearised=linearised)
+    parts: Any = SimpleNamespace(mechanics=model, heat=lambda start: None, histories=lambda start: None)
+    study: Any = SimpleNamespace(bounds=lambda name: (1e-9, 1e9), hardening_law=2)
+    fitting = JointFit(study, SimpleNamespace(), model, SimpleNamespace(), parts=parts)  # type: ignore[arg-type]
+    start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4, "theta_ref": 297.0}, ("E", "rate_logarithmic.C", NAME))
+    found, _ = fitting(start, f"rate{EXPONENTS}")
+    assert [value for _, free, value in fits if NAME not in free] == pytest.approx([1e-4, 1e-5]), "towards its step, and no further"
+    assert found[NAME] == best
+    fits.clear()
+    fitting(found, "lamp")
+    assert all(NAME in free for _, free, _ in fits)
+    fits.clear()
+    fitting(start, "again")
+    assert any(NAME not in free for _, free, _ in fits)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +12,11 @@ from virtual_pulls import SIZE, TRUTH, data, study
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
+from thermofit.experiment import body
+from thermofit.experiment.interpolated import registration_sigma
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.model import Prior
-from thermofit.experiment.priors import effect_priors, improbable, prior_sigma
+from thermofit.experiment.priors import effect_priors, improbable, off_declared, prior_sigma
 
 JAWS = "clamp_difference.difference"
 OWN = "diagnosis: {priors: {theta_clamp: 0.3, clamp_difference.difference: 2.0, ir_drift.rate: 1.0e-4}}\n"
@@ -78,3 +82,51 @@ def test_a_prior_of_one_experiment_is_that_of_its_parameter() -> None:
     priors = (replace(Prior(JAWS, 0.0, 0.5), name=f"{JAWS}@second"),)
     assert improbable(priors, Parameters.of({**TRUTH, f"{JAWS}@first": 24.0})) == ""
     assert improbable(priors, Parameters.of({**TRUTH, f"{JAWS}@second": 24.0})).startswith(f"{JAWS}@second would be 24 K")
+
+
+POSE = {"ir_registration.shift_y": 0.05, "ir_registration.shift_x": 0.04, "ir_registration.rotation": 1e-3, "ir_registration.scale": 2e-3}
+
+
+def test_the_calibration_of_the_camera_is_data_with_an_error() -> None:
+    """A small shift of the infrared image pays for itself; one that is far off is no error of the calibration, but a camera that moved."""
+    case, shift = study(), "ir_registration.shift_x"
+    assert {p.name: p.sigma for p in effect_priors(case, POSE) if p.name != JAWS} == POSE
+    joint = Joint(case, data(), joint_settings(case, ("c0",), data()), SIZE, beside=effect_priors(case, POSE))
+    row = [p.name for p in joint.model.priors].index(shift) - len(joint.model.priors)
+    small = Parameters.of({**TRUTH, shift: 0.1}, ("c0", shift))
+    assert joint.model.residual(small)[row] == pytest.approx(2.5)
+    assert joint.model.linearised(small, ("c0", shift))[1][row].tolist() == [0.0, 25.0]
+    far = small.replace(**{shift: 1.0})
+    assert improbable(joint.model.priors, far) == "" and off_declared(joint.model.priors, far, 3.0) == []
+
+
+def test_the_study_says_how_well_the_camera_was_calibrated() -> None:
+    own = study("diagnosis: {priors: {ir_registration.shift_x: 0.3, ir_registration.scale: null}}\n")
+    found = {p.name: p for p in effect_priors(own, POSE)}
+    assert found["ir_registration.shift_x"] == Prior("ir_registration.shift_x", 0.0, 0.3)
+    assert "ir_registration.scale" not in found and not found["ir_registration.shift_y"].firm
+
+
+def test_a_diagnosis_of_fields_knows_the_error_of_the_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Joint] = []
+
+    def told(joint: Joint, base: Parameters) -> None:
+        seen.append(joint)
+        raise InterruptedError
+
+    monkeypatch.setattr(body, "told", told)
+    case = study()
+    with pytest.raises(InterruptedError):
+        body.BodyExperiment(case, given=replace(data(), registration=POSE)).diagnosed(Parameters.of(TRUTH, ("c0",)))
+    assert {p.name for p in seen[0].beside} == {JAWS, *POSE}
+
+
+def test_errors_of_the_pose_are_those_of_its_axes() -> None:
+    """Of a camera that lies on its side the row is across the load; origin in px, roll in degrees, scale in mm per px."""
+    pose = {"scale_mm_per_px": 0.4, "axis_x": [1.0, 0.0], "axis_y": [0.0, -1.0]}
+    doubt = {"origin_px": [0.1, 0.2], "roll_deg": 0.5, "scale_mm_per_px": 0.002}
+    record: Any = SimpleNamespace(summary={"pose": pose, "uncertainty": doubt})
+    found = registration_sigma(record)
+    assert found["ir_registration.shift_x"] == pytest.approx(0.04) and found["ir_registration.shift_y"] == pytest.approx(0.08)
+    assert found["ir_registration.rotation"] == pytest.approx(np.pi / 360.0) and found["ir_registration.scale"] == pytest.approx(0.005)
+    assert registration_sigma(SimpleNamespace(summary={"pose": pose})) == {}  # type: ignore[arg-type]

@@ -15,11 +15,13 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.refit import has_size
 from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
+from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -106,7 +108,8 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
                 rounds.append(Round(here, (), ()))
                 break
         if sharp is not None:
-            held = tuple(n for n in here.case.parameters.free if n not in sharp[1].case.parameters.free)
+            asked = (*here.case.parameters.free, *vague_exponents(here.case))
+            held = tuple(n for n in asked if n not in sharp[1].case.parameters.free)
             if held:
                 values = ", ".join(f"{n} = {sharp[1].case.parameters[n]:.3g}" for n in held)
                 remarks.append(f"held at {values}: free beside the error of the force, it does not settle")
@@ -277,7 +280,9 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     if sharp is None:
         return None
     case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
-    parameters, fit = sharp.nearby(case.parameters, "error of the force")
+    # An exponent that was not told beside a force taken as exact may be told now, and elsewhere: that force was wrong in its favour.
+    again = (*case.parameters.free, *vague_exponents(case))
+    parameters, fit = sharp.nearby(case.parameters.with_free(again), "error of the force")
     now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split, fit)
     if here is first:
         return now, now, fit, sharp.refit, sharp.numerical
@@ -285,6 +290,14 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     # What was found first was found where nothing was hidden: only the error there is told again.
     begin = replace(begin, ranking=first.ranking, proofs=first.proofs, settings=first.settings, warmed=first.warmed)
     return begin, now, fit, sharp.refit, sharp.numerical
+
+
+def vague_exponents(case: Case) -> tuple[str, ...]:
+    """Exponents of effects with a free amplitude that were fitted and are held, because they were known to no better than their size."""
+    free = set(case.parameters.free)
+    added = [e for e in case.known if free & {p.name for p in e.amplitudes}]
+    held = tuple(p.name for e in added for p in e.exponents if has_size(p) and p.name not in free)
+    return tuple(n for n in held if n not in felt_by_temperatures(held))
 
 
 def rivals(here: Traced, name: str, gain: float) -> bool:

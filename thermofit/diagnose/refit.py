@@ -11,16 +11,18 @@ import numpy as np
 from thermofit.body.solve.history import History
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Param, Parameters, param
 from thermofit.diagnose.case import HeatFit
 from thermofit.effects.catalogue import effect, effect_of_param
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.model import StageModel
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.iteration import Follower
+from thermofit.identify.reciprocal import reciprocal_of
 from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, method_of, remembering, stage_problem
 from thermofit.law.composition import FACTORS, SUMS
 from thermofit.law.page import law_of
@@ -43,8 +45,7 @@ STRONGER = (1.0, 2.0, 4.0)
 COARSELY = 1e-3
 """The same for one of several values of an exponent that are compared."""
 VAGUE = 0.5
-"""Standard error over its value of an exponent whose logarithm counts, above which the data do not determine it: two of them reach
-nothing."""
+"""Standard error over its value of an exponent, above which the data do not determine it: two of them reach nothing."""
 PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
@@ -54,34 +55,40 @@ SETTLED = 0.5
 """Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
 
-def profiled(at: Callable[[float], tuple[float, Parameters]], value: float, name: str) -> Parameters:
-    """The parameters at the best value of one exponent: down the hill over its scan, then the vertex of the parabola through three.
+@dataclass(frozen=True)
+class Fitted:
+    """All other parameters fitted at one value of an exponent: objective, parameters, and how far a step with the exponent free as well
+    would take it, of one that is known by its order of magnitude its logarithm."""
 
-    `at` gives the objective and the other parameters for a value; the search begins at the given one.
+    f: float
+    parameters: Parameters
+    step: float
+
+
+def walked(at: Callable[[float], Fitted], value: float, name: str) -> Parameters:
+    """The parameters at the value of one exponent from which a fit with it free goes on: down the hill over its scan from the given value,
+    as long as the step of such a fit reaches beyond the next one. A value at which the model fails (f infinite) is passed over.
     """
     p = param(name)
     to, back = (np.log, np.exp) if p.logarithmic else (float, float)
     here = float(to(value))
     near = 1e-3 * float(np.ptp([to(v) for v in p.scan]))
     grid = sorted({here, *(x for x in (float(to(v)) for v in p.scan) if abs(x - here) > near)})
-    found: dict[float, tuple[float, Parameters]] = {}
-
-    def known(x: float) -> float:
-        if x not in found:
-            found[x] = at(float(back(x)))
-        return found[x][0]
-
     k = grid.index(here)
-    known(grid[k])
-    for side in (-1, 1):
-        while 0 <= k + side < len(grid) and known(grid[k + side]) < known(grid[k]):
-            k += side
-    if 0 < k < len(grid) - 1:
-        x, f = np.array(grid[k - 1 : k + 2]), np.array([known(v) for v in grid[k - 1 : k + 2]])
-        if np.all(np.isfinite(f)):
-            a, b, _ = np.polyfit(x - x[1], f, 2)
-            known(float(np.clip(x[1] - 0.5 * b / a, x[0], x[2])) if a > 0.0 else x[1])
-    return min(found.values(), key=lambda end: end[0])[1]
+    best = at(value)
+    for other in sorted((i for i in range(len(grid)) if i != k), key=lambda i: abs(grid[i] - here)):
+        if np.isfinite(best.f):
+            break
+        k, best = other, at(float(back(grid[other])))
+    while np.isfinite(best.f):
+        beyond = k + (1 if best.step > 0.0 else -1)
+        if not 0 <= beyond < len(grid) or abs(best.step) <= abs(grid[beyond] - grid[k]):
+            break
+        there = at(float(back(grid[beyond])))
+        if not there.f < best.f:
+            break
+        k, best = beyond, there
+    return best.parameters
 
 
 Flow = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -123,13 +130,18 @@ def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int
 
 
 def undetermined_exponents(parameters: Parameters, fit: FitResult) -> tuple[str, ...]:
-    """Free exponents that a fit does not determine: all of them where it does not settle, else those, of which a logarithm counts, whose
-    standard error is more than VAGUE of their value."""
+    """Free exponents that a fit does not determine: all of them where it does not settle, else those with a size of their own (no time, no
+    tilt) whose standard error is more than VAGUE of their value."""
     exponents = [name for name in parameters.free if param(name).scan]
     if not fit.converged or fit.sigma is None:
         return () if fit.converged else tuple(exponents)
     sigma = dict(zip(fit.names, fit.sigma.tolist(), strict=True))
-    return tuple(n for n in exponents if param(n).logarithmic and not sigma[n] <= VAGUE * abs(parameters[n]))
+    return tuple(n for n in exponents if has_size(param(n)) and not sigma[n] <= VAGUE * abs(parameters[n]))
+
+
+def has_size(p: Param) -> bool:
+    """Whether an exponent is a positive quantity whose error is told as a part of it; a moment of the test or a tilt may be anywhere."""
+    return p.logarithmic or (p.lower >= 0.0 and not p.scan_of)
 
 
 def failed_in_words(failures: Sequence[str]) -> list[str]:
@@ -173,17 +185,25 @@ class JointFit:
     ends: Ends = field(default_factory=dict)
     """Refits on known motions that are done: the same one is not made twice, and `close-loop` takes over those of `diagnose`."""
 
+    told: set[tuple[str, float]] = field(default_factory=set)
+    """Exponents and the values at which a fit with them free has ended: from there they are not looked for again."""
+
     def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
         """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
         most *= OFTEN if self.model.cheap else 1
         start = self.approached(start, label)
-        parameters, fit = self.minimised_on(start, self.model, label, most)
+        parameters, fit = self._with_errors(*self.minimised_on(start, self.model, label, most))
         vague = () if self.model.cheap else undetermined_exponents(parameters, fit)
+        self.told.update((n, parameters[n]) for n in parameters.free if param(n).scan)
         if vague:
             # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are.
             held = parameters.with_free(tuple(name for name in parameters.free if name not in vague))
-            parameters, fit = self.minimised_on(held, self.model, f"{label} held", most)
+            parameters, fit = self._with_errors(*self.minimised_on(held, self.model, f"{label} held", most))
+        return parameters, fit
+
+    def _with_errors(self, parameters: Parameters, fit: FitResult) -> tuple[Parameters, FitResult]:
+        """The end of a fit with standard errors that know how its noise hangs together."""
         spread, _ = covariance_of(self.model, fit)
         return parameters, fit if spread is None else replace(fit, covariance=spread, sigma=spread.sigma)
 
@@ -245,17 +265,18 @@ class JointFit:
     def _moved(self, start: Parameters, model: StageModel, mechanical: tuple[str, ...], label: str) -> Parameters:
         """Parameters after the fit of the mechanical ones to the displacements.
 
-        A free exponent is looked for first, with the others fitted at each of its values: an amplitude that multiplies it makes a bent
-        valley, in which no straight step goes far.
+        A free exponent is brought near first, with the others fitted at values of it: an amplitude that multiplies it makes a bent valley,
+        in which no straight step goes far.
         """
         assert self.parts is not None
         exponents = tuple(name for name in mechanical if param(name).scan)
         others = tuple(name for name in mechanical if name not in exponents)
-        flow = flow_of(self.parts.histories(start)) if exponents else None
-        for name in exponents:
+        unknown = tuple(name for name in exponents if (name, start[name]) not in self.told)
+        flow = flow_of(self.parts.histories(start)) if unknown else None
+        for name in unknown:
             tried = 0
 
-            def at(value: float, name: str = name, start: Parameters = start) -> tuple[float, Parameters]:
+            def at(value: float, name: str = name, start: Parameters = start) -> Fitted:
                 nonlocal tried
                 tried += 1
                 assert flow is not None
@@ -268,11 +289,27 @@ class JointFit:
                     except NumericsError as error:
                         self.failures.append(f"{label}, {name} = {value:.3g}, amplitude times {stronger:g}: the start failed ({error})")
                         continue
-                    return fit.f, there
-                return float("inf"), begin
+                    return Fitted(fit.f, there, self._wanted(model, there, fit, name))
+                return Fitted(float("inf"), begin, 0.0)
 
-            start = profiled(at, start[name], name)
+            start = walked(at, start[name], name)
         return self.minimised_on(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE)[0]
+
+    def _wanted(self, model: StageModel, there: Parameters, fit: FitResult, name: str) -> float:
+        """How far a Gauss-Newton step with one exponent free beside the fitted parameters would take it; zero where none can be made."""
+        if fit.jacobian is None:
+            return 0.0
+        try:
+            _, own = model.linearised(there, (name,))
+        except NumericsError as error:
+            self.failures.append(f"{name} = {there[name]:.3g}: its derivative failed ({error})")
+            return 0.0
+        names = (*fit.names, name)
+        change, x = reciprocal_of(names), np.array([there[n] for n in names])
+        ends = np.array([self.study.bounds(n) for n in names])
+        y, (lower, upper) = change.variables(x), change.bounds(ends[:, 0], ends[:, 1])
+        columns = change.by_variables(np.column_stack([fit.jacobian, own]), x)
+        return float(LinearModel(fit.residual, columns, bounds=(np.minimum(lower - y, 0.0), np.maximum(upper - y, 0.0))).step.d[-1])
 
     def minimised_on(
         self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None

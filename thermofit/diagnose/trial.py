@@ -19,6 +19,7 @@ from thermofit.diagnose.retraced import missed
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, is_of_effect
+from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.priors import beyond_error, in_words
 from thermofit.experiment.trust import at_bound
 from thermofit.fit.result import FitResult
@@ -171,19 +172,26 @@ def at_settings(here: Traced, score: Score, scan: Scan) -> Score:
 
 def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], refit: Refit) -> End | str:
     """Optimum from the first start that can be run: the one-step estimate of the amplitudes, or a part of it. In words why, where none."""
-    why = ""
+    why, early = "", freed_from_the_start(here, scores)
     for part in NEARER:
         start = here.case.parameters
         for score in scores:
             names = effect(score.effect).names
             estimate = {n: param(n).neutral + part * (v - param(n).neutral) for n, v in score.estimate.items()}
             start = with_effect(start, score.effect, {**estimate, **{n: v for n, v in chosen.items() if n in names}})
-        label = " ".join(s.effect for s in scores)
+        label = " ".join(s.effect for s in scores) + ("" if part == 1.0 else f" from {part:g}")
         try:
-            return refit(start, label if part == 1.0 else f"{label} from {part:g}")
+            return refit(start.with_free((*start.free, *early)), label + (EXPONENTS if early else ""))
         except NumericsError as error:
             why = why or str(error)
     return f"{why} (nor can it be run from {NEARER[-1]:g} of the estimate)"
+
+
+def freed_from_the_start(here: Traced, scores: Sequence[Score]) -> tuple[str, ...]:
+    """Exponents that are fitted with the first refit of effects already: of a body those that displacements show, where a refit with them
+    held first costs as much as the one with them free. What the data do not determine of them is held by that refit."""
+    every = tuple(p.name for s in scores for p in effect(s.effect).exponents)
+    return () if here.case.cheap else tuple(n for n in every if n not in felt_by_temperatures(every))
 
 
 def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
@@ -193,10 +201,11 @@ def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, 
     label = " ".join(names)
     groups = [tuple(p.name for p in effect(n).exponents) for n in names]
     scanned = tuple(n for group in groups for n in group)
-    freed, said = freed_refit(end, scanned, label, means.refit)
+    early = freed_from_the_start(here, scores)
+    freed, said = freed_refit(end, tuple(n for n in scanned if n not in early), label, means.refit)
     if not here.case.cheap:
         trial, found = judged_trial(here, fit, scores, freed or end, means)
-        return replace(trial, exponents=said), found
+        return replace(trial, exponents="; ".join(w for w in (_of_early(end, early), said) if w)), found
     held = _held(parameters, scanned) if scanned else ""
     adrift: tuple[str, ...] = ()
     if freed is not None:
@@ -226,6 +235,15 @@ def held_exponents(here: Traced) -> tuple[str, ...]:
     free = here.case.parameters.free
     added = dict.fromkeys(effect_of_param(n) for n in free if is_of_effect(n))
     return tuple(p.name for e in added for p in e.exponents if p.name not in free)
+
+
+def _of_early(end: End, early: tuple[str, ...]) -> str:
+    """What became of exponents that were free from the start."""
+    parameters, fit = end
+    held = [n for n in early if n not in parameters.free]
+    if held:
+        return f"{_held(parameters, held)}, which the data do not determine further"
+    return "" if not early else "fitted" if fit.converged else "fitted, but not settled"
 
 
 def _held_there(end: End, scanned: Sequence[str], label: str, refit: Refit) -> tuple[End | None, str]:

@@ -234,7 +234,7 @@ class BodyExperiment:
         """With the errors of mesh and steps at the optimum of the stages taken into the data."""
         settings = self.joint_settings(free)
         base, size = base.with_free(settings.free), diagnosis_mesh(self.study)
-        plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study))
+        plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study, self.data.registration))
         found = told(plain, base)
         return replace(
             self._problem(settings, base, found.parts, size),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -96,6 +97,8 @@ class Measured:
     phases: tuple[TestPhase, ...]
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together, the larger one of the two fields; 0: it is not known."""
+    registration: Mapping[str, float] = field(default_factory=dict)
+    """Standard errors of the pose of the infrared camera by Param of `ir_registration`; empty: they are not known."""
     gauge: Gauge | None = None
     """Sections inside the model between which the elongation was measured; None: it is that of the model's ends, or not known."""
     stretched: Stretched | None = None
@@ -153,6 +156,7 @@ def measured_of(record: Record) -> Measured:
         correlation_length=max(
             float(summary.get(name, {}).get("correlation_length_mm") or 0.0) for name in ("displacement", "temperature")
         ),
+        registration={name: float(sigma) for name, sigma in summary.get("temperature", {}).get("registration", {}).items()},
         gauge=Gauge(record["elongation/xy"].value, record["elongation/weight"].value) if record.has("elongation/xy") else None,
         stretched=_stretched(record),
     )

@@ -204,6 +204,7 @@ def _projected_temperature(
     scatter = _scatter(theta, study.noise.temperature is None, summary)
     theta = replace(theta, sigma=scatter * theta.sigma)
     summary["temperature"] |= {
+        "registration": registration_sigma(record),
         "nodes": len(patches.xy),
         "frames_beyond_dic": int(len(infrared.time) - len(times)) if study.evaluation.temperature_times == "frames" else 0,
         "fixed_pattern_K": pattern.size,
@@ -381,6 +382,23 @@ def _temperature_noise(study: Study, raw: FieldNoise, camera: CameraPose, summar
         "correlation_length_mm": raw.correlation_length * camera.scale,
     }
     return noise
+
+
+def registration_sigma(record: Record) -> dict[str, float]:
+    """Standard errors of the pose of the camera by Param of `ir_registration`: of its origin along and across the load (mm), of its roll
+    (rad) and of its scale (relative). Empty where the record tells none."""
+    doubt = record.summary.get("uncertainty")
+    if doubt is None:
+        return {}
+    pose, origin = record.summary["pose"], np.array(doubt["origin_px"])
+    scale = pose["scale_mm_per_px"]
+    across, along = (scale * float(np.linalg.norm(origin * np.array(pose[axis]))) for axis in ("axis_x", "axis_y"))
+    return {
+        "ir_registration.shift_y": along,
+        "ir_registration.shift_x": across,
+        "ir_registration.rotation": float(np.deg2rad(doubt["roll_deg"])),
+        "ir_registration.scale": doubt["scale_mm_per_px"] / scale,
+    }
 
 
 def _infrared(record: Record) -> tuple[InfraredSequence, CameraPose]:

@@ -299,9 +299,11 @@ class SeveralExperiments:
 
     def _priors_of_each(self) -> dict[str, tuple[Prior, ...]]:
         """Priors of effects by experiment: each has those of its own readings, the first also those of the material, which count once."""
-        every, names = effect_priors(self.study), [test.name for test in self.tests]
-        own = tuple(p for p in every if p.name in self.own or p.name in self.study.shared)
-        return {name: every if name == names[0] else own for name in names}
+        out: dict[str, tuple[Prior, ...]] = {}
+        for test in self.tests:
+            every = effect_priors(self.study, test.data.registration)
+            out[test.name] = tuple(p for p in every if not out or p.name in self.own or p.name in self.study.shared)
+        return out
 
     def checked(
         self, parameters: Parameters, thermal: Record | None = None, word: str = "verified", known: KnownErrors | None = None

@@ -31,6 +31,9 @@ class Prior:
     name: str
     value: float
     sigma: float
+    firm: bool = True
+    """True where nothing but an error of the reading explains another value. A camera may have been moved since it was calibrated: then a
+    far value is no error of the calibration, but what happened."""
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,15 @@ def priors_of(study: Study, declared: Mapping[str, float]) -> tuple[Prior, ...]:
     return tuple(Prior(name, declared[name], sigma) for name, sigma in sigmas.items() if sigma is not None)
 
 
-def effect_priors(study: Study) -> tuple[Prior, ...]:
-    """Priors of the amplitudes of effects that a diagnosis may free, about neutral."""
-    return priors_of(study, {p.name: p.neutral for e in effects() for p in e.amplitudes if "." in p.name})
+def effect_priors(study: Study, registration: Mapping[str, float] | None = None) -> tuple[Prior, ...]:
+    """Priors of the amplitudes of effects that a diagnosis may free, about neutral.
+
+    `registration`: standard errors of the pose of the infrared camera by what they are called in `ir_registration`. An error of picked
+    landmarks is then one of the measurement that the data have to outweigh. The study's `diagnosis.priors` comes first.
+    """
+    told = {p.name: p.neutral for e in effects() for p in e.amplitudes if "." in p.name}
+    posed = tuple(Prior(n, told[n], s, firm=False) for n, s in (registration or {}).items() if n not in study.diagnosis.priors)
+    return (*priors_of(study, told), *posed)
 
 
 def beyond_error(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> tuple[Prior, ...]:
@@ -46,7 +52,8 @@ def beyond_error(priors: Sequence[Prior], parameters: Parameters, before: Parame
     return tuple(
         prior
         for prior in priors
-        if abs(parameters[prior.name] - prior.value)
+        if prior.firm
+        and abs(parameters[prior.name] - prior.value)
         > max(UNLIKELY * prior.sigma, prior.sigma + (0.0 if before is None else abs(before[prior.name] - prior.value)))
     )
 
@@ -67,7 +74,7 @@ def off_declared(priors: Sequence[Prior], parameters: Parameters, times: float) 
         f"{prior.name} ends at {_off(prior, parameters[prior.name])}: usually an effect of heat or of the measurement is missing, for "
         "which it stands in; the other parameters are then as doubtful"
         for prior in priors
-        if abs(parameters[prior.name] - prior.value) > times * prior.sigma
+        if prior.firm and abs(parameters[prior.name] - prior.value) > times * prior.sigma
     ]
 
 

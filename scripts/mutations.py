@@ -228,19 +228,17 @@ def own_copies(root: Path, jobs: int, copy: Callable[[Path, Path], Path] = copie
         yield copy(root, folder)
 
 
-def all_judged(
-    todo: Sequence[Mutation], root: Path, copies: Iterable[Path], kept: Callable[[Answer], None], before: Mapping[str, Answer]
-) -> None:
+def all_judged(todo: Sequence[Mutation], copies: Iterable[Path], kept: Callable[[Answer], None], before: Mapping[str, Answer]) -> None:
     """Judge mutations side by side, each process with a copy of its own. Wrong where tests fail without any mutation.
 
     Tests are run once without a mutation before the first one that they mirror, so that what is judged is kept from the beginning.
     """
     trees: queue.SimpleQueue[Path] = queue.SimpleQueue()
-    jobs = 0
-    for tree in copies:
+    made = list(copies)
+    for tree in made:
         trees.put(tree)
-        jobs += 1
-    now = sources(root, "thermofit", "tests")
+    # Of the copies: the tree itself may be edited meanwhile.
+    now = sources(made[0], "thermofit", "tests")
     whole: dict[str, threading.Lock] = {test: threading.Lock() for one in todo for test in one.tests}
     sound: set[str] = set()
 
@@ -256,11 +254,11 @@ def all_judged(
                         sound.add(test)
             begin = time.monotonic()
             noticed, by = judged(tree, one, before.get(one.name))
-            return Answer(one.name, one.room, noticed, by, holds_for(one, root), now, round(time.monotonic() - begin, 1))
+            return Answer(one.name, one.room, noticed, by, holds_for(one, tree), now, round(time.monotonic() - begin, 1))
         finally:
             trees.put(tree)
 
-    with ThreadPoolExecutor(jobs) as pool:
+    with ThreadPoolExecutor(len(made)) as pool:
         waiting = [pool.submit(one_judged, one) for one in todo]
         try:
             for done in as_completed(waiting):
@@ -332,7 +330,7 @@ def main() -> int:
             print(said, file=sys.stderr, flush=True)
 
         if todo := [one for one in chosen if one.name not in answers]:
-            all_judged(todo, ROOT, own_copies(ROOT, min(options.jobs, len(todo))), kept, rows)
+            all_judged(todo, own_copies(ROOT, min(options.jobs, len(todo))), kept, rows)
     except Wrong as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

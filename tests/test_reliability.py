@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -71,3 +73,11 @@ def test_bill_of_materials_knows_every_requirement(scripts: Any) -> None:
     found = module.needed("thermofit", {})
     assert {"numba", "llvmlite", "h5py", "meshio", "typer", "click"} - {"click"} <= set(found)
     assert all(module.licence_of(one) for one in found.values())
+
+
+def test_no_script_bears_the_name_of_what_numba_asks_for(scripts: Any) -> None:
+    """numba imports `coverage` where there is one: a script of that name, first on the path of all other scripts, ended them."""
+    folder = scripts("reliability").ROOT / "scripts"
+    code = f"import sys; sys.path.insert(0, {str(folder)!r}); import numba"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and not (folder / "coverage.py").exists(), done.stderr[-500:]

@@ -90,8 +90,8 @@ bench: install
 
 # Finished draws are rows of docs/coverage.jsonl: remove it to begin anew.
 coverage: install
-	$(BIN)/python scripts/count_coverage.py --draws $(DRAWS)
-	$(BIN)/python scripts/count_coverage.py --draws 8 --mesh full
+	$(BIN)/python scripts/interval_coverage.py --draws $(DRAWS)
+	$(BIN)/python scripts/interval_coverage.py --draws 8 --mesh full
 
 dead-ends: install
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py

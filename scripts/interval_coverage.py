@@ -1,7 +1,7 @@
 """Do the intervals hold the truth? Virtual experiments are drawn, each goes through the chain, and the intervals are counted.
 
-    python scripts/count_coverage.py --draws 40            # goes on where it stopped; rows in docs/coverage.jsonl
-    python scripts/count_coverage.py --page                # docs/coverage.md and its figure from the rows
+    python scripts/interval_coverage.py --draws 40            # goes on where it stopped; rows in docs/coverage.jsonl
+    python scripts/interval_coverage.py --page                # docs/coverage.md and its figure from the rows
 
 The material of exp1 and exp3 is computed once on a mesh of its own. Every draw then has its own noise of both cameras and of the load cell,
 readings of the thermocouples (0.1 K), calibration of the force (class 0.5: within 0.5 %), thickness (0.005 mm) and width (0.02 mm) as read,

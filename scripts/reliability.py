@@ -1,7 +1,8 @@
 """Everything that says whether thermofit keeps working, in one unattended run, and the page of it: docs/reliability.md.
 
 Parts run in processes of their own, as many side by side as --jobs says. What a part has answered is kept in runs/reliability by the digest
-of sources, tests and scripts, so that a run that was stopped resumes, and the page is written from what is there after every part.
+of the package, its own tests or scripts and their helpers, so that a run that was stopped resumes, and the page is written from what is
+there after every part.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from mutations import LIST, digest, sources, with_helpers
+
 from thermofit.core.atomic import replacing
-from thermofit.core.digest import path_digest
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "runs" / "reliability"
 PAGE = ROOT / "docs" / "reliability.md"
-JUDGED_BY = ("thermofit", "tests", "scripts", "pyproject.toml")
 EVERY = ("-m", "slow or not slow", "-o", "junit_family=xunit1")
 """All tests; the older form of reports alone holds figures."""
 Answer = Mapping[str, Any]
@@ -51,16 +52,25 @@ PARTS = (
     Part("inputs", "Mutated inputs", script=("reliability_inputs.py", "--number", "2000")),
     Part("hostile", "Hostile files", tests=("tests/read/test_hostile_files.py", "tests/stages/test_bad_input.py")),
     Part("faults", "Faults", tests=tuple(f"tests/stages/test_{n}.py" for n in ("faults", "kill", "search_kill"))),
-    Part("signals", "Signals at random moments", script=("reliability_signals.py", "--number", "50")),
+    Part("signals", "Signals at random moments", script=("reliability_signals.py", "--number", "60")),
     Part("same", "The same answer", script=("reliability_same.py", "--caches")),
     Part("large", "Long and large", script=("reliability_large.py",)),
     Part("mutations", "Mutations of the code", script=("mutations.py", "--json", "--jobs", "2"), alone=True),
 )
 
 
-def state() -> str:
-    """What the answers depend on, in short."""
-    return "-".join(path_digest(ROOT / name)[:12] for name in JUDGED_BY)
+def state(part: Part) -> str:
+    """What the answer of a part depends on, in short."""
+    of_scripts = [
+        ROOT / "scripts" / "bench_interpolation.py",
+        *(ROOT / "scripts").glob("reliability_*.py"),
+        *(ROOT / "tests/support").glob("*.py"),
+    ]
+    files = (
+        with_helpers(ROOT, part.tests) if part.tests else [LIST, ROOT / "scripts" / "mutations.py"] if part.alone else sorted(of_scripts)
+    )
+    own = digest(*(path.read_text(encoding="utf-8") for path in files), *part.script)
+    return f"{sources(ROOT, 'thermofit', *(['tests'] if part.alone else []))}-{own}"
 
 
 def tested(part: Part) -> Answer:
@@ -106,15 +116,15 @@ def last(part: Part) -> Answer | None:
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
 
-def kept(part: Part, now: str) -> Answer | None:
+def kept(part: Part) -> Answer | None:
     """The answer of an earlier run, None where there is none of these sources."""
     found = last(part)
-    return found if found is not None and found["state"] == now else None
+    return found if found is not None and found["state"] == state(part) else None
 
 
-def ran(part: Part, now: str) -> None:
+def ran(part: Part) -> None:
     """Run a part and keep its answer."""
-    begin = time.perf_counter()
+    begin, now = time.perf_counter(), state(part)
     answer = tested(part) if part.tests else scripted(part)
     with replacing(KEPT / f"{part.name}.json") as partial:
         whole = {"state": now, "seconds": round(time.perf_counter() - begin, 1), **answer}
@@ -146,7 +156,9 @@ def _inputs(found: Answer) -> list[str]:
 
 def _signals(found: Answer) -> list[str]:
     wrong = [f"* {one['command']} {one['signal']} at {one['moment_s']:.2f} s: {one['wrong'][:200]}" for one in found["wrong"]]
-    return [f"{found['injected']} signals (SIGKILL, SIGINT, SIGTERM, SIGUSR1), {found['survived']} survived.", *wrong]
+    table_of = table(("command", "signals", "survived"), [(name, *counts) for name, counts in found["commands"].items()])
+    said = f"{found['injected']} signals (SIGKILL, SIGINT, SIGTERM, SIGUSR1) while a command ran, {found['survived']} survived."
+    return [said, "", *table_of, *(["", *wrong] if wrong else [])]
 
 
 def _same(found: Answer) -> list[str]:
@@ -169,8 +181,11 @@ def _large(found: Answer) -> list[str]:
 def _mutations(found: Answer) -> list[str]:
     body = [(room, one["all"], one["noticed"]) for room, one in found["rooms"].items()]
     missed = [one["name"] for one in found["answers"] if not one["noticed"]]
+    of_rules = found["rooms"].get("diagnose", {"noticed": 0, "all": 0})
+    share = 100.0 * of_rules["noticed"] / max(of_rules["all"], 1)
     return [
-        f"{100.0 * found['noticed']:.1f} % noticed (95 %).",
+        f"{100.0 * found['noticed']:.1f} % of {len(found['answers'])} noticed (95 %), of the diagnosis {share:.1f} % (90 %).",
+        f"{found['earlier']} of them were judged on earlier sources: since then neither the mutated file nor its tests have changed.",
         "",
         *table(("room", "tried", "noticed"), body),
         "",
@@ -181,7 +196,7 @@ def _mutations(found: Answer) -> list[str]:
 OF_SCRIPTS = {"inputs": _inputs, "signals": _signals, "same": _same, "large": _large, "mutations": _mutations}
 
 
-def page(now: str) -> str:
+def page() -> str:
     """The page of all parts, those that have not run, or not on these sources, marked."""
     lines = [
         "# Reliability",
@@ -197,7 +212,7 @@ def page(now: str) -> str:
         if found is None:
             lines.append(f"Not run ({source}).")
         else:
-            lines += ["Of earlier sources.", ""] if found["state"] != now else []
+            lines += ["Of earlier sources.", ""] if found["state"] != state(part) else []
             lines += [*rows(part, found), "", f"{source}: {found['seconds']:.0f} s"]
     return "\n".join(lines) + "\n"
 
@@ -211,18 +226,17 @@ def main() -> int:
     parser.add_argument("--page", action="store_true", help="write the page of what is there and run nothing")
     options = parser.parse_args()
     KEPT.mkdir(parents=True, exist_ok=True)
-    now = state()
     chosen = [part for part in PARTS if not options.only or part.name in options.only]
-    todo = [] if options.page else [part for part in chosen if options.force or kept(part, now) is None]
+    todo = [] if options.page else [part for part in chosen if options.force or kept(part) is None]
     begin = time.perf_counter()
     for group, jobs in (([p for p in todo if not p.alone], options.jobs), ([p for p in todo if p.alone], 1)):
         with ThreadPoolExecutor(jobs) as pool:
-            for future in [pool.submit(ran, part, now) for part in group]:
+            for future in [pool.submit(ran, part) for part in group]:
                 future.result()
-                PAGE.write_text(page(now), encoding="utf-8")
-    PAGE.write_text(page(now), encoding="utf-8")
+                PAGE.write_text(page(), encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8")
     print(f"{PAGE}: {time.perf_counter() - begin:.0f} s", file=sys.stderr)
-    return 0 if all((found := kept(part, now)) is not None and found["code"] == 0 for part in chosen) else 1
+    return 0 if all((found := kept(part)) is not None and found["code"] == 0 for part in chosen) else 1
 
 
 if __name__ == "__main__":

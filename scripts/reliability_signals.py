@@ -35,6 +35,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("identify-elastic",),
     ("identify-plastic", "--set", "stages.plastic.method=trust-region"),
     ("identify-thermal",),
+    ("refine",),
     ("gridsearch", "--jobs", "2"),
     ("sensitivity",),
     ("verify",),
@@ -51,11 +52,13 @@ LAWFUL = {signal.SIGKILL: {-signal.SIGKILL}, signal.SIGINT: {130}, signal.SIGTER
 
 @dataclass(frozen=True)
 class Fault:
-    """One signal: which command, when (s after its start), and what was wrong afterwards; empty where all was well."""
+    """One signal: which command, when (s after its start), whether the command still ran then, and what was wrong afterwards; empty where
+    all was well."""
 
     command: str
     signal: str
     moment_s: float
+    met: bool
     code: int
     wrong: str
 
@@ -98,15 +101,17 @@ def signalled(folder: Path, study: Path, words: Sequence[str], number: signal.Si
     run_dir, name = folder / "run", " ".join(words)
     arguments = command(words[0], str(study), *words[1:], "--force")
     with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        met = False
         try:
             process.wait(timeout=moment)
         except subprocess.TimeoutExpired:
+            met = True
             process.send_signal(number)
         try:
             said = process.communicate(timeout=TIMES_OUT_S)[1]
         except subprocess.TimeoutExpired:
             process.kill()
-            return Fault(name, number.name, moment, -999, f"it did not end within {TIMES_OUT_S:g} s")
+            return Fault(name, number.name, moment, met, -999, f"it did not end within {TIMES_OUT_S:g} s")
     code = process.returncode
     wrong = []
     if code not in LAWFUL[number] | {0, 5}:
@@ -122,7 +127,7 @@ def signalled(folder: Path, study: Path, words: Sequence[str], number: signal.Si
         wrong.append(f"other values of {', '.join(different[:4])}")
     if text := left_behind(run_dir):
         wrong.append(f"left behind: {text}")
-    return Fault(name, number.name, moment, code, "; ".join(wrong))
+    return Fault(name, number.name, moment, met, code, "; ".join(wrong))
 
 
 def main() -> int:
@@ -151,9 +156,14 @@ def main() -> int:
                 if one.wrong:  # the next one begins with a sound folder
                     shutil.rmtree(folder / "run")
                     shutil.copytree(folder / "whole", folder / "run")
-    survived = sum(not one.wrong for one in faults)
-    print(json.dumps({"injected": len(faults), "survived": survived, "wrong": [vars(one) for one in faults if one.wrong]}))
-    return 0 if survived == len(faults) else 1
+    # A command that had ended before its signal has met none; what is wrong after it counts all the same.
+    met = [one for one in faults if one.met]
+    survived = sum(not one.wrong for one in met)
+    of = {" ".join(words): [one for one in met if one.command == " ".join(words)] for words in chosen}
+    commands = {name: [len(some), sum(not one.wrong for one in some)] for name, some in of.items()}
+    wrong = [vars(one) for one in faults if one.wrong]
+    print(json.dumps({"injected": len(met), "survived": survived, "commands": commands, "wrong": wrong}))
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -53,13 +55,72 @@ def test_a_mutation_is_noticed_where_a_test_fails_and_the_copy_is_left_as_it_was
     mutations: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bites: bool
 ) -> None:
     (one,) = mutations.listed(made_up(tmp_path), tmp_path)
-    seen = []
+    seen: list[str] = []
 
     def ran(tree: Path, tests: tuple[str, ...]) -> tuple[int, str]:
         seen.append((tree / FILE).read_text(encoding="utf-8"))
         return (1, "FAILED tests/test_one.py") if bites else (0, "")
 
     monkeypatch.setattr(mutations, "ran", ran)
-    answer = mutations.judged(tmp_path, one)
-    assert answer.noticed is bites and answer.room == "effects" and mutations.by_room([answer]) == {"effects": (int(bites), 1)}
+    noticed, by = mutations.judged(tmp_path, one)
+    assert noticed is bites and bool(by) is bites and one.room == "effects"
+    answer = mutations.Answer(one.name, one.room, noticed, by, "", "", 1.0)
+    assert mutations.by_room([answer]) == {"effects": (int(bites), 1)}
     assert "1.0 - x" in seen[0] and "1.0 + x" in (tmp_path / FILE).read_text(encoding="utf-8")
+
+
+def test_the_test_that_noticed_it_before_is_run_first(mutations: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (one,) = mutations.listed(made_up(tmp_path), tmp_path)
+    before = mutations.Answer(one.name, one.room, True, "FAILED tests/test_one.py::test_sign", "", "", 1.0)
+    asked = []
+
+    def ran(tree: Path, tests: Sequence[str]) -> tuple[int, str]:
+        asked.append(tuple(tests))
+        return (mutations.NOT_THERE, "") if "::" in tests[0] else (1, "FAILED tests/test_one.py::test_other")
+
+    monkeypatch.setattr(mutations, "ran", ran)
+    assert mutations.judged(tmp_path, one, before) == (True, "FAILED tests/test_one.py::test_other")
+    assert asked == [("tests/test_one.py::test_sign",), one.tests], "one that is gone does not judge"
+
+
+def test_an_answer_holds_until_entry_file_tests_or_their_helpers_change(mutations: ModuleType, tmp_path: Path) -> None:
+    path = made_up(tmp_path)
+    (one,) = mutations.listed(path, tmp_path)
+    helper = tmp_path / "tests" / "support" / "helper.py"
+    helper.parent.mkdir()
+    helper.write_text("", encoding="utf-8")
+    (tmp_path / "tests" / "test_one.py").write_text("from helper import made\n", encoding="utf-8")
+    found = [mutations.holds_for(one, tmp_path)]
+    (tmp_path / "thermofit" / "effects" / "two.py").write_text("", encoding="utf-8")
+    assert mutations.holds_for(one, tmp_path) == found[0], "other files of the package do not matter"
+    for name in ("tests/support/helper.py", "tests/test_one.py", FILE):
+        with (tmp_path / name).open("a", encoding="utf-8") as file:
+            file.write("# changed\n")
+        found.append(mutations.holds_for(one, tmp_path))
+    found.append(mutations.holds_for(mutations.listed(made_up(tmp_path, new="1.0 - 2.0 * x"), tmp_path)[0], tmp_path))
+    assert len(set(found)) == 5
+
+
+def test_answers_are_kept_in_the_order_of_the_list_and_those_of_gone_entries_go(mutations: ModuleType, tmp_path: Path) -> None:
+    every = mutations.listed(made_up(tmp_path), tmp_path)
+    rows = {name: mutations.Answer(name, "effects", True, "", "a", "b", 1.0) for name in ("gone", "sign")}
+    mutations.write_rows(tmp_path / "rows.jsonl", rows, every)
+    assert mutations.known_rows(tmp_path / "rows.jsonl") == {"sign": rows["sign"]}
+
+
+def test_a_copy_follows_its_tree(mutations: ModuleType, tmp_path: Path) -> None:
+    root, to = tmp_path / "root", tmp_path / "copy"
+    root.mkdir()
+    made_up(root)
+    subprocess.run(["git", "init", "-q"], cwd=root, check=True)
+    mutations.copied(root, to)
+    (to / ".cache").mkdir()
+    (to / ".cache" / "kernel").write_text("", encoding="utf-8")
+    (root / "tests" / "test_one.py").unlink()
+    mutations.copied(root, to)
+    assert (to / FILE).is_file() and (to / ".cache" / "kernel").is_file() and not (to / "tests" / "test_one.py").exists()
+
+
+def test_a_run_without_end_is_stopped_by_its_time_of_the_processor(mutations: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "test_endless.py").write_text("def test_endless():\n    while True:\n        pass\n", encoding="utf-8")
+    assert mutations.ran(tmp_path, ["test_endless.py"], limit=2.0) == (mutations.FAILED, "stopped after 2 s of CPU")

@@ -157,6 +157,8 @@ def test_exponents_of_earlier_effects_are_asked_again_beside_later_ones(monkeypa
     assert asked == [B + GAMMA, B, GAMMA]
     assert found.here.case.parameters.free[-1:] == GAMMA and found.here.case.parameters["backstress_first.gamma"] == 77.0
     assert found.remarks == ("backstress_first.gamma = 77: fitted beside the later effects, by which held-out error falls by 40 %",)
+    best_first = fitted_again(monkeypatch, {B: 0.4, GAMMA: 0.2, B + GAMMA: 0.3})[1]
+    assert best_first.here.case.parameters.free[-1:] == B, "the best, not the last"
     asked, found = fitted_again(monkeypatch, {B: 0.01, GAMMA: 0.015})
     assert "backstress_first.gamma" not in found.here.case.parameters.free and found.remarks == ()
     assert fitted_again(monkeypatch, {GAMMA: 0.4}, elsewhere=BAD)[1].remarks == (), "a held-out test decides"

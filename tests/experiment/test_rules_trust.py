@@ -99,6 +99,7 @@ def test_a_parameter_at_a_bound_or_without_a_standard_error_has_no_value_of_its_
     nan = float("nan")
     assert ended() == {}
     assert ended(E=249.9e3) == {"E": "E ends at its bound: 2.499e+05 MPa, bounds 150000 to 250000"}
+    assert list(ended(E=150.9e3)) == ["E"], "its usual value is no end of the way to a bound"
     assert list(ended(**{"second_hardening.Q": -995.0})) == ["second_hardening.Q"]
     assert list(ended(**{"second_hardening.b": 0.1})) == ["second_hardening.b"], "of an exponent neutral is no place where it is off"
     assert ended((1.0, 1.0, nan, 1.0)) == {

@@ -15,6 +15,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.fields import Measured
 from thermofit.fit.budget import Budget
+from thermofit.identify import refine as module
 from thermofit.identify.budget import budget_datasets, helps_most, told_moves
 from thermofit.identify.refine import refined
 from thermofit.records.artefact import Dataset, ParameterResult
@@ -89,6 +90,13 @@ def test_where_the_model_lacks_something_the_parameters_of_the_stages_stay(tmp_p
     assert {name: p.value for name, p in found.parameters.items()} == {n: STAGED[n] for names in FREE.values() for n in names}
 
 
+def test_a_joint_fit_that_does_not_come_to_its_end_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "EVALUATIONS", 1)
+    found = made(tmp_path, data())
+    assert not found.summary["refined"] and "the joint fit does not come to an end" in found.summary["verdict"]
+    assert found.parameters["kappa"].value == STAGED["kappa"]
+
+
 def test_a_joint_fit_that_leaves_more_than_noise_is_not_taken(tmp_path: Path) -> None:
     """A lamp that the model does not know warms one side by 0.3 K."""
     measured = data()
@@ -101,8 +109,10 @@ def test_a_joint_fit_that_leaves_more_than_noise_is_not_taken(tmp_path: Path) ->
 
 
 def test_a_budget_goes_through_a_record_and_joins_the_stages() -> None:
-    """Noise of each stage is its own; what they share moves them together."""
-    first = Budget(("E",), {"noise": np.array([[2.0]]), "force noise": np.array([[1.0, 3.0]])}, np.zeros(1, dtype=bool))
+    """Noise of each stage is its own, and so is what its residual shows beyond; what they share moves them together."""
+    first = Budget(
+        ("E",), {"noise": np.array([[2.0]]), "misfit": np.array([[7.0]]), "force noise": np.array([[1.0, 3.0]])}, np.zeros(1, dtype=bool)
+    )
     second = Budget(("M_y0",), {"noise": np.array([[5.0]]), "force noise": np.array([[4.0]]), "theta_air": np.array([[0.5]])}, first.open)
     read = {}
     for stage, budget in (("a", first), ("b", second)):
@@ -112,7 +122,7 @@ def test_a_budget_goes_through_a_record_and_joins_the_stages() -> None:
     names, parts = told_moves(read)  # type: ignore[arg-type]
     assert names == ("E", "M_y0")
     assert np.array_equal(parts["force noise"], [[1.0, 3.0], [4.0, 0.0]])
-    assert np.array_equal(parts["noise of a"], [[2.0], [0.0]]) and np.array_equal(parts["theta_air"], [[0.0], [0.5]])
+    assert np.array_equal(parts["noise of a"], [[2.0, 7.0], [0.0, 0.0]]) and np.array_equal(parts["theta_air"], [[0.0], [0.5]])
     assert "noise makes" in helps_most(second) and "more stages and frames" in helps_most(second)
 
 

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from thermofit.body.mesh.shapes import plate_with_hole_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, InfraredSequence, Specimen
+from thermofit.observe import projection
 from thermofit.observe.camera import make_pose
 from thermofit.observe.fixed_pattern import FixedPattern, fixed_pattern
 from thermofit.observe.interpolation import PixelMap, pixel_map
@@ -23,6 +24,7 @@ from thermofit.observe.projection import (
     Sight,
     face_patches,
     in_line,
+    motion_of,
     project_displacements,
     project_temperatures,
     rests,
@@ -187,6 +189,23 @@ def test_points_out_of_line_are_left_out_and_counted() -> None:
     assert np.nanmax(np.abs(error)) < 0.008
     spoilt = project_displacements(dic, PATCHES, measured)
     assert np.nanmax(np.abs(spoilt.value - shown(spoilt, motion(PATCHES.xy, TIMES, 0.01)[:, :, :2]))[2]) > 0.012
+
+
+def test_stages_in_many_blocks_are_those_in_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory is bounded by working on some stages at a time: values lost, out of line and between two blocks are the same."""
+    dic, times = dic_field(0.02, 0.01, noise=0.002), np.linspace(-1.0, 9.0, 23)
+    dic.displacement[3, 100:103] += 0.1
+
+    def found() -> tuple[np.ndarray, Projected, np.ndarray]:
+        good = in_line(dic, SIGMA)
+        return good, project_displacements(dic, PATCHES, good, times), motion_of(dic, PATCHES, good, times).u
+
+    (good, at, u), _ = found(), monkeypatch.setattr(projection, "AT_ONCE", 2 * len(dic.reference))
+    parts, at_parts, u_parts = found()
+    assert np.array_equal(good, parts) and at.counts == at_parts.counts
+    for name in ("value", "points", "there", "sigma_factor", "mask", "moments"):
+        assert np.array_equal(getattr(at, name), getattr(at_parts, name), equal_nan=True), name
+    np.testing.assert_allclose(u, u_parts, rtol=0.0, atol=1e-12)
 
 
 def test_a_neck_is_signal() -> None:

@@ -1,4 +1,4 @@
-"""From raw files to a named effect: one small body and one coupon record, whose models lack an effect that their data hold."""
+"""From raw files to a named effect, and to a term without a name where the catalogue does not hold it: small enough for every run."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from record_studies import FIXED, NOISE, TRUTH, call
 
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.parameters import Parameters
+from thermofit.experiment import coupon
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.study.study import Study
 
@@ -38,8 +39,8 @@ def test_a_body_that_expands_is_told_so(study_of: Callable[..., Study]) -> None:
     assert found["after"]["held_out"]["dtheta"] < 0.5 * found["before"]["held_out"]["dtheta"]
 
 
-def test_a_coupon_that_hardens_twice_is_told_so(tmp_path: Path) -> None:
-    """One record of a pull, in percent and MPa; the base model knows one hardening term."""
+def hardens_twice(tmp_path: Path) -> Path:
+    """Study of one record of a pull, in percent and MPa; the base model knows one hardening term, the record holds two."""
     time = np.linspace(0.0, 100.0, 300)
     strain = 0.08 * (time / 100.0) ** 1.5
     parameters = Parameters.of({**TRUTH, **FIXED, **PLANTED, "theta_air": 23.0 + CELSIUS, "theta_ref": 23.0 + CELSIUS})
@@ -60,10 +61,33 @@ def test_a_coupon_that_hardens_twice_is_told_so(tmp_path: Path) -> None:
     }
     study = tmp_path / "twice.yaml"
     study.write_text(yaml.safe_dump(tree), encoding="utf-8")
-    result = call("close-loop", study, "--json")
+    return study
+
+
+def test_a_coupon_that_hardens_twice_is_told_so(tmp_path: Path) -> None:
+    result = call("close-loop", hardens_twice(tmp_path), "--json")
     assert result.exit_code in (0, 5), result.output
     found = json.loads(result.stdout)
     (name,) = found["accepted"]
     trial = next(t for t in found["rounds"][0]["tried"] if t["accepted"])
     assert "second_hardening" in (name, *trial["family"]), found["verdict"]
     assert found["after"]["fit"]["stress"] < 1.05 * NOISE["stress"] < 2.0 * NOISE["stress"] < found["before"]["fit"]["stress"]
+
+
+IMITATE = ("second_hardening", "backstress_first", "backstress_second", "linear_hardening", "yield_plateau")
+"""What a single pull cannot tell from a second hardening, or can in part."""
+
+
+def test_an_effect_that_is_taken_out_of_the_catalogue_is_unlisted_and_no_other_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Knock-out: the record hardens twice, and nothing that hardens is in the catalogue. The missing term is a stress."""
+    whole = coupon.effects_of_point
+    assert set(IMITATE) <= {e.name for e in whole(sensor=False)}
+    monkeypatch.setattr(coupon, "effects_of_point", lambda **how: tuple(e for e in whole(**how) if e.name not in IMITATE))
+    result = call("close-loop", hardens_twice(tmp_path), "--json")
+    found = json.loads(result.stdout)
+    assert result.exit_code == 5 and found["accepted"] == [] and found["grade"] == "unlisted", found["verdict"]
+    term = found["unlisted"]
+    assert term["channel"] == term["kind"] == "stress" and term["where"] == {"record": "pull"}
+    assert term["after"]["held_out"]["stress"] < 0.5 * term["before"]["held_out"]["stress"] and Path(term["effect_file"]).is_file()

@@ -84,6 +84,10 @@ class TimeWeights:
     share: np.ndarray
     inside: np.ndarray
 
+    def of(self, some: slice) -> TimeWeights:
+        """Those of some of the times."""
+        return TimeWeights(self.left[some], self.right[some], self.share[some], self.inside[some])
+
 
 def pixel_map(pose: CameraPose) -> PixelMap:
     """The affine map of a camera's pose (Algorithm 1)."""

@@ -9,6 +9,7 @@ Points and pixels that are missing or out of line are simply not there; everythi
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,6 +46,8 @@ _LATTICE = 0.5
 """Distance between places whose motion is inverted, over the spacing of the DIC points; pixels lie straight in between."""
 STILL, LEAST_STILL = 0.1, 2
 """Motion in pixels below which a specimen stands still, and frames at least in a rest that tells something of a camera."""
+AT_ONCE = 1_000_000
+"""Values of points at stages that are worked on together: this bounds the memory, and changes results by rounding alone."""
 _ROUNDS, _CONVERGED = 60, 1e-5
 """Passes of the inverse motion, and its last change in mm."""
 
@@ -135,11 +138,19 @@ def face_patches(mesh: Mesh, points: ObservationPoints) -> Patches:
     return Patches(points.xy, every[away > _SAME_PLACE])
 
 
-def mixed(values: np.ndarray, w: TimeWeights) -> np.ndarray:
-    """Values (n_t, ...) at other times, linear between the two neighbours; both must be there, but for one of weight zero."""
-    share = w.share.reshape((-1,) + (1,) * (values.ndim - 1))
-    left, right = values[w.left], values[w.right]
+def mixed(at: Callable[[np.ndarray], np.ndarray], w: TimeWeights) -> np.ndarray:
+    """Values at other times, linear between the two neighbours; both must be there, but for one of weight zero. `at` gives the values
+    (k, ...) of some stages (k,)."""
+    left, right = at(w.left), at(w.right)
+    share = w.share.reshape((-1,) + (1,) * (left.ndim - 1))
     return np.where(share == 0.0, left, np.where(share == 1.0, right, (1.0 - share) * left + share * right))
+
+
+def _blocks(n: int, size: int) -> Iterator[slice]:
+    """Runs of n stages of `size` values, of about AT_ONCE values each."""
+    step = max(1, AT_ONCE // max(size, 1))
+    for first in range(0, n, step):
+        yield slice(first, min(first + step, n))
 
 
 def project_displacements(dic: DicField, patches: Patches, good: np.ndarray, times: np.ndarray | None = None) -> Projected:
@@ -156,28 +167,36 @@ def project_displacements(dic: DicField, patches: Patches, good: np.ndarray, tim
             f"{high[1]:g} mm; check the origin and axes of the DIC export and the evaluation window"
         )
     measured = np.isfinite(dic.displacement[:, :, :2]).all(axis=2)
-    u = np.where(good[:, :, None], dic.displacement, np.nan)
     w = time_weights(dic.time, dic.time if times is None else times)
-    u = mixed(u[:, own], w)
-    there = np.isfinite(u[:, :, :2]).all(axis=2) & w.inside[:, None]
-    m = len(patches.xy)
+    m, n_t = len(patches.xy), len(w.left)
     gather = csr_array(coo_array((np.ones(len(own)), (label[own], np.arange(len(own)))), shape=(m, len(own))))
-    number = (gather @ there.T.astype(float)).T
     away = terms(dic.reference[own, :2] - patches.xy[label[own]])
-    value, moments = np.full((len(u), m, 2), np.nan), np.zeros((len(u), m, MOMENTS))
+    value, moments, number, used = np.full((n_t, m, 2), np.nan), np.zeros((n_t, m, MOMENTS)), np.zeros((n_t, m)), 0
+
+    def at_stages(stages: np.ndarray) -> np.ndarray:
+        """Displacements (k, n_own, 2) of the good points in the patches at some stages."""
+        return np.where(good[stages][:, own, None], dic.displacement[stages][:, own, :2], np.nan)
+
+    for block in _blocks(n_t, len(own)):
+        part = w.of(block)
+        u = mixed(at_stages, part)
+        there = np.isfinite(u).all(axis=2) & part.inside[:, None]
+        number[block] = (gather @ there.T.astype(float)).T
+        some = number[block] > 0
+        for k in range(2):
+            total = (gather @ np.where(there, u[:, :, k], 0.0).T).T
+            value[block, :, k][some] = total[some] / number[block][some]
+        for k in range(MOMENTS):
+            total = (gather @ np.where(there, away[:, k], 0.0).T).T
+            moments[block, :, k][some] = total[some] / number[block][some]
+        used += int(there.sum())
     some = number > 0
-    for k in range(2):
-        total = (gather @ np.where(there, u[:, :, k], 0.0).T).T
-        value[some, k] = total[some] / number[some]
-    for k in range(MOMENTS):
-        total = (gather @ np.where(there, away[:, k], 0.0).T).T
-        moments[some, k] = total[some] / number[some]
     ever = measured.any(axis=0)
     counts = {
         "points_lost": int((ever & ~measured).sum()),
         "points_out_of_line": int((measured & ~good).sum()),
-        "points_in_window": len(own) * len(u),
-        "points_used": int(there.sum()),
+        "points_in_window": len(own) * n_t,
+        "points_used": used,
         "times_outside": int((~w.inside).sum()),
         "nodes_outside": int((np.bincount(label[own], minlength=m) == 0).sum()),
         "masked": int((~some).sum()),
@@ -194,29 +213,34 @@ def in_line(dic: DicField, sigma: np.ndarray) -> np.ndarray:
     replaced by the surface and all are judged again, so that the neighbours of a bad point come back. Where more than 3 % would go at a
     stage they are signal and stay; what has too few measured neighbours is not judged.
     """
-    u = dic.displacement[:, :, :2]
-    measured = np.isfinite(u).all(axis=2)
+    measured = np.isfinite(dic.displacement[:, :, :2]).all(axis=2)
     ever = np.flatnonzero(measured.any(axis=0))
     good = measured.copy()
     if len(ever) <= _NEIGHBOURS:
         return good
-    surface, gain, near = _surface(dic.reference[ever, :2])
-    here = measured[:, ever]
+    surface = _surface(dic.reference[ever, :2])
+    for block in _blocks(len(good), len(ever)):
+        good[block, ever] = _in_line(dic.displacement[block, ever, :2], measured[block, ever], surface, sigma)
+    return good
+
+
+def _in_line(u: np.ndarray, here: np.ndarray, over: tuple[csr_array, np.ndarray, np.ndarray], sigma: np.ndarray) -> np.ndarray:
+    """The same of displacements u (k, n, 2) that are measured `here` (k, n); `over` is the surface through the neighbours (`_surface`)."""
+    surface, gain, near = over
     judged = here & (here[:, near].mean(axis=2) >= _JUDGED)
     line = here.copy()
     for _ in range(_JUDGEMENTS):
         out = np.zeros_like(here)
         for k in range(2):
-            value = _filled(u[:, ever, k], line, surface, near)
-            residual = np.abs(u[:, ever, k] - (surface @ value.T).T) / gain
+            value = _filled(u[:, :, k], line, surface, near)
+            residual = np.abs(u[:, :, k] - (surface @ value.T).T) / gain
             usual = np.array([robust_sigma(r[ok])[0] if ok.sum() > _NEIGHBOURS else np.inf for r, ok in zip(residual, judged, strict=True)])
             out |= judged & (residual > OUT_OF_LINE * np.maximum(np.nan_to_num(usual), sigma[k])[:, None])
         if np.array_equal(line, here & ~out):
             break
         line = here & ~out
     signal = (here & ~line).sum(axis=1) > _MANY_OUT * np.maximum(judged.sum(axis=1), 1)
-    good[:, ever] = np.where(signal[:, None], here, line)
-    return good
+    return np.where(signal[:, None], here, line)
 
 
 def _surface(xy: np.ndarray) -> tuple[csr_array, np.ndarray, np.ndarray]:
@@ -290,7 +314,7 @@ class Motion:
 def motion_of(dic: DicField, patches: Patches, good: np.ndarray, times: np.ndarray) -> Motion:
     """Motion of the specimen under all patches at `times` s, from the points that are `good` (n_t, n_s): planes through the next points."""
     measured = good.any(axis=0)
-    points, u = dic.reference[measured, :2], dic.displacement[:, measured, :2]
+    points = dic.reference[measured, :2]
     spacing = point_spacing(points)
     low, high = patches.reach
     shape = np.ceil((high - low) / spacing).astype(int) + 1
@@ -306,9 +330,13 @@ def motion_of(dic: DicField, patches: Patches, good: np.ndarray, times: np.ndarr
     surface, _, around = _surface(points) if len(points) > _NEIGHBOURS else (csr_array((len(points),) * 2), None, near[:0])
     w = time_weights(dic.time, times)
     out = np.empty((len(times), shape[1], shape[0], 2))
+    on_grid = np.empty((len(good), len(grid)))
     for k in range(2):
-        whole = _filled(u[:, :, k], good[:, measured], surface, around)
-        out[..., k] = mixed((plane @ whole.T).T, w).reshape(len(times), shape[1], shape[0])
+        for block in _blocks(len(good), len(points)):
+            whole = _filled(dic.displacement[block, :, k][:, measured], good[block, measured], surface, around)
+            on_grid[block] = (plane @ whole.T).T
+        for block in _blocks(len(times), len(grid)):
+            out[block, ..., k] = mixed(on_grid.__getitem__, w.of(block)).reshape(-1, shape[1], shape[0])
     return Motion(low, spacing, out)
 
 

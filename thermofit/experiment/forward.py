@@ -37,7 +37,7 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
     DataError where the record has no crosshead, StudyError where it was interpolated for another drive.
     """
     if study.force.drives == "force":
-        return Loading(steps.time, steps.force)
+        return Loading(steps.time, steps.force, modes=steps.error)
     if study.force.drives == "dic":
         if steps.elongation is None:
             raise StudyError(

@@ -25,6 +25,7 @@ from thermofit.law.composition import (
     asymmetry_factor,
     backstress_terms,
     modulus_factor,
+    warm_moduli,
 )
 from thermofit.law.page import AnyLaw, Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
 
@@ -49,7 +50,8 @@ class Directions(NamedTuple):
 
     `numbers` (N_NUMBERS, m); `in_yield`, `in_heat`, `in_pressure`: which numbers the yield stress with its hardening variable, the
     dissipation and the pressure factor depend on. `in_structure`, `in_sense`: those of the effects that change the local update itself, in
-    `structure_gradients` and `sense_gradients`; `structured` where one of these effects is on or asked for.
+    `structure_gradients` and `sense_gradients`; `structured` where one of these effects is on or asked for. `warms` where the moduli change
+    with temperature, so that rates of tr C_el of every point take part in its heat.
     """
 
     numbers: np.ndarray
@@ -59,6 +61,7 @@ class Directions(NamedTuple):
     in_structure: np.ndarray
     in_sense: np.ndarray
     structured: bool
+    warms: bool
 
 
 def padded(n: int) -> int:
@@ -91,6 +94,7 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
         _felt(_structure_slopes, (0.017, 0.007, 297.3), law, moved & structured),
         _felt(_sense_slopes, (-0.3,), law, moved & structured),
         structured,
+        bool(law.effective and warm_moduli.py_func(law)),
     )
 
 
@@ -222,7 +226,7 @@ def _structure_derivative(
         gamma: Complex = complex(points[1][i], h[1])
         total: Complex = complex(points[0][i], h[0]) + gamma
         warm: Complex = complex(points[2][i], h[2])
-        stiff: Complex = modulus_factor(total, law)
+        stiff: Complex = modulus_factor(total, warm, law)
         values[0, i], out[0, i] = stiff.real, stiff.imag / STEP
         terms = backstress_terms(total, gamma * law.per_second, warm, law)
         for k in range(len(terms)):

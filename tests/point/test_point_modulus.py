@@ -87,7 +87,7 @@ def test_first_law() -> None:
         heat = p["c0"] * (found.theta - found.theta[0]) - found.dissipated - found.thermoelastic
         held = elastic + stored + p["c0"] * (found.theta - HOT)
         defects.append(float(np.abs(held - held[0] - work - heat).max() / work.max()))
-    assert defects[0] < 1e-3 and defects[1] < 0.1 * defects[0], defects
+    assert defects[0] < 4e-4 and defects[1] < 0.12 * defects[0], defects
 
 
 def stored_by_flow(found: PointHistory, p: Parameters) -> np.ndarray:
@@ -120,7 +120,7 @@ def test_remainders_are_of_second_order(driven: str) -> None:
     if driven == "stress":
         value = simulate(base, Programme.by_strain(time, value)).stress
     programme = Programme(time, value, np.full(len(time), driven == "stress"))
-    start, rates = simulate_rates(base, programme, NAMES)
+    start, rates = simulate_rates(base, NAMES, programme)
     for _ in range(3):
         along = np.array([random.choice([-1.0, 1.0]) * abs(base[name]) * (1e-2 if name.startswith("theta") else 0.1) for name in NAMES])
         for channel in ("stress" if driven == "strain" else "strain", "theta", "lateral_x"):

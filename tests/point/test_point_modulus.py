@@ -114,8 +114,11 @@ NAMES = ("modulus_by_temperature.slope", "E", "nu", "M_y0", "alpha_exp", "c0", "
 
 @pytest.mark.parametrize("driven", ["strain", "stress"])
 def test_remainders_are_of_second_order(driven: str) -> None:
-    """Derivatives of stress or strain, temperature and lateral strain along random directions: what is left falls fourfold as h is halved."""
-    base, random = LOSSY.replace(**{"modulus_by_temperature.slope": SLOPE, "theta_air": HOT, "theta_ref": HOT + 3.0}), np.random.default_rng(3)
+    """Derivatives of stress or strain, temperature and lateral strain along random directions: what is left falls with h^2."""
+    base, random = (
+        LOSSY.replace(**{"modulus_by_temperature.slope": SLOPE, "theta_air": HOT, "theta_ref": HOT + 3.0}),
+        np.random.default_rng(3),
+    )
     time, value = corners((0.0, 0.0), (30.0, 0.012), (32.0, 0.006), (60.0, 0.02), steps=20)
     if driven == "stress":
         value = simulate(base, Programme.by_strain(time, value)).stress

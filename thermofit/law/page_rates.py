@@ -17,6 +17,7 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
+from thermofit.effects.catalogue import effects
 from thermofit.law.composition import (
     AMPLITUDES,
     BACKSTRESSES,
@@ -25,6 +26,7 @@ from thermofit.law.composition import (
     asymmetry_factor,
     backstress_terms,
     modulus_factor,
+    number_of,
     warm_moduli,
 )
 from thermofit.law.page import AnyLaw, Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
@@ -41,6 +43,8 @@ ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
 ALPHA_EXP, THETA_REF = NUMBERS.index("alpha_exp"), NUMBERS.index("theta_ref")
 HILL = NUMBERS.index("F")
 """Place of F among the numbers; G, H, L, M, N follow."""
+WARMING = tuple(NUMBERS.index(number_of(name)) for e in effects(("elasticity",)) for name in e.names)
+"""Places of the numbers of effects by which the moduli change with temperature."""
 
 STEP = 1e-30
 

@@ -33,7 +33,7 @@ def modulus_slope(accumulated: float, theta: float, law: Law) -> float:
 
 
 @kernel(forceinline=True)
-def elastic_slope(trace: float, log_j: float, accumulated: float, theta: float, law: Law) -> float:
+def energy_slope(trace: float, log_j: float, accumulated: float, theta: float, law: Law) -> float:
     """S = d(m A)/dtheta, mJ/(mm^3 K), minus the elastic part of the entropy; trace = tr C_el, log_j = ln J."""
     g = log_j / np.exp(log_j)
     free = elastic_energy(trace, log_j, law) + thermoelastic_heat(theta - law.theta_ref, 0.0, g, law)

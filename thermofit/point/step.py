@@ -42,7 +42,7 @@ from thermofit.law.page import (
     thermoelastic_heat,
     yield_stress_at_rate,
 )
-from thermofit.law.structure import asymmetry_heat, degradation_heat, elastic_slope
+from thermofit.law.structure import asymmetry_heat, degradation_heat, energy_slope
 
 STATE: tuple[str, ...] = (
     "plastic_x",
@@ -221,16 +221,16 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
     g_n, g, stress = log_j_n / j_n, log_j / j, (law.mu * c_y + k) / stretch
     heat = zero
     if law.effective == 1:
-        accumulated, trace = s[LAMBDA] + (gamma if step.flows else zero), 2.0 * c_x + c_y
-        before, after = modulus_factor(s[LAMBDA], middle, law), modulus_factor(accumulated, middle, law)
-        dissipated += degradation_heat(before - after, trace, log_j, g, middle, law)
-        stress = stiff * stress
+        trace, stress = 2.0 * c_x + c_y, stiff * stress
         if warm_moduli(law):
-            trace_n = 2.0 * np.exp(2.0 * s[ACROSS]) + np.exp(2.0 * s[ALONG])
-            slope_n = elastic_slope(trace_n, log_j_n, s[LAMBDA], s[THETA], law)
-            heat += middle * (elastic_slope(trace, log_j, accumulated, theta, law) - slope_n)
+            accumulated, trace_n = s[LAMBDA] + (gamma if step.flows else zero), 2.0 * np.exp(2.0 * s[ACROSS]) + np.exp(2.0 * s[ALONG])
+            lost = modulus_factor(s[LAMBDA], middle, law) - modulus_factor(accumulated, middle, law)
+            slope_n = energy_slope(trace_n, log_j_n, s[LAMBDA], s[THETA], law)
+            heat += middle * (energy_slope(trace, log_j, accumulated, theta, law) - slope_n)
         else:
-            heat += thermoelastic_heat(middle, before * g_n, after * g, law)
+            lost = modulus_factor(s[LAMBDA], theta, law) - stiff
+            heat += thermoelastic_heat(middle, (stiff + lost) * g_n, stiff * g, law)
+        dissipated += degradation_heat(lost, trace, log_j, g, middle, law)
     else:
         heat += thermoelastic_heat(middle, g_n, g, law)
     lateral = c_x + k / law.mu

@@ -12,7 +12,7 @@ from thermofit.body.element.hex8 import ElementData
 from thermofit.core.jit import kernel
 from thermofit.law.composition import backstress_terms, modulus_factor, warm_moduli
 from thermofit.law.page import Law, elastic_energy, hill, internal_energy
-from thermofit.law.structure import elastic_slope
+from thermofit.law.structure import energy_slope
 from thermofit.law.tensor import determinant, double_contraction
 from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_FULL
 
@@ -38,7 +38,7 @@ def _structure_energy(trace: float, log_j: float, j: float, theta: float, state:
     energy = (stiff - 1.0) * (free + rest)
     if warm_moduli(law):
         coupling = -3.0 * law.alpha_exp * law.bulk * (theta - law.theta_ref) * log_j / j
-        energy = stiff * (free + coupling) - theta * elastic_slope(trace, log_j, state[LAMBDA], theta, law) - free - rest
+        energy = stiff * (free + coupling) - theta * energy_slope(trace, log_j, state[LAMBDA], theta, law) - free - rest
     terms = backstress_terms(state[LAMBDA], 0.0, theta, law)
     for i in range(N_BACK):
         at = BACK + 6 * i

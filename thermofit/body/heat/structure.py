@@ -14,7 +14,7 @@ from thermofit.law.backstress import recalled_energy
 from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor, warm_moduli
 from thermofit.law.page import Law, thermoelastic_heat
 from thermofit.law.page_rates import LANES, STEP
-from thermofit.law.structure import asymmetry_heat, degradation_heat, elastic_slope
+from thermofit.law.structure import asymmetry_heat, degradation_heat, energy_slope
 from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_STATE, SENSE, TRACE
 
 Complex = Any
@@ -110,8 +110,8 @@ def _heat_at(
     g_n, g = log_j_n / np.exp(log_j_n), log_j / np.exp(log_j)
     elastic = thermoelastic_heat(theta, (stiff_n - 1.0) * g_n, (stiff - 1.0) * g, law)
     if warm_moduli(law):
-        slope_n = elastic_slope(trace_n, log_j_n, accumulated_n, theta_n, law)
-        slope = elastic_slope(trace, log_j, accumulated, 2.0 * theta - theta_n, law)
+        slope_n = energy_slope(trace_n, log_j_n, accumulated_n, theta_n, law)
+        slope = energy_slope(trace, log_j, accumulated, 2.0 * theta - theta_n, law)
         elastic = theta * (slope - slope_n) - thermoelastic_heat(theta, g_n, g, law)
     dissipated = 0.0 * elastic
     if d_lambda.real > 0.0:
@@ -219,7 +219,10 @@ def structure_slopes(
     numbers = np.zeros((6 + len(moved) - 1, *shape))
     at_start, at_end = np.zeros((len(START_PLACES), *shape)), np.zeros((len(END_PLACES), *shape))
     if on:
+        warms = warm_moduli.py_func(law)
         for argument in range(10):
+            if argument in (_WARM_N, _TRACE_N) and not warms:
+                continue
             _differentiate(change, theta, theta_n, argument, moved[0], by[argument])
         terms = np.empty((2, N_BACK, *shape))
         _terms_of_points(change, theta, law, terms)

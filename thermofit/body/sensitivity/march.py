@@ -49,7 +49,7 @@ from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.law.composition import restructured
 from thermofit.law.page import Law, law_in_step
-from thermofit.law.page_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
+from thermofit.law.page_rates import ALPHA_EXP, ELASTIC, THETA_REF, WARMING, directions, padded
 from thermofit.point.lanes_memory import lane_zeros
 from thermofit.point.rates import BY_THETA, SHEAR
 from thermofit.point.relative_rates import rows_of_response, stiffness_slopes
@@ -276,9 +276,10 @@ class Differentiator:
         responses(self.body.data, (mechanics.u, mechanics.theta), states, self.law, self.along, self._response)
         if self._skewed:
             self._stiff[:] = self._response[:, SHEAR] / self.law.mu
-        if len(self.along.in_structure):
-            moduli, largest = self.law.lame + self.law.mu + self.law.bulk, np.abs(stiffness_slopes(self._response, self.along)).max(axis=(0, 2))
-            self._softened = _ROUND_OFF * self._facets * moduli * (largest @ np.abs(self.along.numbers[self.along.in_structure]))
+        if np.isin(self.along.in_structure, WARMING).any():
+            moduli = _ROUND_OFF * self._facets * (self.law.lame + self.law.mu + self.law.bulk)
+            largest = np.abs(stiffness_slopes(self._response, self.along)).max(axis=(0, 2))
+            self._softened = moduli * (largest @ np.abs(self.along.numbers[self.along.in_structure]))
 
     def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """u' (n_np, 3, m) for given theta' and rates of the old state."""

@@ -14,8 +14,8 @@ PARAMS = (
 )
 FORMULA = "E, K, mu *= [x + (x^2 + 4 e^2)^(1/2)] / [1 + (1 + 4 e^2)^(1/2)], x = 1 - slope (theta - 293.15 K), e = 0.02"
 SOURCE = (
-    "Wachtman et al. 1961, Physical Review 122, and Varshni 1970, Physical Review B 2, whose forms are linear above about half the Debye "
-    "temperature; rounded off where x comes near 0, so that moduli stay positive"
+    "Wachtman et al. 1961, Physical Review 122; Varshni 1970, Physical Review B 2. Their forms are linear above about half the Debye "
+    "temperature. Rounded off near x = 0, so that moduli stay positive"
 )
 SPAN = 50.0
 _FROM, _ROUND = 293.15, 0.04

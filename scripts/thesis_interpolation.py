@@ -43,16 +43,19 @@ def compared(place: Place, run: str) -> str:
     beyond = [sum(abs(away) > 2.0 * sigma for away, sigma in of.values()) for of in found]
     used = [_used(place.record(name, "interpolate")) for name in (run, run + THREE_POINT)]
     return (
-        f"Projection uses {used[0]}, three points {used[1]}. With three points the standard uncertainties are {width:.2f} times as large "
-        f"(median). The largest change is that of {most}, {moved[most]:.1f} of the combined uncertainty of both. More than two of its own "
+        f"Projection uses {used[0]}, the other interpolation {used[1]}. With three points the standard uncertainties are {width:.2f} "
+        f"times as large (median). The largest change is that of {most}, {moved[most]:.1f} of the combined uncertainty of both. More than two of its own "
         f"uncertainties off are {beyond[0]} of {len(found[0])} parameters by projection, {beyond[1]} of {len(found[1])} by three points."
     )
 
 
 def _used(record: Record) -> str:
+    """Share of points and pixels that a record of `interpolate` has used; three values a node are known by their number alone."""
+    if record.summary.get("nodal_values") is None:
+        return "three values a node"
     parts = {row["field"]: row for row in record.summary["nodal_values"]}
     said = {"u": "of the DIC points", "theta": "of the pixels"}
-    return " and ".join(f"{100.0 * row['used'] / row['in_window']:.0f} % {said[field]}" for field, row in parts.items() if field in said)
+    return " and ".join(f"{100.0 * row['share_used']:.0f} % {said[field]}" for field, row in parts.items() if field in said)
 
 
 def page(place: Place) -> str:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, load_mode, param
 from thermofit.effects.catalogue import effects
 from thermofit.law.composition import (
     AMPLITUDES,
@@ -77,6 +77,8 @@ def number_rates(parameters: Parameters, names: Sequence[str], law: Law) -> np.n
     """d number / d parameter (N_NUMBERS, len(names)) at given parameters, by complex step of `law_of`."""
     out = np.zeros((N_NUMBERS, len(names)))
     for column, name in enumerate(names):
+        if load_mode(name) >= 0:
+            continue
         param(name)
         moved = Parameters({**parameters.values, name: complex(parameters[name], STEP)}, parameters.free)  # type: ignore[dict-item]
         there = law_of(moved, law.model, closed_form=bool(law.closed_form), plastic=bool(law.plastic))

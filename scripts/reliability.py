@@ -100,14 +100,16 @@ def tested(part: Part) -> Answer:
 
 
 def scripted(part: Part) -> Answer:
-    """What a script prints as JSON, and its exit code."""
+    """What a script prints as JSON, and its exit code; what it says meanwhile is in its log."""
     name, *more = part.script
     words = [sys.executable, str(ROOT / "scripts" / name), *more]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    log = KEPT / f"{part.name}.log"
+    with log.open("w", encoding="utf-8") as said:
+        done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=said, text=True, check=False)
     try:
         return {"code": done.returncode, **json.loads(done.stdout)}
     except json.JSONDecodeError:
-        return {"code": done.returncode, "error": (done.stdout + done.stderr)[-500:]}
+        return {"code": done.returncode, "error": (done.stdout + log.read_text(encoding="utf-8"))[-500:]}
 
 
 def last(part: Part) -> Answer | None:

@@ -91,6 +91,7 @@ UNPLANTED = {
     "dic_scale": f"{BEYOND}0.55, bound 0.2",
     "ir_registration": "detectable on the small body from 3.7 mm on; three times that is beyond its bound of 10 mm",
     "clamp_difference": "detectable on the small body from 2.4 K on; three times that is refused, 14 standard errors off what is declared",
+    "modulus_by_temperature": "asked only of coupon records with elastic ranges more than 50 K apart; figures in docs/real-coupons.md",
     "rate_by_temperature": "asked only of coupon records that flow at several rates and at temperatures 50 K apart",
     "hill_anisotropy": "could be planted in a body (detectable from 0.32 on); left out for time",
 }

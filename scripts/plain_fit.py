@@ -29,7 +29,7 @@ BOUNDS |= {"b": (0.1, 5e3), "C1": (0.0, 5e6), "g1": (1e-3, 1e4), "C2": (0.0, 5e6
 BOUNDS |= {"rate0": (1e-9, 1e4), "C": (0.0, 0.5), "rate1": (1e-9, 1e4), "slope": (-0.02, 0.02), "share": (0.0, 3.0), "length": (1e-3, 0.2)}
 BOUNDS |= {"upper": (0.0, 500.0), "drop": (1e-5, 0.05), "amount": (0.0, 0.9), "scale": (1e-4, 10.0)}
 BOUNDS |= {"part": (-2.0, 2.0), "power": (0.2, 8.0), "fall": (-1e-3, 5e-3)}
-"""Those of the effects of the catalogue; it has no modulus that falls with the temperature."""
+"""Those of the effects of the catalogue."""
 POSITIVE = {"E", "M_y0", "M_yinf", "H_exp", "b", "g1", "m", "rate0", "rate1", "length", "drop", "scale", "power"}
 """Fitted by their logarithm."""
 SIZE = {

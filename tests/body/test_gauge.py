@@ -41,7 +41,7 @@ def by_end() -> History:
 
 
 def between(elongation: np.ndarray) -> GaugeLoading:
-    return GaugeLoading(TIME, elongation, "displacement", True, None, dogbone()[1])
+    return GaugeLoading(TIME, elongation, "displacement", True, gauge=dogbone()[1])
 
 
 def driven(parameters: Parameters, watch: Watch | None = None) -> History:
@@ -90,7 +90,7 @@ def test_sections_beside_the_neck_lead_beyond_the_load_maximum() -> None:
     y = body.mesh.nodes[:, 1]
     weights = np.isclose(y, 25.0) / np.isclose(y, 25.0).sum() - np.isclose(y, 5.0) / np.isclose(y, 5.0).sum()
     e = known.u[:, :, 1] @ weights
-    found = march_between(body, ADIABATIC, GaugeLoading(known.time, e - e[0], "displacement", False, None, weights), known.time)
+    found = march_between(body, ADIABATIC, GaugeLoading(known.time, e - e[0], "displacement", False, gauge=weights), known.time)
     assert found.force[-1] < 0.95 * found.force.max()
     assert found.force == pytest.approx(known.force, abs=1e-4 * known.force.max())
 
@@ -98,6 +98,6 @@ def test_sections_beside_the_neck_lead_beyond_the_load_maximum() -> None:
 def test_an_elongation_that_no_end_makes_says_so() -> None:
     """Weights of nothing: the elongation does not follow the end."""
     body, weights = dogbone()
-    nothing = GaugeLoading(TIME, 0.01 * TIME, "displacement", True, None, 0.0 * weights)
+    nothing = GaugeLoading(TIME, 0.01 * TIME, "displacement", True, gauge=0.0 * weights)
     with pytest.raises(NumericsError, match="sections"):
         march_between(body, NOMINAL, nothing, TIME, MarchSettings(max_cuts=0))

@@ -174,8 +174,8 @@ class Sources:
 def test_heat_sources(body: Body, model: int, closed_form: bool) -> None:
     sources = Sources(body, LAW, model, closed_form)
     moving, frozen = (np.zeros_like(sources.theta_rates) for _ in range(2))
-    temperature = (sources.theta, sources.theta_rates)
-    slopes = source_slopes(body.data, tuple(sources.ends), temperature[0], sources.along())
+    temperature = ((sources.theta, sources.theta_rates),) * 2
+    slopes = source_slopes(body.data, tuple(sources.ends), (sources.theta, sources.theta), sources.along())
     heat_source_rates(body.data, slopes, tuple(sources.rates), temperature, sources.along(), moving)
     frozen_source_rates(body.data, increment_between(*sources.ends), temperature, sources.along(), frozen)
     steps = [step_of(name) for name in LAW]

@@ -14,7 +14,8 @@ from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
 from thermofit.body.solve.loading import felt_force, felt_force_rate, moving
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
-from thermofit.core.parameters import Parameters
+from thermofit.core.errors import StudyError
+from thermofit.core.parameters import Parameters, load_mode, load_modes
 from thermofit.effects.catalogue import LOAD, effect, effects
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
@@ -117,6 +118,33 @@ def test_influence_on_a_whole_run_is_that_of_differences(loading: Loading, value
             size = np.abs(expected).max()
             noise = 4e-8 * np.abs(getattr(there, field)).max() / h
             assert np.abs(value[..., k] - expected).max() < 2e-4 * size + noise, (field, name, size)
+
+
+def test_a_run_is_differentiated_along_modes_of_its_force() -> None:
+    """Second-order Taylor test of a whole run, beside a Param of the material, with an effect of the machine in between; another mode of
+    the same run has its own derivative. Both rest where the force rests: whether a force at its largest flows on has
+    no derivative."""
+    time = np.array([0.0, 1.0, 9.0, 25.0, 35.0, 37.0, 60.0])
+    recorded = np.interp(time, TIME, RECORDED)
+    modes = np.array([[0.0, 0.0, 30.0, 30.0, 30.0, 0.0, 0.0], [0.0, 0.0, -25.0, 20.0, 20.0, -5.0, 0.0]]).T
+    loading, on = Loading(time, recorded, modes=modes), BASE.replace(**{"force_scale.gain": 0.01})
+    names = load_modes(2)
+    history, rates = run(loading, on, (names[1], "E", names[0]))
+    assert [load_mode(n) for n in (*names, "E")] == [0, 1, -1]
+    for place, mode in ((0, 1), (2, 0)):
+        for field, size in (("u", 1e-3), ("theta", 1e-2), ("force", 1.0)):
+            left = []
+            for h in (1.0, 0.5):
+                there = run(replace(loading, value=recorded + h * modes[:, mode]), on)[0]
+                left.append(np.abs(getattr(there, field) - getattr(history, field) - h * rates[field][..., place]).max())
+            assert left[1] < 0.35 * left[0] + 1e-6 * size, (field, mode, left)
+    assert np.allclose(rates["force"][1:, 2], 1.01 * np.interp(TIMES[1:], time, modes[:, 0]), atol=1e-9)
+
+
+def test_modes_are_of_a_prescribed_force() -> None:
+    for loading in (FORCE, replace(CROSSHEAD, modes=np.zeros((6, 1)))):
+        with pytest.raises(StudyError, match="expected a prescribed force with modes"):
+            loading.rates(BASE, load_modes(1))
 
 
 def test_what_moves_nothing_takes_no_part_and_keeps_its_zero_columns() -> None:

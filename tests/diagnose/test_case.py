@@ -100,7 +100,7 @@ def test_what_a_driver_does_not_have_is_not_asked(known: tuple[Effect, ...], slo
     point = "bending" not in {e.name for e in known}
     case = Case(cast(Any, None), AT, known, (Span("all", 0.0, 1.0),), frozenset())
     spans = {"softening_power", "rate_by_temperature"}
-    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if point else spans
+    without = {"hill_anisotropy", "air_convection", "clamp_conductance"} if point else {*spans, "modulus_by_temperature"}
     has = {"air_drift", "capacity_by_temperature"} if point and "ir_drift" in {e.name for e in known} else set()
     assert set(case.not_asked()) == {e.name for e in effects(slots)} - has | without
     assert set(case.not_asked()).isdisjoint(e.name for e in known)

@@ -54,6 +54,13 @@ def test_what_the_elastic_ranges_do_not_tell_or_the_study_frees_has_the_bounds_o
     assert told(study_of(tmp_path, **study), bar(), *others) == {}
 
 
+@pytest.mark.parametrize(("theta", "one"), [(340.0, True), (346.0, False)])
+def test_elastic_ranges_far_apart_in_temperature_tell_a_modulus_each(tmp_path: Path, theta: float, one: bool) -> None:
+    """Further apart than a modulus that falls with temperature needs to be told (50 K), E has the bounds of the study."""
+    hot = replace(bar("hot", 4), theta_start=theta)
+    assert bool(told(study_of(tmp_path), replace(bar(), theta_start=293.15), hot)) is one
+
+
 def elastic_modulus(study: Study, *tests: CouponTest) -> tuple[float, float]:
     """E and its standard error in MPa by least squares of the elastic stage, whose model is linear in it."""
     experiment = CouponExperiment(study, given=CouponData(tests, "strain"))

@@ -13,7 +13,7 @@ import pytest
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose import trial as module
-from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.held_out import Proof, Rows
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.trial import (
     NEARER,
@@ -233,10 +233,11 @@ def ended(
     cheap: bool = True,
     settles: bool | None = False,
     before: Parameters = BASE,
+    asked: bool = True,
 ) -> Trial:
     """The end of two effects with an exponent each: `gains` = (gain, why refused) by what is free, `freed` = what can be freed, and whether
     it settles; `settles`: whether a refit with exponents held where they came to does, None: it cannot be run; `before`: parameters of the
-    round."""
+    round; `asked`: whether held-out data ask for exponents of earlier effects."""
 
     def refit(start: Parameters, label: str) -> Any:
         assert label == f"{' '.join(PAIR)} held there" and not set(BOTH) & set(start.free)
@@ -255,6 +256,7 @@ def ended(
 
     monkeypatch.setattr(module, "freed_refit", free)
     monkeypatch.setattr(module, "judged_trial", judge)
+    monkeypatch.setattr(module, "asked_for", lambda here, plain, freed: asked)
     means: Any = SimpleNamespace(refit=refit)
     fit: Any = None
     end: Any = (WITH_EXPONENTS, SimpleNamespace(converged=True, of="held"))
@@ -291,6 +293,32 @@ def test_exponents_of_earlier_effects_are_fitted_beside_those_that_are_tried(mon
     for other in (before.with_free(("kappa", C, earlier)), before.with_free(("kappa",)), BASE):
         assert ended(monkeypatch, gains, {both: True, alone: True}, before=other).gain == 0.1
     assert ended(monkeypatch, gains, {both: True, alone: True}, cheap=False, before=before).gain == 0.1, "of a body a run costs too much"
+
+
+def test_exponents_of_earlier_effects_are_freed_where_held_out_data_ask_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than any fall of the held-out error, unless the trial is refused without them."""
+    earlier, C = "backstress_first.gamma", "backstress_first.C"
+    before = BASE.replace(**{C: 5e4, earlier: 300.0}).with_free(("kappa", C))
+    freed: dict[tuple[str, ...], bool] = {(*BOTH, earlier): True}
+    gains = {"held": (0.1, ""), " ".join((*BOTH, earlier)): (0.5, "")}
+    assert ended(monkeypatch, gains, freed, before=before, asked=False).gain == 0.1
+    assert ended(monkeypatch, gains, freed, before=before, asked=True).gain == 0.5
+    assert ended(monkeypatch, gains | {"held": (0.1, "at its bound")}, freed, before=before, asked=False).gain == 0.5
+
+
+@pytest.mark.parametrize(("parts", "asked"), [((0.3, 0.3), True), ((0.5, 1.3), False), ((1.2, 1.2), False)])
+def test_held_out_data_ask_by_more_than_their_uncertainty(monkeypatch: pytest.MonkeyPatch, parts: tuple[float, float], asked: bool) -> None:
+    """What is predicted with the exponents freed, as a part of what is without, early and late: a fall of 3 % in all, which is one half of
+    the test against the other, is none."""
+    n = 120
+    rows = Rows(np.zeros(n, dtype=int), np.arange(n, dtype=float), np.zeros((n, 2)), np.zeros(n, dtype=int))
+    plain = np.random.default_rng(4).normal(size=n)
+    ends = {"plain": plain, "freed": np.repeat(parts, n // 2) * plain}
+    monkeypatch.setattr(module, "held_out_of", lambda there: ends[there.name])
+    model = SimpleNamespace(noise=None)
+    here: Any = SimpleNamespace(rows=rows, split=SimpleNamespace(held_out=(0, 1)), problem=SimpleNamespace(model=model))
+    there: list[Any] = [SimpleNamespace(name=name, columns=SimpleNamespace(residual=end)) for name, end in ends.items()]
+    assert module.asked_for(here, *there) is asked
 
 
 @pytest.mark.parametrize("settles", [False, None])

@@ -271,6 +271,16 @@ ROWS: dict[str, Row] = {
         ),
     ),
     # sigma (400^4 - 300^4) = 5.670374419e-8 x 1.75e10 = 992.315523325 W/m^2 for a black body; half of it for a grey one, inwards if colder.
+    # x = 0.399, 0.198, 0.03 make the root 0.401, 0.202, 0.05; at 293.15 K nothing changes.
+    "modulus_by_temperature": Row(
+        "elasticity",
+        (
+            ((293.15, NONE, 2e-3), 1.0),
+            ((894.15, NONE, 1e-3), 0.8 / (1.0 + sqrt(1.0016))),
+            ((694.15, NONE, 2e-3), 0.4 / (1.0 + sqrt(1.0016))),
+            ((390.15, NONE, 0.01), 0.08 / (1.0 + sqrt(1.0016))),
+        ),
+    ),
     "radiation": Row(
         "surface_flux",
         (((a(400.0), 5.0, a(300.0), 0.5), a(0.4961577616625)), ((a(300.0, 350.0), 5.0, a(400.0, 350.0), 1.0), a(-0.992315523325, 0.0))),
@@ -418,6 +428,7 @@ def test_a_row_says_where_its_effect_acts(name: str) -> None:
 
 ONE_WAY = {
     *("backstress_first", "backstress_second", "elastic_degradation", "ir_lag", "jaw_slip", "radiation", "rate_logarithmic", "rate_power"),
+    "modulus_by_temperature",
     *("yield_plateau", "linear_hardening", "hill_anisotropy", "thermal_expansion", "air_convection", "clamp_conductance"),
 }
 """Effects whose amplitude physics allows on one side of nothing alone: moduli, emissivities, time constants, overstress, damage, slip."""

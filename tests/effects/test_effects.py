@@ -56,6 +56,10 @@ def _of_moduli(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
     return np.array([e.act(one, LAW, *values) for one in past])
 
 
+def _of_warm_moduli(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
+    return np.array([e.act(theta + (1j * STEP if moved == 0 else 0.0), LAW, *values) for theta in (250.0, 297.0, 600.0)])
+
+
 def _of_sense(e: Effect, values: Values, moved: int = -1) -> np.ndarray:
     assert moved <= 0, "the sense of flow is one or the other: nothing is differentiated by it"
     return np.array([e.act(sense, LAW, *values) for sense in (1.0, -1.0)])
@@ -79,6 +83,7 @@ LAWS: dict[str, tuple[Formula, float | np.ndarray]] = {
     "yield_factor": (_in_law, 1.0),
     "dissipation": (_in_law, 1.0),
     "free_energy": (_of_moduli, 1.0),
+    "elasticity": (_of_warm_moduli, 1.0),
     "asymmetry": (_of_sense, 1.0),
     "capacity": (_of_heat_content, 1.0),
     "conductivity": (_of_heat_content, 1.0),
@@ -186,6 +191,6 @@ def test_slots_in_which_no_function_is_called_are_refused(tmp_path: Path, slot: 
         f"def {slot}(*arguments):\n    return 0.0\n"
     )
     with pytest.raises(
-        StudyError, match=rf"my_effect\.py: SLOT is '{slot}'; expected one of free_energy, yield_stress, .*, sensor, camera$"
+        StudyError, match=rf"my_effect\.py: SLOT is '{slot}'; expected one of free_energy, elasticity, yield_stress, .*, sensor, camera$"
     ):
         load_effect(path)

@@ -9,7 +9,7 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import untold
-from thermofit.effects.catalogue import Effect
+from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.coupon_records import CouponTest, whole
 from thermofit.experiment.flow_conditions import (
     KNEE,
@@ -240,7 +240,7 @@ def test_elasticity_after_flow_is_seen_where_a_record_unloads(legs: list[tuple[f
     found = conditions(record(*legs), record((0.05, 1e-3, 300), name="b"))
     assert found.unloads is unloads
     known, said = untold(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0))
-    assert ("elastic_degradation" in names(known)) is unloads and len(said) == int(not unloads)
+    assert ("elastic_degradation" in names(known)) is unloads and len(said) == 1 + int(not unloads)
     assert unloads or said[0].startswith("not asked for elastic_degradation: no record unloads after flow")
     assert "elastic_degradation" in names(
         untold(effects_of_point(sensor=False), STEEL.with_free(("elastic_degradation.amount",)), found)[0]
@@ -249,6 +249,39 @@ def test_elasticity_after_flow_is_seen_where_a_record_unloads(legs: list[tuple[f
 
 def names(known: tuple[Effect, ...]) -> set[str]:
     return {e.name for e in known}
+
+
+APART = 50.0
+"""K; span that the effect of the temperature on the moduli declares."""
+
+
+@pytest.mark.parametrize(
+    ("thetas", "curves", "asked"),
+    [((293.0, 293.0), False, False), ((293.0, 340.0), False, False), ((293.0, 346.0), False, True), ((293.0, 500.0), True, False)],
+    ids=["alike", "near", "apart", "without elastic ranges"],
+)
+def test_moduli_over_temperature_need_elastic_ranges_apart(thetas: tuple[float, float], curves: bool, asked: bool) -> None:
+    """First loadings at temperatures further apart than SPAN; flow curves over plastic strain hold none, whatever their temperatures."""
+    tests = [replace(record((0.05, 1e-3, 3000), theta=t, name=str(t)), over_plastic=curves) for t in thetas]
+    found = conditions(*tests)
+    assert effect("modulus_by_temperature").span == APART
+    if not curves:
+        assert found.elastic == pytest.approx(thetas)
+    known, said = untold(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0, unloads=True))
+    assert ("modulus_by_temperature" in names(known)) is asked
+    if not asked:
+        where = "are not seen in any record" if curves else f"lie at {thetas[0]:.0f} to {thetas[1]:.0f} K"
+        assert said[0].startswith(f"not asked for modulus_by_temperature: elastic ranges {where}, expected more than 50 K apart")
+    assert "modulus_by_temperature" in names(
+        untold(effects_of_point(sensor=False), STEEL.with_free(("modulus_by_temperature.slope",)), found)[0]
+    )
+
+
+def test_an_unloading_after_flow_shows_the_modulus_as_well() -> None:
+    """Of a record without a first line, and at the mean of what its sensor shows."""
+    back = record((0.04, 1e-3, 300), (0.0385, 1e-3, 30), (0.05, 1e-3, 60))
+    hot = replace(back, over_plastic=True, theta=np.full(len(back.time), 400.0), name="hot")
+    assert conditions(record((0.05, 1e-3, 3000)), hot).elastic[1] == pytest.approx(400.0)
 
 
 def test_effects_are_asked_by_what_the_records_hold() -> None:
@@ -264,6 +297,7 @@ def test_effects_are_asked_by_what_the_records_hold() -> None:
         "both": FlowConditions((1e-3, 1e-1), (293.0, 400.0), 400, 100.0, 107.0, 0.0),
     }
     some = spans | {"thermal_softening"}
+    at = {case: replace(there, elastic=(293.0, 400.0)) for case, there in at.items()}
     left = {"neither": rates | some, "rates": some, "some kelvins": spans, "temperatures": rates, "both": set()}
     for case, there in at.items():
         known, said = untold(every, STEEL, there)

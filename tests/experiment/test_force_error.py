@@ -10,6 +10,7 @@ from virtual_pulls import SIZE, TIME, TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.body_check import verification
+from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import LoadSteps, Measured
 from thermofit.experiment.force_error import told_error, with_force_error
 from thermofit.experiment.joint import Joint, joint_settings
@@ -45,54 +46,49 @@ def joint(force: np.ndarray, error: np.ndarray | None = MODES) -> Joint:
 def test_modes_are_what_a_force_that_errs_makes(mode: int) -> None:
     """In the first flow; at its end, where the error stays until the next flow; and near the end of the test, where it stays as well.
 
-    Of the temperatures the thermoelastic part, a tenth, and what flows away into the jaws are left out. The step in which flow begins
-    again, between two states, is left aside.
+    The force comes back to its largest value at 30 s: whether the specimen flows there hangs on the error, and no derivative can say it.
     """
     here = joint(COURSE, MODES[:, [mode]])
-    history, right = here.shown(PARAMETERS)
-    found = with_force_error(here, history, PARAMETERS).force_error
+    _, right = here.shown(PARAMETERS)
+    found = with_force_error(here, PARAMETERS).force_error
     assert found is not None
-    wrong = joint(COURSE + 5.0 * MODES[:, mode]).shown(PARAMETERS)[1]
-    for name, near in (("u", 0.02), ("theta", 0.5)):
+    wrong = joint(COURSE + 0.5 * MODES[:, mode]).shown(PARAMETERS)[1]
+    for name, near in (("u", 0.01), ("theta", 0.03)):  # what the step at 30 s has set free stays in the temperatures
         clear = np.abs(here.model.observations[name].time - 30.0) > 0.6
-        made, told = (wrong[name] - right[name])[clear] / 5.0, (np.sign(found[name].modes.sum()) * found[name].field(0))[clear]
+        made, told = (wrong[name] - right[name])[clear] / 0.5, found[name].turned[0, 0] * found[name].fields[clear, ..., 0]
         assert np.linalg.norm(told - made) < near * np.linalg.norm(made), (name, np.linalg.norm(told - made) / np.linalg.norm(made))
-        largest = np.unravel_index(np.argmax(np.abs(made)), made.shape)
-        assert told[largest] == pytest.approx(made[largest], rel=0.25), name
 
 
 def test_the_residual_is_whitened_against_the_force() -> None:
-    """Fits of many draws of force and cameras: unit variance with the modes, far from it without."""
+    """Draws of force and cameras: unit variance in every channel with the modes, far from it without."""
     here, random = joint(COURSE, 40.0 * MODES), np.random.default_rng(3)
-    history, _ = here.shown(PARAMETERS)
-    blurred = with_force_error(here, history, PARAMETERS)
+    blurred = with_force_error(here, PARAMETERS)
     assert blurred.force_error is not None
-    for name, channel in (("u", "du"), ("theta", "dtheta")):
-        plain, white = (next(c for c in j.model.comparisons if c.channel == channel) for j in (here, blurred))
-        sizes: dict[str, list[float]] = {"plain": [], "white": []}
-        for _ in range(40):
-            modes = blurred.force_error[name]
-            made = modes.tangent * (modes.modes @ random.normal(size=modes.modes.shape[1]))[:, None, None]
-            observation = here.model.observations[name]
-            field = made + observation.sigma * random.normal(size=made.shape)
-            sizes["plain"].append(float(np.mean(plain.residual(field) ** 2)))
-            sizes["white"].append(float(np.mean(white.residual(field) ** 2)))
-        assert np.mean(sizes["plain"]) > 1.3, channel
-        assert 0.85 < np.mean(sizes["white"]) < 1.1, (channel, np.mean(sizes["white"]))
-        assert np.std(sizes["white"]) < 0.15, channel
+    comparisons, (common,) = blurred.model.comparisons, blurred.model.common
+    plain: list[np.ndarray] = []
+    white: list[np.ndarray] = []
+    for _ in range(40):
+        drawn, fields = random.normal(size=MODES.shape[1]), {}
+        for name, modes in blurred.force_error.items():
+            sigma = here.model.observations[name].sigma
+            fields[name] = modes.fields @ (modes.turned.T @ drawn) + sigma * random.normal(size=sigma.shape)
+        plain.append(np.array([np.mean(c.residual(fields[field_of(c)]) ** 2) for c in here.model.comparisons]))
+        whitened = common.innovations([c.residual(fields[field_of(c)]) for c in comparisons])
+        white.append(np.array([np.mean(r**2) for r in whitened]))
+    assert len(comparisons) == 2
+    assert np.all(np.mean(plain, axis=0) > 1.3)
+    assert np.all(np.abs(np.mean(white, axis=0) - 1.0) < 0.1), np.mean(white, axis=0)
+    assert np.all(np.std(white, axis=0) < 0.15)
 
 
 def test_a_force_whose_error_is_not_known_changes_nothing() -> None:
     here = joint(COURSE, None)
-    history, _ = here.shown(PARAMETERS)
-    assert with_force_error(here, history, PARAMETERS) is here
+    assert with_force_error(here, PARAMETERS) is here
 
 
 def test_temperatures_alone_know_what_the_displacements_tell_of_the_force() -> None:
     """The heat model on the motion of a run has the rows that the whole one has there, also under another force than the right one."""
-    here = joint(COURSE, 3.0 * MODES)
-    history, _ = here.shown(PARAMETERS)
-    errs = with_force_error(joint(COURSE + 4.0 * MODES[:, 1], 3.0 * MODES), history, PARAMETERS)
+    errs = with_force_error(joint(COURSE + 4.0 * MODES[:, 1], 3.0 * MODES), PARAMETERS)
     assert errs.force_error is not None
     whole = errs.model.residual(PARAMETERS)
     n_u, n_theta = (next(c.n for c in errs.model.comparisons if c.channel == channel) for channel in ("du", "dtheta"))
@@ -110,8 +106,8 @@ def test_misfit_of_the_force(scale: float, low: float, high: float) -> None:
     """About one in the mean of draws where the force errs as its modes say (less by what its temperatures may err), above the three
     standard errors that are let pass where it errs by eight times that, as a model does that misses something."""
     here, random = joint(COURSE, 20.0 * MODES), np.random.default_rng(7)
-    history, right = here.shown(PARAMETERS)
-    found = with_force_error(here, history, PARAMETERS)
+    _, right = here.shown(PARAMETERS)
+    found = with_force_error(here, PARAMETERS)
     assert found.force_error is not None
     data, misfit = found.data, []
     assert data.temperature is not None
@@ -120,7 +116,7 @@ def test_misfit_of_the_force(scale: float, low: float, high: float) -> None:
         seen = {}
         for name, observation in (("u", data.displacement), ("theta", data.temperature)):
             modes, noise = found.force_error[name], observation.sigma * random.normal(size=observation.value.shape)
-            made = modes.tangent * (modes.modes @ (modes.turned.T @ drawn))[:, None, None]
+            made = modes.fields @ (modes.turned.T @ drawn)
             seen[name] = replace(observation, value=observation.value + right[name] + made + noise)
         misfit.append(replace(found, data=replace(data, displacement=seen["u"], temperature=seen["theta"])).force_misfit(PARAMETERS))
     assert low < np.mean(misfit) < high, misfit
@@ -129,8 +125,8 @@ def test_misfit_of_the_force(scale: float, low: float, high: float) -> None:
 def test_parameters_that_follow_the_force_do_not_count_as_its_misfit() -> None:
     """A fit that took the force as exact followed its error: what a joint step of the parameters takes back is no misfit of the model."""
     here, free = joint(COURSE, 20.0 * MODES), ("E", "M_y0", "M_yinf")
-    history, right = here.shown(PARAMETERS)
-    found = with_force_error(here, history, PARAMETERS)
+    _, right = here.shown(PARAMETERS)
+    found = with_force_error(here, PARAMETERS)
     data, random = found.data, np.random.default_rng(8)
     assert data.temperature is not None
     seen = {
@@ -145,9 +141,9 @@ def test_parameters_that_follow_the_force_do_not_count_as_its_misfit() -> None:
 
 def test_all_channels_tell_the_error_of_the_force() -> None:
     """The history of the error comes back, with its sign, where the force tells by its effect; none where it is not known."""
-    history, right = joint(COURSE).shown(PARAMETERS)
+    _, right = joint(COURSE).shown(PARAMETERS)
     planted, random = 4.0 * MODES[:, 1] - 3.0 * MODES[:, 2], np.random.default_rng(9)
-    errs = with_force_error(joint(COURSE + planted, 3.0 * MODES), history, PARAMETERS)
+    errs = with_force_error(joint(COURSE + planted, 3.0 * MODES), PARAMETERS)
     data = errs.data
     assert data.temperature is not None
     seen = {

@@ -26,6 +26,13 @@ PARAMS = (Param("my_moduli.part", "1", 0.0, 0.0, 0.5, 0.01, "part of the moduli 
 def free_energy(accumulated, law, part):
     return 1.0 / (1.0 + part * accumulated / (0.03 + accumulated))
 """,
+    "my_warmth": """SLOT = "elasticity"
+PARAMS = (Param("my_warmth.part", "1/K", 0.0, 0.0, 0.05, 1e-3, "part of the moduli that goes per K", probe=5e-3),)
+
+
+def elasticity(theta, law, part):
+    return 1.0 / (1.0 + part * (theta - 280.0))
+""",
     "my_sense": """SLOT = "asymmetry"
 PARAMS = (Param("my_sense.more", "1", 0.0, -0.5, 0.5, 0.01, "excess in compression", probe=0.05),)
 
@@ -39,7 +46,7 @@ from coupons import CYCLES, LOSSY, bar_and_point, corners
 from thermofit.core.digest import effect_files
 from thermofit.identify.user_effects import check_effects
 check_effects(effect_files())
-on = {"my_back.C": 2500.0, "my_moduli.part": 0.15, "my_sense.more": 0.04, "backstress_first.C": 1500.0}
+on = {"my_back.C": 2500.0, "my_moduli.part": 0.15, "my_warmth.part": 0.01, "my_sense.more": 0.04, "backstress_first.C": 1500.0}
 bar_and_point(LOSSY.replace(**on), *corners(*CYCLES, steps=4), 2, tolerance=1e-10)
 bar_and_point(LOSSY.replace(**on, H_lin=500.0), *corners(*CYCLES, steps=4), 2, "force", 1e-10)
 print("same")
@@ -48,7 +55,7 @@ print("same")
 
 @pytest.mark.slow
 def test_files_of_a_user_act_on_both_drivers(tmp_path: Path) -> None:
-    """Three files at once beside one of the catalogue, with a modulus that changes with flow and temperature: to 1e-8."""
+    """Four files at once beside one of the catalogue, with a modulus that changes with flow and temperature: to 1e-8."""
     for name, text in FILES.items():
         (tmp_path / f"{name}.py").write_text(HEAD + text)
     files = os.pathsep.join(str(tmp_path / f"{name}.py") for name in FILES)

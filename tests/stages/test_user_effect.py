@@ -75,7 +75,7 @@ def test_every_slot_stands_on_the_page_with_its_arguments() -> None:
         last = function.count(",") if "(" in function else last
         told |= dict.fromkeys(re.findall(r"`(\w+)`", names), last)
     assert sorted(told) == sorted(FILE_SLOTS) and "`ON`" in section
-    of_law = {**dict.fromkeys(MATERIAL, 4), "free_energy": 2, "asymmetry": 2}
+    of_law = {**dict.fromkeys(MATERIAL, 4), "free_energy": 2, "elasticity": 2, "asymmetry": 2}
     assert told == {slot: of_law.get(slot) or len(trial_of(slot).arguments) for slot in FILE_SLOTS}
 
 

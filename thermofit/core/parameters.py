@@ -80,6 +80,7 @@ LAW: tuple[Param, ...] = (
 NAMES: tuple[str, ...] = tuple(param.name for param in LAW)
 _BY_NAME = {param.name: param for param in LAW}
 OF_EFFECTS: dict[str, Param] = {}
+_LOAD_MODE = "load mode "
 
 
 def acting(*where: str) -> tuple[str, ...]:
@@ -89,6 +90,16 @@ def acting(*where: str) -> tuple[str, ...]:
 
 THERMOCOUPLES: tuple[str, ...] = tuple(p.name for p in LAW if p.prior is not None)
 """Temperatures that are declared with a standard error."""
+
+
+def load_modes(n: int) -> tuple[str, ...]:
+    """Names of n changes of what drives a run, along which it can be differentiated as along Params. They have no value."""
+    return tuple(f"{_LOAD_MODE}{k}" for k in range(n))
+
+
+def load_mode(name: str) -> int:
+    """Which change of what drives a run the name stands for, -1 where it is that of a Param."""
+    return int(name.removeprefix(_LOAD_MODE)) if name.startswith(_LOAD_MODE) else -1
 
 
 def declare(params: Iterable[Param]) -> None:

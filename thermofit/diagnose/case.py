@@ -33,6 +33,8 @@ _WARMER = 11.7
 """K"""
 ELASTICITY = "free_energy"
 """Slot of effects that change the elastic constants with flow."""
+WARM_ELASTICITY = "elasticity"
+"""Slot of those that change them with temperature."""
 _STRAINS = 201
 """Values of Lambda at which a body is asked."""
 
@@ -217,8 +219,8 @@ def _feels(effect: Effect, parameters: Parameters, step: tuple[complex, complex]
 def untold(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
     """Those of the known effects that coupon records can tell, and why the others are not asked: where the rate is one, or a function of
     the plastic strain, an overstress is hardening by another name, and so is a softening where the temperature is one, a function of the
-    strain, or only computed; where no record unloads after flow its elasticity is not seen again. An effect that the study switches on or
-    frees stays."""
+    strain, or only computed; where no record unloads after flow its elasticity is not seen again, and where no elastic ranges lie apart in
+    temperature one E says the same. An effect that the study switches on or frees stays."""
     dormant = [e for e in known if not set(parameters.free) & set(e.names) and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
     narrow = [e for e in dormant if feels_temperature(e, parameters) and not there.tells(e.span)]
     steady = [e for e in dormant if there.one_rate and e not in narrow and feels_rate(e, parameters)]
@@ -245,7 +247,15 @@ def untold(known: Sequence[Effect], parameters: Parameters, there: FlowCondition
             f"not asked for {', '.join(e.name for e in unseen)}: no record unloads after flow, by a quarter of its stress at least, so "
             "that its elasticity is not seen again; an unloading would tell"
         )
-    return tuple(e for e in known if e not in (*steady, *narrow, *unseen)), tuple(said)
+    alike = [e for e in dormant if e.slot == WARM_ELASTICITY and not there.tells_modulus(e.span)]
+    if alike:
+        (cold, hot), least = there.elastic, min(max(e.span, ONE_TEMPERATURE) for e in alike)
+        found = f"lie at {cold:.0f} to {hot:.0f} K" if np.isfinite(cold) else "are not seen in any record"
+        said.append(
+            f"not asked for {', '.join(e.name for e in alike)}: elastic ranges {found}, expected more than {least:g} K apart, as measured "
+            "or declared; one E would explain the same, the elastic range of a record at another temperature would tell"
+        )
+    return tuple(e for e in known if e not in (*steady, *narrow, *unseen, *alike)), tuple(said)
 
 
 def _beside_neutral(effect: Effect, case: Case) -> bool:

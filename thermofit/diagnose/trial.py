@@ -220,14 +220,30 @@ def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, 
         parts = groups if len(names) > 1 else [(name,) for name in scanned]
         singly = [(freed_refit(end, part, label, means.refit), part) for part in parts if part]
         ends += [(one[0], f"{', '.join(part)} {one[1]}", none) for one, part in singly if one[0] is not None and one[0][1].converged]
+    judged = [(*judged_trial(here, fit, scores, e, means), words, loose) for e, words, loose in ends]
+    best = max(judged, key=_rank)
     earlier = held_exponents(here)  # held where they stood in for what is added now, they keep the others from their best fit
     for part in dict.fromkeys(((*scanned, *earlier), earlier)) if earlier else ():
         found_there, words = freed_refit(end, part, f"{label} beside", means.refit)
         if found_there is not None and found_there[1].converged:
-            ends.append((found_there, f"{', '.join(part)} {words}", none))
-    judged = [(*judged_trial(here, fit, scores, e, means), words, loose) for e, words, loose in ends]
-    trial, found, said, loose = max(judged, key=lambda j: (j[0].refused == "", j[0].gain))
+            judged.append((*judged_trial(here, fit, scores, found_there, means), f"{', '.join(part)} {words}", none))
+    other = max(judged, key=_rank)
+    if other is not best and (best[1] is None or other[1] is None or asked_for(here, best[1][0], other[1][0])):
+        best = other
+    trial, found, said, loose = best
     return replace(trial, exponents=said, adrift=loose), found
+
+
+def _rank(judged: tuple[Trial, Accepted | None, str, tuple[str, ...]]) -> tuple[bool, float]:
+    """Order of ends of a trial: those that are not refused, then by what they predict."""
+    return judged[0].refused == "", judged[0].gain
+
+
+def asked_for(here: Traced, plain: Traced, freed: Traced) -> bool:
+    """Do held-out data ask for the exponents of earlier effects that a trial has freed? As after a round (`rejudge.exponents_again`) a fall
+    of their error within its uncertainty is none. It would take what belongs to the next effects."""
+    ends = (held_out_of(plain), held_out_of(freed))
+    return compared(*ends, here.rows, len(here.split.held_out), here.problem.model.noise, freed.columns.residual).convinces
 
 
 def held_exponents(here: Traced) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.parameters import AT, Param, bare_name, declare
 from thermofit.effects.base import BASE as BASE_EFFECTS
 
-MATERIAL = ("free_energy", "yield_stress", "yield_factor", "backstress", "asymmetry", "dissipation")
+MATERIAL = ("free_energy", "elasticity", "yield_stress", "yield_factor", "backstress", "asymmetry", "dissipation")
 HEAT = ("heat_source", "surface_flux", "boundary_temperature", "capacity", "conductivity", "initial_temperature")
 HEATING = (*HEAT, "dissipation")
 """Slots of effects that act in the heat equation and nowhere else: the mechanics feels them through the temperature alone."""

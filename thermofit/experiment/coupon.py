@@ -12,13 +12,14 @@ import numpy as np
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import Effect
+from thermofit.effects.modulus_by_temperature import SPAN
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.coupon_check import checked_records, record_spans
 from thermofit.experiment.coupon_elastic import modulus_error
 from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, point_settings
 from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, read_tests, whole
 from thermofit.experiment.fields import INTERPOLATE, start_parameters
-from thermofit.experiment.flow_conditions import flow_conditions
+from thermofit.experiment.flow_conditions import elastic_temperatures, flow_conditions, told_temperature
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prescribed import Moved, acting, columns, of_records
@@ -295,11 +296,15 @@ class CouponExperiment:
 
         What is missing of a flow curve draws E off, for its samples are the many: a fast backstress on a low yield stress makes the same
         first slope with another E. In the elastic range the model misses nothing, so that E stays within three of its standard errors
-        there, or within what microplasticity and the choice of the range make of a slope (STRAIGHT).
+        there, or within what microplasticity and the choice of the range make of a slope (STRAIGHT). Ranges at temperatures as far apart as
+        a modulus that falls with temperature needs to be told (SPAN of that effect) tell a modulus each.
         """
         study, stage = self.study, self.study.stage("elastic")
         error = modulus_error([line for test in self.data.tests if (line := test.line) is not None])
         if "E" not in stage.free or stage.window != "auto" or study.diagnosis.free is not None or error > KNOWN:
+            return {}
+        theta = [t for test in self.data.tests for t in elastic_temperatures(test, told_temperature(test), False)]
+        if theta and max(theta) - min(theta) > SPAN:
             return {}
         return {"E": _about(base["E"], error, study.bounds("E"))}
 

@@ -105,7 +105,7 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
     residual shows beyond what the fitted parameters could take up.
     """
     history, coarse = joint.shown(parameters)
-    joint = with_force_error(joint, history, parameters)
+    joint = with_force_error(joint, parameters)
     errors = numerical_errors(joint, parameters, coarse)
     exact = joint.without_force_error().model
 

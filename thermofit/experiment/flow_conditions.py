@@ -62,6 +62,8 @@ class FlowConditions:
     `apart`: largest ratio of the rates at the same plastic strain since the flow last turned; infinite where a hold is among them.
     `span`: K, largest difference of the told temperatures at the same plastic strain. Told is what a sensor shows, and else the declared
     temperature at which a record begins. `computed`: K, the most that a record without a sensor heats up while it flows, by the model.
+    `elastic`: lowest and highest told temperature in K of the elastic ranges, of a first loading or an unloading after flow; NaN where
+    there is none.
     """
 
     rates: tuple[float, float]
@@ -72,6 +74,7 @@ class FlowConditions:
     computed: float
     unloads: bool = True
     """Does a record unload after it has flowed: only then its elasticity is seen again."""
+    elastic: tuple[float, float] = (np.nan, np.nan)
 
     @property
     def one_rate(self) -> bool:
@@ -82,18 +85,24 @@ class FlowConditions:
         """True where an effect of the temperature on flow, which needs temperatures `span` K apart (0: any), can be told."""
         return self.span > max(span, ONE_TEMPERATURE)
 
+    def tells_modulus(self, span: float) -> bool:
+        """The same for an effect of the temperature on the elastic moduli."""
+        return self.elastic[1] - self.elastic[0] > max(span, ONE_TEMPERATURE)
+
 
 def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], PointHistory]) -> FlowConditions:
     """FlowConditions of records, each row of the same weight; `run` gives the history of the model on the measured strain (or stress).
 
     Where nothing flows there is one rate, and no span of temperatures.
     """
-    rates, strains, temperatures, places = [], [], [], []
+    rates, strains, temperatures, places, elastic = [], [], [], [], []
     computed, unloads = 0.0, False
     for test in tests:
         history = run(test)
-        unloads |= unloads_after_flow(history)
+        again = unloads_after_flow(history)
+        unloads |= again
         rate, theta = rates_of_flow(test, history), told_temperature(test)
+        elastic += elastic_temperatures(test, theta, again)
         used = np.isfinite(rate)
         rates.append(rate[used])
         strains.append(flow_since_turn(test, history)[used])
@@ -109,7 +118,9 @@ def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], Poi
     else:
         apart = np.inf if high > 0.0 else 1.0
     span = warmer_at_strain(places, temperatures)
-    return FlowConditions((low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart, span, computed, unloads)
+    return FlowConditions(
+        (low, high), _within_tails(np.concatenate(temperatures)), len(rate), apart, span, computed, unloads, _ends(elastic)
+    )
 
 
 def unloads_after_flow(history: PointHistory) -> bool:
@@ -117,6 +128,18 @@ def unloads_after_flow(history: PointHistory) -> bool:
     rests = np.append(True, np.diff(history.accumulated) <= 0.0) & (history.accumulated > history.accumulated[0])
     size = np.abs(history.stress)
     return int((rests & (size < (1.0 - UNLOADED) * np.maximum.accumulate(size))).sum()) >= _ROWS
+
+
+def elastic_temperatures(test: CouponTest, theta: np.ndarray, unloads: bool) -> list[float]:
+    """Told temperatures in K of the elastic ranges of a record: mean of the first line, and of all rows where it unloads after flow."""
+    line = test.line
+    found = [] if line is None else [float(theta[line.begin : line.end + 1].mean())]
+    return [*found, float(theta.mean())] if unloads else found
+
+
+def _ends(values: Sequence[float]) -> tuple[float, float]:
+    known = [value for value in values if np.isfinite(value)]
+    return (min(known), max(known)) if known else (np.nan, np.nan)
 
 
 def told_temperature(test: CouponTest) -> np.ndarray:

@@ -37,7 +37,7 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
     DataError where the record has no crosshead, StudyError where it was interpolated for another drive.
     """
     if study.force.drives == "force":
-        return Loading(steps.time, steps.force)
+        return Loading(steps.time, steps.force, modes=steps.error)
     if study.force.drives == "dic":
         if steps.elongation is None:
             raise StudyError(
@@ -57,7 +57,7 @@ def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, setti
     body = specimen_body(study, data, size, loading.control)
     if study.force.drives == "dic" and data.gauge is not None:
         gauge = nodal_gauge(body.mesh, data.gauge)
-        loading = GaugeLoading(loading.time, loading.value, loading.control, loading.from_rest, None, gauge)
+        loading = GaugeLoading(loading.time, loading.value, loading.control, loading.from_rest, gauge=gauge)
     return Run(body, loading, settings)
 
 

@@ -85,18 +85,11 @@ Known = tuple[Errors, Mapping[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class ForceModes:
-    """Field that errors of the prescribed force make: `tangent` (n_t, n_s, n_c) per N, `modes` (n_t, k) N, each of unit variance, and
-    these modes (n_e, k) in those of the smoothed force."""
+    """Fields (n_t, n_s, n_c, k) that modes of the error of the prescribed force make, each of unit variance, and these modes (n_e, k) in
+    those of the smoothed force."""
 
-    tangent: np.ndarray
-    modes: np.ndarray
+    fields: np.ndarray
     turned: np.ndarray
-    doubt: float = 0.0
-    """Relative error of the field."""
-
-    def field(self, k: int) -> np.ndarray:
-        """The field (n_t, n_s, n_c) of one mode."""
-        return self.tangent * self.modes[:, k, None, None]
 
 
 @dataclass(frozen=True)
@@ -296,8 +289,8 @@ class Joint:
         found = {}
         for place in sorted(acting, key=lambda p: acting[p] != "u"):
             modes, right = (self.force_error or {})[acting[place]], np.zeros_like(observations[acting[place]].value)
-            columns = [comparisons[place].slope(right, modes.field(k)) for k in range(modes.modes.shape[1])]
-            found[place] = Modes(np.stack(columns, axis=1), modes.turned, modes.doubt)
+            columns = [comparisons[place].slope(right, field) for field in np.moveaxis(modes.fields, 3, 0)]
+            found[place] = Modes(np.stack(columns, axis=1), modes.turned)
         return found
 
 

@@ -88,7 +88,11 @@ class StageModel:
 
     def assemble(self, errors: Errors) -> np.ndarray:
         """The residual (n,) of error fields."""
-        return np.concatenate(self._apart([c.residual(errors[field_of(c)]) for c in self.comparisons]))
+        return np.concatenate(self.parts(errors))
+
+    def parts(self, errors: Errors) -> list[np.ndarray]:
+        """The residual (n_i,) of every comparison, without what those before tell of their common noise."""
+        return self._apart([c.residual(errors[field_of(c)]) for c in self.comparisons])
 
     def _apart(self, parts: list[np.ndarray]) -> list[np.ndarray]:
         """Residuals or columns (n_i, ...) of every comparison without what the others tell of their common noise."""

@@ -98,11 +98,10 @@ class Given:
 @dataclass(frozen=True)
 class Modes:
     """What a comparison shows of k common errors: `columns` (n, r) are the residuals of unit modes, `turned` (k, r) these modes in the
-    errors, and `doubt` by how much, relative, the columns may be wrong: so much of the errors is one that no other comparison tells."""
+    errors."""
 
     columns: np.ndarray
     turned: np.ndarray
-    doubt: float = 0.0
 
 
 def shared(comparisons: Sequence[Comparison], modes: Mapping[int, Modes]) -> tuple[tuple[Comparison, ...], SharedNoise | None]:
@@ -113,14 +112,12 @@ def shared(comparisons: Sequence[Comparison], modes: Mapping[int, Modes]) -> tup
     k = len(next(iter(modes.values())).turned)
     spread = np.eye(k)
     for place, own in modes.items():
-        known = np.concatenate([spread, np.zeros((k, k))], axis=1)
         q, r = np.linalg.qr(own.columns)
-        both = np.concatenate([spread, own.doubt * np.eye(k)], axis=1)
-        u, s, vt = np.linalg.svd(r @ own.turned.T @ both, full_matrices=False)
+        u, s, vt = np.linalg.svd(r @ own.turned.T @ spread, full_matrices=False)
         u, s, vt = u[:, s > _TELLS], s[s > _TELLS], vt[s > _TELLS]
         basis, root = q @ u, np.sqrt(1.0 + s**2)
         white = own.columns - basis @ ((1.0 - 1.0 / root)[:, None] * (basis.T @ own.columns))
-        shown[place] = Shown(white, own.turned, basis, known @ (vt.T * (s / root)), s)
+        shown[place] = Shown(white, own.turned, basis, spread @ (vt.T * (s / root)), s)
         out[place] = comparisons[place].blurred(basis * s)
-        spread = np.linalg.qr((known - (known @ vt.T * (1.0 - 1.0 / root)) @ vt).T)[1].T
+        spread = np.linalg.qr((spread - (spread @ vt.T * (1.0 - 1.0 / root)) @ vt).T)[1].T
     return tuple(out), SharedNoise(shown)

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.discretisation import FINER, MESH, ORDER, STEPS, finer_mesh, on_mesh_ratio
-from thermofit.experiment.fields import LoadSteps, Measured
-from thermofit.experiment.force_error import displacement_modes, temperature_modes
-from thermofit.experiment.forward import march_settings, run_of, sampler
+from thermofit.experiment.fields import Measured
 from thermofit.experiment.held import thermal_names
-from thermofit.experiment.joint import FORCE_NOISE, ForceModes, Joint, coarse_mesh
-from thermofit.experiment.model import StageModel
+from thermofit.experiment.joint import FORCE_NOISE, Joint, coarse_mesh
+from thermofit.experiment.model import StageModel, steps_for
 from thermofit.experiment.prescribed import SCALE, Moved, acting, columns
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import StageSettings
@@ -97,25 +95,17 @@ def _force_noise(
     study: Study, data: Measured, settings: StageSettings, parameters: Parameters, size: MeshSize, model: StageModel
 ) -> np.ndarray:
     """What the error of the smoothed force makes of the residual (n, k), one column for each of its modes; none where it drives nothing."""
-    whole = data.steps["all"]
-    if whole.error is None or study.force.drives != "force":
+    steps = steps_for(data, set(model.observations))
+    if steps.error is None or study.force.drives != "force" or model.linearise is None:
         return np.zeros((0, 0))
-    found: dict[str, tuple[ForceModes, np.ndarray]] = {}
-    if "theta" in model.observations:
-        joint = Joint(study, data, settings, size)
-        history, _ = joint.shown(parameters)
-        assert data.temperature is not None
-        found["theta"] = temperature_modes(joint, history, whole.at(history.time), parameters), data.temperature.time
-    if "u" in model.observations:
-        seen = model.observations["u"]
-        steps = data.steps["displacement"].until(float(seen.time[-1]))
-        run = run_of(study, data, size, steps, march_settings(study, settings.coupling, keep_points=True))
-        times = LoadSteps(steps.time, steps.force, np.zeros_like(steps.time))
-        look = sampler(run.body, seen, times)
-        found["u"] = displacement_modes(run(parameters), whole.at(steps.time), look, seen), seen.time
     zero = {name: np.zeros_like(o.value) for name, o in model.observations.items()}
-    slopes = {name: np.zeros((*o.value.shape, whole.error.shape[1])) for name, o in model.observations.items()}
-    for name, (modes, time) in found.items():
-        own = modes.tangent[..., None] * modes.modes[:, None, None, :] @ modes.turned.T
-        slopes[name] = own[np.searchsorted(time, model.observations[name].time - 1e-9)]
+    if "theta" not in zero:
+        slopes = model.linearise(parameters, load_modes(steps.error.shape[1]))[1]
+    else:
+        # A stage may hold its motion, and the error of the force moves it.
+        joint = Joint(study, data, settings, size)
+        assert joint.steps.error is not None
+        found = joint.prediction.linearise(parameters, load_modes(joint.steps.error.shape[1]))[1]
+        times = {name: o.time for name, o in joint.prediction.instruments.observations.items()}
+        slopes = {name: found[name][np.searchsorted(times[name], o.time - 1e-9)] for name, o in model.observations.items()}
     return model.assemble_jacobian(zero, slopes)

@@ -59,7 +59,7 @@ def with_budget(settings: StageSettings, experiment: Experiment, solved: Solved,
 def groups_above_noise(solved: Solved) -> np.ndarray | None:
     """Numbers (n,) of blocks of time and space that a misfit has in common; None where every channel is at its noise."""
     model = solved.model
-    channels = channel_table(model.comparisons, model.errors(solved.parameters))
+    channels = channel_table(model, model.errors(solved.parameters))
     above = max((float(c["chi2_reduced"]) for c in channels.values()), default=0.0) > ABOVE_NOISE**2
     return residual_blocks(model, solved.fit.residual).label if above and model.segments is None else None
 

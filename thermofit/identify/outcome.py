@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param, physical_bounds, units_of
-from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import field_datasets
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.identify.budget import budget_datasets, budget_summary
 from thermofit.identify.solve import Solved, merged_counts
-from thermofit.observe.comparison import Comparison
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
 from thermofit.records.remarks import sorted_out
 from thermofit.records.staging import Made
@@ -49,11 +47,10 @@ def parameter_results(study: Study, start: Parameters, solved: Solved) -> dict[s
     return results
 
 
-def channel_table(comparisons: tuple[Comparison, ...], errors: Errors) -> dict[str, dict[str, Any]]:
+def channel_table(model: StageModel, errors: Errors) -> dict[str, dict[str, Any]]:
     """Per channel: number, rms of the compared error, its unit, reduced chi-square and the rms that noise alone would give."""
     table = {}
-    for c in comparisons:
-        r = c.residual(errors[field_of(c)])
+    for c, r in zip(model.comparisons, model.parts(errors), strict=True):
         used = c.weight > 0.0
         physical = r[used] / np.sqrt(c.weight[used])
         table[c.channel] = {
@@ -93,7 +90,7 @@ def misfits(channels: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
 def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ...] = ()) -> Made:
     """The record of an identification stage."""
     errors = solved.model.errors(solved.parameters)
-    channels = channel_table(solved.model.comparisons, errors)
+    channels = channel_table(solved.model, errors)
     line, trustworthy = verdict(solved, channels)
     counts = merged_counts(*solved.earlier, solved.fit)
     fit = solved.fit

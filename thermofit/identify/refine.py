@@ -173,7 +173,7 @@ def _doubtful(problem: JointProblem, solved: Solved) -> str:
     fit = solved.fit
     if not fit.converged:
         return f"the joint fit does not come to an end ({fit.message})"
-    channels = channel_table(solved.model.comparisons, solved.model.errors(solved.parameters))
+    channels = channel_table(solved.model, solved.model.errors(solved.parameters))
     worst = max(channels, key=lambda name: float(channels[name]["chi2_reduced"]))
     over = float(np.sqrt(channels[worst]["chi2_reduced"]))
     if over > MISFIT:

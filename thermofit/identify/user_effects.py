@@ -28,14 +28,22 @@ def check_effects(files: Sequence[Path]) -> None:
             seen.touch()
 
 
-_OFF = {"yield_stress": 0.0, "yield_factor": 1.0, "dissipation": 1.0, "free_energy": 1.0, "asymmetry": 1.0, "backstress": (0.0, np.nan)}
+_OFF = {
+    "yield_stress": 0.0,
+    "yield_factor": 1.0,
+    "dissipation": 1.0,
+    "free_energy": 1.0,
+    "elasticity": 1.0,
+    "asymmetry": 1.0,
+    "backstress": (0.0, np.nan),
+}
 """Result of an effect of the law that is off; the recall of a backstress whose modulus is zero may be anything."""
 
 
 def state_of(slot: str) -> tuple[float, ...]:
-    """What an effect of the law is called with before the law and its Params: Lambda, its rate 1/s and theta K, or less, or the sense of
-    flow."""
-    return {"free_energy": (0.01,), "asymmetry": (-0.7,)}.get(slot, (0.01, 1e-3, 300.0))
+    """What an effect of the law is called with before the law and its Params: Lambda, its rate 1/s and theta K, one of them, or the sense
+    of flow."""
+    return {"free_energy": (0.01,), "elasticity": (300.0,), "asymmetry": (-0.7,)}.get(slot, (0.01, 1e-3, 300.0))
 
 
 def in_the_law(slot: str) -> Trial:

@@ -6,9 +6,11 @@ written beside the compiled kernels, so that it is cached with them:
 
     added_yield_stress = sum of the effects of slot yield_stress,  stored_yield_stress = those of them that store what they take (STORED)
     yield_factor       = product of the effects of slot yield_factor,   dissipation_factor = product of those of slot dissipation
-    modulus_factor     = product of the effects of slot free_energy, factors on the elastic moduli that Lambda moves
+    modulus_factor     = product of the effects of slots free_energy and elasticity, factors on the elastic moduli that Lambda moves, and
+                         those that theta does
+    warm_moduli        = whether one of slot elasticity is on
     backstress_terms   = ((C, gamma), ...) of the effects of slot backstress, each with a backstress of its own; C = 0 where it is off
-    restructured       = whether an effect is on that changes the local update itself (slots backstress, free_energy, asymmetry)
+    restructured       = whether an effect is on that changes the local update itself (slots STRUCTURE)
     asymmetry_factor   = product of the effects of slot asymmetry, factors on the yield stress that know the sense of flow
     capacity_factor    = product of those of slot capacity, factors on c0; compiled for a point, the body calls them as they stand
 
@@ -47,7 +49,7 @@ from thermofit.law.hardening.catalogue import SHARED, Hardening, hardening, hard
 
 SUMS = ("yield_stress",)
 FACTORS = ("yield_factor", "dissipation")
-STRUCTURE = ("backstress", "free_energy", "asymmetry")
+STRUCTURE = ("backstress", "free_energy", "elasticity", "asymmetry")
 """Slots whose effects change the local update itself, not only numbers in it."""
 _HEAD = '''"""Joined formulas of effects; written by thermofit.law.composition."""
 from thermofit.core.jit import kernel
@@ -85,7 +87,7 @@ EFFECT_NUMBERS: tuple[str, ...] = tuple(number_of(name) for name in EFFECT_PARAM
 """The same as numbers of the law."""
 
 
-_GIVEN = {"free_energy": "accumulated, law", "asymmetry": "sense, law", "capacity": "theta, law.theta_ref"}
+_GIVEN = {"free_energy": "accumulated, law", "elasticity": "theta, law", "asymmetry": "sense, law", "capacity": "theta, law.theta_ref"}
 """What a function is called with before its Params, by slot; all others with (accumulated, rate, theta, law)."""
 
 
@@ -100,13 +102,13 @@ def _call(e: Effect) -> str:
 
 
 def _function(name: str, members: list[Effect], product: bool) -> str:
-    arguments = {"modulus_factor": "accumulated", "asymmetry_factor": "sense", "capacity_factor": "theta"}.get(
-        name, "accumulated, rate, theta"
-    )
+    own = {"modulus_factor": "accumulated, theta", "asymmetry_factor": "sense", "capacity_factor": "theta"}
+    arguments = own.get(name, "accumulated, rate, theta")
+    nothing = " + ".join(f"0.0 * {a}" for a in (arguments if name in own else "accumulated").split(", "))
     lines = [
         "@kernel(forceinline=True)",
         f"def {name}({arguments}, law):",
-        f"    value = {'1.0 + ' if product else ''}0.0 * {arguments.partition(',')[0]}",
+        f"    value = {'1.0 + ' if product else ''}{nothing}",
     ]
     for e in members:
         operation = "*" if product else "+"
@@ -217,13 +219,15 @@ def source() -> str:
     parts.append(_function("stored_yield_stress", [e for e in members if e.slot == "yield_stress" and e.stored], False))
     parts.append(_function("yield_factor", [e for e in members if e.slot == "yield_factor"], True))
     parts.append(_function("dissipation_factor", [e for e in members if e.slot == "dissipation"], True))
-    parts.append(_function("modulus_factor", [e for e in members if e.slot == "free_energy"], True))
+    parts.append(_function("modulus_factor", [e for e in members if e.slot in ("free_energy", "elasticity")], True))
     parts.append(_function("asymmetry_factor", [e for e in members if e.slot == "asymmetry"], True))
     parts.append(_function("capacity_factor", [e for e in members if e.slot == "capacity"], True))
     parts.append(_as_tuples())
     parts.append(_terms([e for e in members if e.slot == "backstress"]))
     on = " or ".join(_is_on(e) for e in members if e.slot in STRUCTURE)
-    parts.append(f"@kernel(forceinline=True)\ndef restructured(law):\n    return {on}\n")
+    parts.append(f"@kernel(forceinline=True)\ndef restructured(law):\n    return {on}\n\n\n")
+    warm = " or ".join(_is_on(e) for e in members if e.slot == "elasticity")
+    parts.append(f"@kernel(forceinline=True)\ndef warm_moduli(law):\n    return {warm}\n")
     return "".join(parts)
 
 
@@ -251,6 +255,7 @@ stored_yield_stress = _module.stored_yield_stress
 yield_factor = _module.yield_factor
 dissipation_factor = _module.dissipation_factor
 modulus_factor = _module.modulus_factor
+warm_moduli = _module.warm_moduli
 backstress_terms = _module.backstress_terms
 restructured = _module.restructured
 effect_numbers = _module.effect_numbers

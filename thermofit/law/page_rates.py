@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, load_mode, param
+from thermofit.effects.catalogue import effects
 from thermofit.law.composition import (
     AMPLITUDES,
     BACKSTRESSES,
@@ -25,6 +26,8 @@ from thermofit.law.composition import (
     asymmetry_factor,
     backstress_terms,
     modulus_factor,
+    number_of,
+    warm_moduli,
 )
 from thermofit.law.page import AnyLaw, Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
 
@@ -40,6 +43,8 @@ ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
 ALPHA_EXP, THETA_REF = NUMBERS.index("alpha_exp"), NUMBERS.index("theta_ref")
 HILL = NUMBERS.index("F")
 """Place of F among the numbers; G, H, L, M, N follow."""
+WARMING = tuple(NUMBERS.index(number_of(name)) for e in effects(("elasticity",)) for name in e.names)
+"""Places of the numbers of effects by which the moduli change with temperature."""
 
 STEP = 1e-30
 
@@ -49,7 +54,8 @@ class Directions(NamedTuple):
 
     `numbers` (N_NUMBERS, m); `in_yield`, `in_heat`, `in_pressure`: which numbers the yield stress with its hardening variable, the
     dissipation and the pressure factor depend on. `in_structure`, `in_sense`: those of the effects that change the local update itself, in
-    `structure_gradients` and `sense_gradients`; `structured` where one of these effects is on or asked for.
+    `structure_gradients` and `sense_gradients`; `structured` where one of these effects is on or asked for. `warms` where the moduli change
+    with temperature, so that rates of tr C_el of every point take part in its heat.
     """
 
     numbers: np.ndarray
@@ -59,6 +65,7 @@ class Directions(NamedTuple):
     in_structure: np.ndarray
     in_sense: np.ndarray
     structured: bool
+    warms: bool
 
 
 def padded(n: int) -> int:
@@ -70,6 +77,8 @@ def number_rates(parameters: Parameters, names: Sequence[str], law: Law) -> np.n
     """d number / d parameter (N_NUMBERS, len(names)) at given parameters, by complex step of `law_of`."""
     out = np.zeros((N_NUMBERS, len(names)))
     for column, name in enumerate(names):
+        if load_mode(name) >= 0:
+            continue
         param(name)
         moved = Parameters({**parameters.values, name: complex(parameters[name], STEP)}, parameters.free)  # type: ignore[dict-item]
         there = law_of(moved, law.model, closed_form=bool(law.closed_form), plastic=bool(law.plastic))
@@ -91,6 +100,7 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
         _felt(_structure_slopes, (0.017, 0.007, 297.3), law, moved & structured),
         _felt(_sense_slopes, (-0.3,), law, moved & structured),
         structured,
+        bool(law.effective and warm_moduli.py_func(law)),
     )
 
 
@@ -222,7 +232,7 @@ def _structure_derivative(
         gamma: Complex = complex(points[1][i], h[1])
         total: Complex = complex(points[0][i], h[0]) + gamma
         warm: Complex = complex(points[2][i], h[2])
-        stiff: Complex = modulus_factor(total, law)
+        stiff: Complex = modulus_factor(total, warm, law)
         values[0, i], out[0, i] = stiff.real, stiff.imag / STEP
         terms = backstress_terms(total, gamma * law.per_second, warm, law)
         for k in range(len(terms)):

@@ -1,7 +1,7 @@
-"""Eight points at once where an effect changes the update itself: backstress, moduli that degrade, yield stress by the sense of flow.
+"""Eight points at once where an effect changes the update itself: backstress, moduli that change, yield stress by the sense of flow.
 
-With the factor m(Lambda) on all elastic moduli, the backstresses of `law.backstress` and q_i = C_i exp(-gamma_i dLambda), the stress and
-the flow of `lanes_point` become
+With the factor m(Lambda, theta) on all elastic moduli, the backstresses of `law.backstress` and q_i = C_i exp(-gamma_i dLambda), the
+stress and the flow of `lanes_point` become
 
     tau = m (mu F_el F_el^T + k 1),    T = m mu C_el - sum q_i Y_n,i,    D = dLambda N,    N = G : T / |T|_G,
     |T|_G = f(xi) sigma_y + sum C_i dLambda phi_i,      Y_i = exp(-gamma_i dLambda) Y_n,i + dLambda phi_i dev T / |T|_G.
@@ -157,7 +157,7 @@ def update_relative(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: n
     c_trial = inner_gram(f_trial)
     o = spread(0.0)
     held, _, _, _ = _recalled(lambda_n, o, theta, law, w)
-    stiff = modulus_factor(lambda_n, law)
+    stiff = modulus_factor(lambda_n, theta, law)
     t = added(scaled(c_trial, stiff * law.mu), held, -1.0)
     _, norm = flow_direction(t, law)
     sigma_y = flow_stress(alpha_n, lambda_n, o, theta, law)[0] * asymmetry_factor(sense_and_gradient(t)[0], law)
@@ -176,7 +176,7 @@ def update_relative(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: n
         set_tensor_rows(w, STATE, product(fp_inv, y))
         set_row(w, STATE + ALPHA, where(excess > 0.0, alpha, alpha_n))
         set_row(w, STATE + LAMBDA, lambda_n + gamma)
-        stiff = modulus_factor(lambda_n + gamma, law)
+        stiff = modulus_factor(lambda_n + gamma, theta, law)
     set_row(w, SHEAR, stiff * law.mu)
     set_row(w, K_FACTOR, stiff * row(w, K_FACTOR))
     set_row(w, K_SLOPE, stiff * row(w, K_SLOPE))
@@ -244,8 +244,8 @@ def _return_map(c_trial: Symmetric, theta: Lanes, excess_at_start: Lanes, law: L
     set_symmetric_rows(w, C_TRIAL, c_trial)
     for _ in range(MAX_ITERATIONS):
         accumulated = lambda_n + gamma
-        stiff = modulus_factor(accumulated, law)
-        by_lambda = (modulus_factor(accumulated + _NEAR, law) - stiff) * (1.0 / _NEAR)
+        stiff = modulus_factor(accumulated, theta, law)
+        by_lambda = (modulus_factor(accumulated + _NEAR, theta, law) - stiff) * (1.0 / _NEAR)
         shear = stiff * law.mu
         held, by_held, gained, by_gained = _recalled(accumulated, gamma, theta, law, w)
         t = added(scaled(c_elastic, shear), held, -1.0)
@@ -332,25 +332,25 @@ def set_relative_part(terms: int, law: Law, w: np.ndarray) -> None:
 
 @kernel
 def set_structure(status: int, theta: Lanes, state_n: np.ndarray, law: Law, w: np.ndarray, state: np.ndarray) -> None:
-    """tr C_el, xi and all Y at the end of a step into the columns of state (8, N_FULL), those of points that do not flow as they were.
+    """tr C_el, xi and all Y at the end of a step into the columns of state (8, N_FULL), xi and Y of points that do not flow as they were.
 
     The first eleven numbers of the state and F_el stand in w. Also where all moduli C are zero: then Y is what they would act on.
     """
     for m in range(N_STATE, N_FULL):
         set_column(state, m, column(state_n, m))
+    c_elastic = inner_gram(tensor_rows(w, F_ELASTIC))
+    set_column(state, TRACE, c_elastic[0] + c_elastic[1] + c_elastic[2])
     if status == ELASTIC:
         return
     for m in range(6 * N_BACK):
         set_row(w, BACK_N + m, column(state_n, BACK + m))
     gamma, accumulated, shear = row(w, GAMMA), row(w, STATE + LAMBDA), row(w, SHEAR)
     flows = gamma > 0.0
-    c_elastic = inner_gram(tensor_rows(w, F_ELASTIC))
     held, _, _, _ = _recalled(accumulated, gamma, theta, law, w)
     t = added(scaled(c_elastic, shear), held, -1.0)
     _, norm = flow_direction(t, law)
     sense, _ = sense_and_gradient(t)
     direction = scaled(deviator(t), where(flows, 1.0 / norm, 0.0))
-    set_column(state, TRACE, where(flows, c_elastic[0] + c_elastic[1] + c_elastic[2], column(state_n, TRACE)))
     set_column(state, SENSE, where(flows, sense, column(state_n, SENSE)))
     terms = backstress_terms(accumulated, gamma * law.per_second, theta, law)
     for i in range(N_BACK):

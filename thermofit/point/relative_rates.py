@@ -1,4 +1,4 @@
-"""Rates of the local update where an effect changes it: backstress, degraded moduli, yield stress by the sense of flow.
+"""Rates of the local update where an effect changes it: backstress, changed moduli, yield stress by the sense of flow.
 
 The update is that of `point.lanes_relative`, the notation that of `point.rates`. With T = m mu C - sum q_i Y_n,i and n = |T|_G, what T
 gains at fixed D and gamma = dLambda along a direction is
@@ -100,6 +100,12 @@ def rows_of_response(along: Directions) -> int:
     """Length of a point's response: that of `point.rates` and, where one of these effects is on or asked for, of this page."""
     further = SLOPES_OF + N_STRUCTURE * (3 + len(along.in_structure)) + len(along.in_sense)
     return response_size(len(along.in_pressure), len(along.in_yield)) + along.structured * further
+
+
+def stiffness_slopes(response: np.ndarray, along: Directions) -> np.ndarray:
+    """dm / d number at all points, of the numbers `along.in_structure`: (n_el, n, 8) of the responses."""
+    at = response_size(len(along.in_pressure), len(along.in_yield)) + SLOPES_OF + 3
+    return response[:, at : at + len(along.in_structure)]
 
 
 def set_law_rows(before: np.ndarray, after: np.ndarray, theta: np.ndarray, law: Law, along: Directions, out: np.ndarray) -> None:
@@ -249,10 +255,10 @@ def _of_numbers(c: np.ndarray, q: int, at: int, by_lambda: Lanes, by_theta: Lane
 
 
 @kernel
-def stiffness_rate(c: np.ndarray, q: int, base: int, lambda_rate: Lanes, along: Directions, w: np.ndarray) -> Lanes:
-    """m' of a point whose Lambda at the end of the step has the given rate."""
+def stiffness_rate(c: np.ndarray, q: int, base: int, ends: tuple[Lanes, Lanes], along: Directions, w: np.ndarray) -> Lanes:
+    """m' of a point whose Lambda and theta at the end of the step have the given rates."""
     at = base + SLOPES_OF
-    return number(c, at, q) * lambda_rate + summed(c, q, at + 3, along.in_structure, w)
+    return _of_numbers(c, q, at, ends[0], ends[1], along.in_structure, w)
 
 
 @kernel
@@ -288,7 +294,7 @@ def relative_flow_rates(
         x[2] + x[6] + moved[5],
     )
     b = congruence(six(c, EXPONENTIAL, q), c_rate)
-    m_rate = _of_numbers(c, q, slopes, lambda_n, 0.0 * theta, active, w)
+    m_rate = _of_numbers(c, q, slopes, lambda_n, theta, active, w)
     shear_rate = law.mu * m_rate + number(c, base + STIFF, q) * mu_rate
     driven, gained = added(scaled(b, number(c, SHEAR, q)), c_el, shear_rate), spread(0.0)
     for i in range(N_BACK):

@@ -1,8 +1,8 @@
 """State of a material point of a body, and what a local update answers.
 
 Eleven numbers: F_p^-1 row by row (9), alpha, the accumulated plastic multiplier Lambda. Where a study uses or asks for an effect that
-changes the local update itself (law.composition.STRUCTURE), more follow: tr C_el and the sense of flow at the end of the last plastic
-increment, which its heat needs, and for each backstress X_i = C_i Y_i the strain-like Y_i (11, 22, 33, 12, 23, 13) on the intermediate
+changes the local update itself (law.composition.STRUCTURE), more follow, which its heat needs: tr C_el, the sense of flow at the end of
+the last plastic increment, and for each backstress X_i = C_i Y_i the strain-like Y_i (11, 22, 33, 12, 23, 13) on the intermediate
 configuration. Old state in, new state out; nothing is changed in between.
 """
 

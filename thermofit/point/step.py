@@ -31,6 +31,7 @@ from thermofit.law.composition import (
     backstress_terms,
     capacity_factor,
     modulus_factor,
+    warm_moduli,
 )
 from thermofit.law.page import (
     Law,
@@ -41,7 +42,7 @@ from thermofit.law.page import (
     thermoelastic_heat,
     yield_stress_at_rate,
 )
-from thermofit.law.structure import asymmetry_heat, degradation_heat
+from thermofit.law.structure import asymmetry_heat, degradation_heat, energy_slope
 
 STATE: tuple[str, ...] = (
     "plastic_x",
@@ -190,7 +191,7 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
     alpha, dissipated = zero + s[ALPHA], zero
     stiff = zero + 1.0
     if law.effective == 1:
-        stiff = zero + modulus_factor(s[LAMBDA] + (gamma if step.flows else zero), law)
+        stiff = zero + modulus_factor(s[LAMBDA] + (gamma if step.flows else zero), theta, law)
     if step.flows:
         accumulated, rate = s[LAMBDA] + gamma, gamma * law.per_second
         t_x, t_y, gained = c_x, c_y, zero
@@ -218,11 +219,20 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
     k = pressure_factor(log_j, j, theta, law)[0]
     stretch = np.exp(s[PLASTIC_Y] + d_y + b)
     g_n, g, stress = log_j_n / j_n, log_j / j, (law.mu * c_y + k) / stretch
+    heat = zero
     if law.effective == 1:
-        lost = modulus_factor(s[LAMBDA], law) - stiff
-        dissipated += degradation_heat(lost, 2.0 * c_x + c_y, log_j, g, middle, law)
-        g_n, g, stress = (stiff + lost) * g_n, stiff * g, stiff * stress
-    heat = thermoelastic_heat(middle, g_n, g, law)
+        trace, stress = 2.0 * c_x + c_y, stiff * stress
+        if warm_moduli(law):
+            accumulated, trace_n = s[LAMBDA] + (gamma if step.flows else zero), 2.0 * np.exp(2.0 * s[ACROSS]) + np.exp(2.0 * s[ALONG])
+            lost = modulus_factor(s[LAMBDA], middle, law) - modulus_factor(accumulated, middle, law)
+            slope_n = energy_slope(trace_n, log_j_n, s[LAMBDA], s[THETA], law)
+            heat += middle * (energy_slope(trace, log_j, accumulated, theta, law) - slope_n)
+        else:
+            lost = modulus_factor(s[LAMBDA], theta, law) - stiff
+            heat += thermoelastic_heat(middle, (stiff + lost) * g_n, stiff * g, law)
+        dissipated += degradation_heat(lost, trace, log_j, g, middle, law)
+    else:
+        heat += thermoelastic_heat(middle, g_n, g, law)
     lateral = c_x + k / law.mu
     return End(stress, stretch, excess, lateral, alpha, d_x, d_y, d_z, dissipated, heat, sigma_y, along)
 

@@ -10,8 +10,9 @@ from numba import prange
 
 from thermofit.body.element.hex8 import ElementData
 from thermofit.core.jit import kernel
-from thermofit.law.composition import backstress_terms, modulus_factor
+from thermofit.law.composition import backstress_terms, modulus_factor, warm_moduli
 from thermofit.law.page import Law, elastic_energy, hill, internal_energy
+from thermofit.law.structure import energy_slope
 from thermofit.law.tensor import determinant, double_contraction
 from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_FULL
 
@@ -31,9 +32,13 @@ def _elastic_trace(f: np.ndarray, state: np.ndarray) -> float:
 
 @kernel
 def _structure_energy(trace: float, log_j: float, j: float, theta: float, state: np.ndarray, law: Law) -> float:
-    """What degraded moduli and backstresses (law.structure) add to the internal energy, mJ/mm^3."""
-    lost = modulus_factor(state[LAMBDA], law) - 1.0
-    energy = lost * (elastic_energy(trace, log_j, law) + 3.0 * law.alpha_exp * law.bulk * law.theta_ref * log_j / j)
+    """What changed moduli and backstresses (law.structure) add to the internal energy psi - theta dpsi/dtheta, mJ/mm^3."""
+    stiff, free = modulus_factor(state[LAMBDA], theta, law), elastic_energy(trace, log_j, law)
+    rest = 3.0 * law.alpha_exp * law.bulk * law.theta_ref * log_j / j
+    energy = (stiff - 1.0) * (free + rest)
+    if warm_moduli(law):
+        coupling = -3.0 * law.alpha_exp * law.bulk * (theta - law.theta_ref) * log_j / j
+        energy = stiff * (free + coupling) - theta * energy_slope(trace, log_j, state[LAMBDA], theta, law) - free - rest
     terms = backstress_terms(state[LAMBDA], 0.0, theta, law)
     for i in range(N_BACK):
         at = BACK + 6 * i

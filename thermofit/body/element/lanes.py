@@ -119,7 +119,7 @@ def element_kinematics(data: ElementData, e: int, u: np.ndarray, w: np.ndarray) 
 
 
 @kernel(forceinline=True)
-def _set_force(weight: Lanes, power: Lanes, tau: Symmetric, w: np.ndarray, force: np.ndarray) -> None:
+def set_force(weight: Lanes, power: Lanes, tau: Symmetric, w: np.ndarray, force: np.ndarray) -> None:
     """f_a = sum_q w (tau - p 1) g_a + P g_bar_a; `power` is w p."""
     t = scaled(tau, weight)
     set_symmetric_rows(w, STRESS, (t[0] - power, t[1] - power, t[2] - power, t[3], t[4], t[5]))
@@ -157,7 +157,7 @@ def one_element(
     set_row(dilatation, 0, j)
     tau = kirchhoff_stress(law, point)
     power = weight * ((tau[0] + tau[1] + tau[2]) * (data.f_bar / 3.0))
-    _set_force(weight, power, tau, w, force)
+    set_force(weight, power, tau, w, force)
     if tangent:
         set_spatial_stiffness(status, law, point)
         if data.f_bar == 1:

@@ -66,7 +66,7 @@ class HeatOfStep:
         self._middle = 0.5 * (start.theta + theta)
         self._released = heat_of_increment(body.data, self._before, after, self._middle, self._law, heat)
         if after.structure.size:
-            self._added, *more = structure_heat(body.data, self._before, after, self._middle, self._law, heat)
+            self._added, *more = structure_heat(body.data, self._before, after, self._middle, start.theta, self._law, heat)
             self._released = (self._released[0] + more[0], self._released[1] + more[1])
         dt, first = self._t - start.time, start.time if self._conditions.moment is None else self._conditions.moment.first
         conditions = self._conditions.at(first, start.time, self._middle)
@@ -114,4 +114,4 @@ class HeatOfStep:
         """What the differentiation of the step needs of its heat equation."""
         start = self._start
         after = point_history(found.state, found.dilatation)
-        return StepEnds(self._before, after, (start.u, found.u), self._middle, self._solved)
+        return StepEnds(self._before, after, (start.u, found.u), (self._middle, start.theta), self._solved)

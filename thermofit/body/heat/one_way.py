@@ -98,11 +98,13 @@ def _law_and_conditions(problem: HeatProblem, parameters: Parameters) -> tuple[L
 
 @dataclass(frozen=True)
 class _Solved:
-    """A step of a heat run: its number, what it gave, the temperature of its thermoelastic term and its extrapolation in time."""
+    """A step of a heat run: its number, what it gave, the temperature of its thermoelastic term and at its start, and the extrapolation in
+    time that made the former."""
 
     number: int
     step: HeatStep
     middle: np.ndarray
+    theta_n: np.ndarray
     reach: float
 
 
@@ -120,12 +122,12 @@ def _steps(problem: HeatProblem, law: Law, conditions: HeatConditions, theta: np
         in_step, ends = law_in_step(law, float(dt[n])), problem.ends(n)
         add_released_heat(body.data, increment, middle, in_step, heat)
         if ends is not None:
-            structure_heat(body.data, *ends, middle, in_step, heat)
+            structure_heat(body.data, *ends, middle, theta, in_step, heat)
         here, flow = conditions.at(first, float(problem.time[n]), middle), (increment.accumulated - increment.d_lambda, increment.d_lambda)
         source = source_heat(body, here.effects, flow, here.moment, float(dt[n]))
         step = heat_step(body, problem.geometry(n), here, theta, heat if source is None else heat + source, (float(dt[n]), scheme))
         before, theta = theta, step.theta
-        yield _Solved(n, step, middle, reach)
+        yield _Solved(n, step, middle, before, reach)
 
 
 def heat_run(problem: HeatProblem, parameters: Parameters) -> np.ndarray:
@@ -162,7 +164,7 @@ def heat_run_rates(
         middle_rates = theta_rates + solved.reach * (theta_rates - before_rates)
         heat_rates = np.zeros_like(theta_rates)
         sources = along.in_step(float(problem.time[solved.number + 1] - problem.time[solved.number]))
-        temperature, ends = (solved.middle, middle_rates), problem.ends(solved.number)
+        temperature, ends = ((solved.middle, middle_rates), (solved.theta_n, theta_rates)), problem.ends(solved.number)
         frozen_source_rates(body.data, problem.increments[solved.number], temperature, sources, heat_rates, ends)
         here = rates.about(middle_rates)
         increment = problem.increments[solved.number]

@@ -11,14 +11,14 @@ from thermofit.body.heat.equation import PointHistory, at_points
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
 from thermofit.law.backstress import recalled_energy
-from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor
+from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor, warm_moduli
 from thermofit.law.page import Law, thermoelastic_heat
 from thermofit.law.page_rates import LANES, STEP
-from thermofit.law.structure import asymmetry_heat, degradation_heat
+from thermofit.law.structure import asymmetry_heat, degradation_heat, energy_slope
 from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_STATE, SENSE, TRACE
 
 Complex = Any
-_LOG_J_N, _LOG_J, _ALPHA, _LAMBDA_N, _D_LAMBDA, _WARM, _TRACE, _SENSE = range(8)
+_LOG_J_N, _LOG_J, _ALPHA, _LAMBDA_N, _D_LAMBDA, _WARM, _WARM_N, _TRACE_N, _TRACE, _SENSE = range(10)
 """Arguments of the heat of an increment that are moved to differentiate it."""
 _HILL_WEIGHTS = ((0, 1, 1.0), (2, 0, 1.0), (1, 2, 1.0), (3, 3, 2.0), (4, 4, 2.0), (5, 5, 2.0))
 """Of F, G, H, L, M, N: the components whose difference, or which alone, it weights in Y : G : Y, and how often."""
@@ -26,13 +26,15 @@ _HILL_WEIGHTS = ((0, 1, 1.0), (2, 0, 1.0), (1, 2, 1.0), (3, 3, 2.0), (4, 4, 2.0)
 
 class Change(NamedTuple):
     """Change of all points over one increment, each (n_el, 8): ln J at both ends, alpha at the end, Lambda at the start, dLambda, tr C_el
-    and the sense of flow at the end; of each backstress (N_BACK, n_el, 8) the squares Y_n : G : Y_n, Y_n : G : Y and Y : G : Y."""
+    at both ends and the sense of flow at the end; of each backstress (N_BACK, n_el, 8) the squares Y_n : G : Y_n, Y_n : G : Y and
+    Y : G : Y."""
 
     log_j_n: np.ndarray
     log_j: np.ndarray
     alpha: np.ndarray
     accumulated_n: np.ndarray
     d_lambda: np.ndarray
+    trace_n: np.ndarray
     trace: np.ndarray
     sense: np.ndarray
     before: np.ndarray
@@ -45,8 +47,10 @@ def change_between(start: PointHistory, end: PointHistory, law: Law) -> Change:
     y_n, y = _backs(start), _backs(end)
     at = TRACE - N_STATE, SENSE - N_STATE
     trace, sense = (np.ascontiguousarray(end.structure[:, :, k]) for k in at)
+    trace_n = np.ascontiguousarray(start.structure[:, :, at[0]])
     return Change(
-        np.log(start.dilatation), np.log(end.dilatation), end.alpha, start.accumulated, end.accumulated - start.accumulated, trace, sense,
+        np.log(start.dilatation), np.log(end.dilatation), end.alpha, start.accumulated, end.accumulated - start.accumulated,
+        trace_n, trace, sense,
         _in_hill(y_n, y_n, law), _in_hill(y_n, y, law), _in_hill(y, y, law),
     )  # fmt: skip
 
@@ -91,6 +95,8 @@ def _heat_at(
     accumulated_n: float,
     d_lambda: float,
     theta: float,
+    theta_n: float,
+    trace_n: float,
     trace: float,
     sense: float,
     squares: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -98,11 +104,15 @@ def _heat_at(
     q: int,
     law: Law,
 ) -> tuple[float, float]:
-    """Dissipated and thermoelastic heat of a point, mJ/mm^3, beside those of `heat.equation`."""
+    """Dissipated and thermoelastic heat of a point, mJ/mm^3, beside those of `heat.equation`; theta K is that of the middle."""
     accumulated = accumulated_n + d_lambda
-    stiff_n, stiff = modulus_factor(accumulated_n, law), modulus_factor(accumulated, law)
+    stiff_n, stiff = modulus_factor(accumulated_n, theta, law), modulus_factor(accumulated, theta, law)
     g_n, g = log_j_n / np.exp(log_j_n), log_j / np.exp(log_j)
     elastic = thermoelastic_heat(theta, (stiff_n - 1.0) * g_n, (stiff - 1.0) * g, law)
+    if warm_moduli(law):
+        slope_n = energy_slope(trace_n, log_j_n, accumulated_n, theta_n, law)
+        slope = energy_slope(trace, log_j, accumulated, 2.0 * theta - theta_n, law)
+        elastic = theta * (slope - slope_n) - thermoelastic_heat(theta, g_n, g, law)
     dissipated = 0.0 * elastic
     if d_lambda.real > 0.0:
         dissipated += degradation_heat(stiff_n - stiff, trace, log_j, g, theta, law)
@@ -118,20 +128,20 @@ def _heat_at(
 
 
 @kernel
-def _heats(change: Change, theta: np.ndarray, law: Law, dissipated: np.ndarray, elastic: np.ndarray) -> None:
+def _heats(change: Change, theta: np.ndarray, theta_n: np.ndarray, law: Law, dissipated: np.ndarray, elastic: np.ndarray) -> None:
     squares = (change.before, change.across, change.after)
     for e in range(theta.shape[0]):
         for q in range(8):
             dissipated[e, q], elastic[e, q] = _heat_at(
                 change.log_j_n[e, q], change.log_j[e, q], change.alpha[e, q], change.accumulated_n[e, q], change.d_lambda[e, q],
-                theta[e, q], change.trace[e, q], change.sense[e, q], squares, e, q, law,
+                theta[e, q], theta_n[e, q], change.trace_n[e, q], change.trace[e, q], change.sense[e, q], squares, e, q, law,
             )  # fmt: skip
 
 
 @kernel
-def _differentiate(change: Change, theta: np.ndarray, argument: int, law: Law, out: np.ndarray) -> None:
+def _differentiate(change: Change, theta: np.ndarray, theta_n: np.ndarray, argument: int, law: Law, out: np.ndarray) -> None:
     """Derivative of the heat of every point by one argument, or by the number of the law that is moved (argument < 0)."""
-    h, squares = np.zeros(8), (change.before, change.across, change.after)
+    h, squares = np.zeros(10), (change.before, change.across, change.after)
     if argument >= 0:
         h[argument] = STEP
     for e in range(theta.shape[0]):
@@ -142,9 +152,13 @@ def _differentiate(change: Change, theta: np.ndarray, argument: int, law: Law, o
             lambda_n: Complex = complex(change.accumulated_n[e, q], h[_LAMBDA_N])
             d_lambda: Complex = complex(change.d_lambda[e, q], h[_D_LAMBDA])
             warm: Complex = complex(theta[e, q], h[_WARM])
+            warm_n: Complex = complex(theta_n[e, q], h[_WARM_N])
+            trace_n: Complex = complex(change.trace_n[e, q], h[_TRACE_N])
             trace: Complex = complex(change.trace[e, q], h[_TRACE])
             sense: Complex = complex(change.sense[e, q], h[_SENSE])
-            dissipated, elastic = _heat_at(log_j_n, log_j, alpha, lambda_n, d_lambda, warm, trace, sense, squares, e, q, law)
+            dissipated, elastic = _heat_at(
+                log_j_n, log_j, alpha, lambda_n, d_lambda, warm, warm_n, trace_n, trace, sense, squares, e, q, law
+            )
             released: Complex = dissipated + elastic
             out[e, q] = released.imag / STEP
 
@@ -161,14 +175,15 @@ def _terms_of_points(change: Change, theta: np.ndarray, law: Law, out: np.ndarra
 
 
 def structure_heat(
-    data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, law: Law, out: np.ndarray
+    data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, theta_n: np.ndarray, law: Law, out: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
-    """Nodal heat of an increment beside `heat_of_increment`, added to out (n_np,), mJ; the same arguments, theta (n_np,) K.
+    """Nodal heat of an increment beside `heat_of_increment`, added to out (n_np,), mJ; the same arguments, theta (n_np,) K, that of the
+    middle of the increment, and theta_n (n_np,) at its start. At its end it is 2 theta - theta_n.
 
     Returns what is dissipated at every point (n_el, 8) in mJ/mm^3, and the totals (dissipated, thermoelastic) in mJ.
     """
     dissipated, elastic = np.empty(end.alpha.shape), np.empty(end.alpha.shape)
-    _heats(change_between(start, end, law), at_points(data, theta), law, dissipated, elastic)
+    _heats(change_between(start, end, law), at_points(data, theta), at_points(data, theta_n), law, dissipated, elastic)
     nodal = (data.volume * (dissipated + elastic)) @ data.shape
     np.add.at(out, data.hexes, nodal)
     return dissipated, float((data.volume * dissipated).sum()), float((data.volume * elastic).sum())
@@ -176,32 +191,39 @@ def structure_heat(
 
 class StructureSlopes(NamedTuple):
     """Derivatives of that heat at all points: by state numbers at start and end of the increment (n_state, n_el, 8), whose places are
-    `start_places` and `end_places`; by J at both ends, by theta, each (n_el, 8), and by numbers of the law (n, n_el, 8)."""
+    `start_places` and `end_places`; by J at both ends, by theta in the middle and at the start, each (n_el, 8), and by numbers of the law
+    (n, n_el, 8)."""
 
     start: np.ndarray
     end: np.ndarray
     by_j: tuple[np.ndarray, np.ndarray]
-    by_theta: np.ndarray
+    by_theta: tuple[np.ndarray, np.ndarray]
     by_numbers: np.ndarray
 
 
-START_PLACES = np.array([LAMBDA, *range(BACK, BACK + 6 * N_BACK)])
+START_PLACES = np.array([LAMBDA, TRACE, *range(BACK, BACK + 6 * N_BACK)])
 END_PLACES = np.array([LAMBDA, ALPHA, TRACE, SENSE, *range(BACK, BACK + 6 * N_BACK)])
 """Places in a state that the rows of `StructureSlopes.start` and `.end` stand for."""
 
 
 def structure_slopes(
-    start: PointHistory, end: PointHistory, theta: np.ndarray, law: Law, moved: tuple[Law, ...], on: bool
+    start: PointHistory, end: PointHistory, theta: np.ndarray, theta_n: np.ndarray, law: Law, moved: tuple[Law, ...], on: bool
 ) -> StructureSlopes:
-    """StructureSlopes of an increment, theta (n_el, 8) K at the points. `moved` is the law with no number moved by i h, then with each of
-    those that are differentiated beside the six of Hill's tensor, which come first; `on`: an effect is on, not only asked for."""
+    """StructureSlopes of an increment, theta and theta_n (n_el, 8) K at the points in its middle and at its start.
+
+    `moved` is the law with no number moved by i h, then with each of those that are differentiated beside the six of Hill's tensor, which
+    come first; `on`: an effect is on, not only asked for.
+    """
     change, shape = change_between(start, end, law), theta.shape
-    by = np.zeros((8, *shape))
+    by = np.zeros((10, *shape))
     numbers = np.zeros((6 + len(moved) - 1, *shape))
     at_start, at_end = np.zeros((len(START_PLACES), *shape)), np.zeros((len(END_PLACES), *shape))
     if on:
-        for argument in range(8):
-            _differentiate(change, theta, argument, moved[0], by[argument])
+        warms = warm_moduli.py_func(law)
+        for argument in range(10):
+            if argument in (_WARM_N, _TRACE_N) and not warms:
+                continue
+            _differentiate(change, theta, theta_n, argument, moved[0], by[argument])
         terms = np.empty((2, N_BACK, *shape))
         _terms_of_points(change, theta, law, terms)
         C, kept = np.where(change.d_lambda > 0.0, terms[0], 0.0), terms[1]
@@ -210,29 +232,30 @@ def structure_slopes(
         # C [Y_n : G : Y - kept Y_n : G : Y_n - (Y : G : Y - Y_n : G : Y_n) / 2]
         by_old = C[..., None] * (g + (1.0 - 2.0 * kept)[..., None] * g_n)
         by_new = C[..., None] * (g_n - g)
-        at_start[1:] = np.moveaxis(by_old, 3, 1).reshape(-1, *shape)
+        at_start[2:] = np.moveaxis(by_old, 3, 1).reshape(-1, *shape)
         at_end[4:] = np.moveaxis(by_new, 3, 1).reshape(-1, *shape)
         for k, (a, b, n) in enumerate(_HILL_WEIGHTS):
             x, z = _part(y_n, a, b), _part(y, a, b)
             numbers[k] = (C * n * (x * z - kept * x * x - 0.5 * (z * z - x * x))).sum(axis=0)
     for n, there in enumerate(moved[1:], start=6):
-        _differentiate(change, theta, -1, there, numbers[n])
-    at_start[0] = by[_LAMBDA_N] - by[_D_LAMBDA]
+        _differentiate(change, theta, theta_n, -1, there, numbers[n])
+    at_start[0], at_start[1] = by[_LAMBDA_N] - by[_D_LAMBDA], by[_TRACE_N]
     at_end[0], at_end[1], at_end[2], at_end[3] = by[_D_LAMBDA], by[_ALPHA], by[_TRACE], by[_SENSE]
     by_j = (by[_LOG_J_N] / start.dilatation, by[_LOG_J] / end.dilatation)
-    return StructureSlopes(at_start, at_end, by_j, by[_WARM], numbers)
+    return StructureSlopes(at_start, at_end, by_j, (by[_WARM], by[_WARM_N]), numbers)
 
 
 def add_structure_rates(
     data: ElementData,
     slopes: StructureSlopes,
     ends: tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None,
-    theta_rates: np.ndarray,
+    theta_rates: tuple[np.ndarray, np.ndarray],
     number_rates: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Rates of that heat along directions added to out (n_np, m), mJ: ends = rates of J (n_el, 8, m) and states (n_el, 8, N_FULL, m) at
-    start and end of the increment, None where they stay; theta_rates (n_np, m), number_rates (n, m)."""
+    start and end of the increment, None where they stay; theta_rates, of the middle and of the start, each (n_np, m); number_rates
+    (n, m)."""
     parts = []
     if ends is not None:
         (j_n, state_n), (j, state) = ends
@@ -241,9 +264,10 @@ def add_structure_rates(
         parts += [(slopes.by_j[0][None], only, j_n), (slopes.by_j[1][None], only, j)]
     if len(number_rates):
         parts.append((slopes.by_numbers, np.arange(len(number_rates)), number_rates))
-    if np.any(slopes.by_theta):
-        at = np.einsum("qa,eam->eqm", data.shape, theta_rates[data.hexes])
-        parts.append((slopes.by_theta[None], np.zeros(1, dtype=np.int64), at))
+    for slope, rates in zip(slopes.by_theta, theta_rates, strict=True):
+        if np.any(slope):
+            at = np.einsum("qa,eam->eqm", data.shape, rates[data.hexes])
+            parts.append((slope[None], np.zeros(1, dtype=np.int64), at))
     for coefficients, places, rates in parts:
         used = np.flatnonzero(np.any(coefficients != 0.0, axis=(1, 2)))
         if len(used):

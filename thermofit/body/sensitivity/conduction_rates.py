@@ -42,7 +42,7 @@ from thermofit.body.sensitivity.shape_rates import add_conduction_rates, add_fil
 from thermofit.body.solve.linear import Factor, multiply_symmetric
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.jit import kernel
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, load_mode, param
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.law.page import Law, law_of
 from thermofit.law.page_rates import STEP, padded
@@ -109,6 +109,9 @@ def condition_rates(
 
 def _moved(parameters: Parameters, name: str, law: Law | None) -> HeatConditions:
     """The conditions with one parameter moved by i h."""
+    if load_mode(name) >= 0:
+        conditions = heat_conditions(parameters)
+        return conditions if law is None else at_constant_stress(conditions, law)
     param(name)
     values = {**parameters.values, name: complex(parameters[name], STEP)}
     there = Parameters(values, parameters.free)  # type: ignore[arg-type]
@@ -170,6 +173,8 @@ def _effect_supplies(body: Body, step: HeatStep, states: tuple[np.ndarray, np.nd
 
 def usual_change(parameters: Parameters, name: str) -> float:
     """Usual change of a parameter: its scale; of a film coefficient far above it, that of its reciprocal is 1 / scale."""
+    if load_mode(name) >= 0:
+        return 1.0  # of a mode of unit variance
     scale, value = param(name).scale, parameters[name]
     return value * value / scale if name in ("alpha_air", "alpha_clamp") and value > _FAR_ABOVE * scale else scale
 

@@ -91,13 +91,19 @@ class SourceSlopes(NamedTuple):
     structure: StructureSlopes | None
 
 
-def source_slopes(data: ElementData, ends: tuple[PointHistory, PointHistory], theta: np.ndarray, law: SourceLaw) -> SourceSlopes:
-    """SourceSlopes of an increment from the points at its ends and theta (n_np,) K of the thermoelastic term."""
+Temperatures = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""theta (n_np,) K and its rates (n_np, m), of the thermoelastic term (the middle of the increment) and at the start of the increment."""
+
+
+def source_slopes(
+    data: ElementData, ends: tuple[PointHistory, PointHistory], theta: tuple[np.ndarray, np.ndarray], law: SourceLaw
+) -> SourceSlopes:
+    """SourceSlopes of an increment from the points at its ends, and theta (n_np,) K of the thermoelastic term and at its start."""
     increment = increment_between(*ends)
     j_n, j = ends[0].dilatation, ends[1].dilatation
     by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
-    warm = at_points(data, theta)
-    structure = structure_slopes(*ends, warm, law.law, law.structure, law.on) if law.structure else None
+    warm, warm_n = (at_points(data, t) for t in theta)
+    structure = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.on) if law.structure else None
     return SourceSlopes(increment, by_j, _dissipation_derivatives(increment, warm, law, range(5)), structure)
 
 
@@ -105,15 +111,16 @@ def heat_source_rates(
     data: ElementData,
     slopes: SourceSlopes,
     end_rates: tuple[PointRates, PointRates],
-    temperature: tuple[np.ndarray, np.ndarray],
+    temperatures: Temperatures,
     law: SourceLaw,
     out: np.ndarray,
 ) -> None:
     """Rates of `heat.heat_of_increment` along the directions added to out (n_np, m), mJ.
 
-    `end_rates` are those of the points at start and end of the increment; `temperature` is theta (n_np,) K of the thermoelastic term, with
-    which the slopes were made, and its rates (n_np, m). A point that does not flow dissipates nothing.
+    `end_rates` are those of the points at start and end of the increment; `temperatures` are those with which the slopes were made. A point
+    that does not flow dissipates nothing.
     """
+    temperature, (_, rates_n) = temperatures
     _add_source_rates(data, slopes.increment, slopes.dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     states = (end_rates[0].state.reshape(-1), end_rates[1].state.reshape(-1))
     dilatations = (end_rates[0].dilatation.reshape(-1), end_rates[1].dilatation.reshape(-1))
@@ -121,25 +128,26 @@ def heat_source_rates(
     _add_state_rates(data, slopes.by_j, slopes.dissipation, law.law, temperature[0], dilatations, states, n_state, out)
     if slopes.structure is not None:
         ends = ((end_rates[0].dilatation, end_rates[0].state), (end_rates[1].dilatation, end_rates[1].state))
-        add_structure_rates(data, slopes.structure, ends, temperature[1], law.structure_numbers, out)
+        add_structure_rates(data, slopes.structure, ends, (temperature[1], rates_n), law.structure_numbers, out)
 
 
 def frozen_source_rates(
     data: ElementData,
     increment: Increment,
-    temperature: tuple[np.ndarray, np.ndarray],
+    temperatures: Temperatures,
     law: SourceLaw,
     out: np.ndarray,
     ends: tuple[PointHistory, PointHistory] | None = None,
 ) -> None:
     """`heat_source_rates` where the mechanics stays as it is: temperature and law alone have rates. `ends`: the points at both ends of the
     increment, where they hold the state of effects that change the local update itself."""
-    warm = at_points(data, temperature[0])
+    temperature, (theta_n, rates_n) = temperatures
+    warm, warm_n = at_points(data, temperature[0]), at_points(data, theta_n)
     dissipation = _dissipation_derivatives(increment, warm, law, range(_WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     if ends is not None and law.structure:
-        slopes = structure_slopes(*ends, warm, law.law, law.structure, law.on)
-        add_structure_rates(data, slopes, None, temperature[1], law.structure_numbers, out)
+        slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.on)
+        add_structure_rates(data, slopes, None, (temperature[1], rates_n), law.structure_numbers, out)
 
 
 def _dissipation_derivatives(increment: Increment, theta: np.ndarray, law: SourceLaw, arguments: range) -> np.ndarray:
@@ -269,7 +277,7 @@ def add_dilatation_heat(
     out: np.ndarray,
 ) -> None:
     """The part of `heat_source_rates` that the rates of J (n_el, 8, m) at the end of the increment make alone; `dilatation` is J there and
-    `stiff` the factor on the moduli. (What J makes of the energy of lost moduli is left out: it is smaller by the elastic strain.)"""
+    `stiff` the factor on the moduli. (What J makes of the energy of changed moduli is left out: it is smaller by the elastic strain.)"""
     m, result, rates = out.shape[1], out.reshape(-1), dilatation_rates.reshape(-1)
     c = thermoelastic_heat(1.0, 0.0, 1.0, law)
     w, zero, by_j = np.zeros(_END), np.zeros(LANES), np.empty(8)

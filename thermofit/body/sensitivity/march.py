@@ -49,10 +49,10 @@ from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.law.composition import restructured
 from thermofit.law.page import Law, law_in_step
-from thermofit.law.page_rates import ALPHA_EXP, ELASTIC, THETA_REF, directions, padded
+from thermofit.law.page_rates import ALPHA_EXP, ELASTIC, THETA_REF, WARMING, directions, padded
 from thermofit.point.lanes_memory import lane_zeros
 from thermofit.point.rates import BY_THETA, SHEAR
-from thermofit.point.relative_rates import rows_of_response
+from thermofit.point.relative_rates import rows_of_response, stiffness_slopes
 from thermofit.point.state import LAMBDA, N_FULL, N_STATE
 
 MAX_SWEEPS = 20
@@ -118,8 +118,9 @@ class Differentiator:
         self._warming = lane_zeros((n_el, 24, self.m))
         self._swelling = lane_zeros((n_el, 8, self.m))
         # A body without stress feels a change of its moduli by round-off alone.
-        facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
-        self._round_off = _ROUND_OFF * facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
+        self._facets = float(np.linalg.norm(body.data.volume.sum(axis=1) ** (2.0 / 3.0)))
+        self._round_off = _ROUND_OFF * self._facets * np.abs(self.along.numbers[list(ELASTIC)]).sum(axis=0)
+        self._softened = np.zeros(self.m)
         top = np.isin(body.mesh.hexes, body.loaded)
         self._top_elements = np.flatnonzero(top.any(axis=1))
         self._top_dofs = top[self._top_elements]
@@ -176,8 +177,8 @@ class Differentiator:
         borrowed = mechanics.kept and mechanics.largest_increment == 0.0
         tolerance = self._tolerance * (_BORROWED if borrowed else 1.0)
         u, felt = self._mechanics(mechanics, start.points, theta), theta
-        softens = mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA]))
-        slopes = source_slopes(self.body.data, (ends.before, ends.after), ends.middle, self._sources)
+        softens = self.along.warms or (mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA])))
+        slopes = source_slopes(self.body.data, (ends.before, ends.after), ends.theta, self._sources)
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
             if sweep > 0 and softens:  # the answer below knows of expansion alone
@@ -243,7 +244,7 @@ class Differentiator:
         answer = np.zeros_like(change)
         if not self.one_way:
             heat = np.zeros_like(change)
-            add_dilatation_heat(self.body.data, ends.after.dilatation, self._stiff, ends.middle, self.law, swelling, heat)
+            add_dilatation_heat(self.body.data, ends.after.dilatation, self._stiff, ends.theta[0], self.law, swelling, heat)
             answer = heat_answer(self.body, ends.step, heat)
         back = (answer * change).sum(axis=0) / np.maximum((change * change).sum(axis=0), 1e-300)
         series = np.ones(self.m) if self._strong else 1.0 / (1.0 + np.clip(-back, 0.0, self._coupling))
@@ -275,6 +276,10 @@ class Differentiator:
         responses(self.body.data, (mechanics.u, mechanics.theta), states, self.law, self.along, self._response)
         if self._skewed:
             self._stiff[:] = self._response[:, SHEAR] / self.law.mu
+        if np.isin(self.along.in_structure, WARMING).any():
+            moduli = _ROUND_OFF * self._facets * (self.law.lame + self.law.mu + self.law.bulk)
+            largest = np.abs(stiffness_slopes(self._response, self.along)).max(axis=(0, 2))
+            self._softened = moduli * (largest @ np.abs(self.along.numbers[self.along.in_structure]))
 
     def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """u' (n_np, 3, m) for given theta' and rates of the old state."""
@@ -298,8 +303,9 @@ class Differentiator:
         NumericsError where mending does not help.
         """
         body, states = self.body, (mechanics.before, mechanics.after)
-        elastic = mechanics.largest_increment == 0.0  # then the states keep their rates
-        points, dilatation = points_n if elastic else self._points, self._dilatation
+        elastic = mechanics.largest_increment == 0.0
+        keeps = elastic and not self.along.warms  # then the states keep their rates, but for that of tr C_el
+        points, dilatation = points_n if keeps else self._points, self._dilatation
         allowed = _FORCE_SHARE * self._tolerance
         forces = self._exact_forces = mechanics.kept or mechanics.largest_increment > 0.0
         if elastic:
@@ -314,7 +320,7 @@ class Differentiator:
                 return points, dilatation
             top = self._on_top(self._loads) if body.top < 0 else self._load
             self._pull()
-            if np.all(self._unbalanced() <= allowed * self._scale + self._round_off):
+            if np.all(self._unbalanced() <= allowed * self._scale + self._round_off + self._softened):
                 self._top_rate = top
                 return points, dilatation
             self._add_answer(mechanics, self._loads, u)
@@ -378,7 +384,8 @@ class Differentiator:
         u, end = moved
         middle_rates = start.theta if self.one_way else 0.5 * (start.theta + theta)
         heat, rates = np.zeros((self.body.mesh.n_nodes, self.m)), (PointRates(start.dilatation, start.points), end)
-        heat_source_rates(self.body.data, slopes, rates, (ends.middle, middle_rates), self._sources, heat)
+        temperatures = ((ends.theta[0], middle_rates), (ends.theta[1], start.theta))
+        heat_source_rates(self.body.data, slopes, rates, temperatures, self._sources, heat)
         motion, conditions = ((ends.u[0], start.u), (ends.u[1], u)), self.conditions.about(middle_rates)
         accumulated = ((ends.before.accumulated, ends.after.accumulated), (start.points[:, :, LAMBDA], end.state[:, :, LAMBDA]))
         add_effect_sources(self.body, ends.step, conditions, *accumulated, heat)

@@ -164,7 +164,7 @@ def _relative_stress_at_fixed_f(
             y, _, accumulated = relative_flow_rates(c, q, base, fp_rate, alpha, accumulated, back, strain, law, along, w)
             fp_rate = plastic_part_rates(c, q, fp_n, fp_rate, y)
     k = pressure_rates(c, q, row(w, THETA_RATE), o, along.in_pressure, w)
-    m_rate = stiffness_rate(c, q, base, accumulated, along, w)
+    m_rate = stiffness_rate(c, q, base, (accumulated, row(w, THETA_RATE)), along, w)
     return relative_stress_rates(c, q, base, product(f, fp_rate), k, m_rate, law, w)
 
 
@@ -323,7 +323,8 @@ def update_rates(
     """Rates of the new state (n_el, 8, 11, m), of J (n_el, 8, m) and, if `forces`, of the internal forces, force (n_el, 24, m).
 
     rates = (u' (n_np, 3, m), rates of the old state (n_el, 8, 11, m), theta' (n_np, m)). A point that never yielded has none of its state:
-    they stay the zeros that they are. Where no point flows, state_rates_new may be the rates of the old state themselves.
+    they stay the zeros that they are. Where no point flows, state_rates_new may be the rates of the old state themselves. Neither holds
+    where moduli change with temperature: then every point has a rate of tr C_el.
     """
     state_n, state = states
     u_rates, state_rates_n, theta_rates = rates
@@ -346,7 +347,7 @@ def update_rates(
                 mean, power_rate, force_at = _mean_dilatation(w, nodes, u_rates, group), spread(0.0), 24 * e * n_groups + group
                 for q in range(8):
                     virgin, point_at = state[e, q, LAMBDA] == 0.0, (8 * e + q) * n_groups
-                    if (virgin or keeps) and not forces and data.f_bar == 1:
+                    if (virgin or keeps) and not forces and not along.warms and data.f_bar == 1:
                         set_row(dilatation_rates, point_at + group, number(f_rows, 9, q) * mean)
                         continue
                     lv = _velocity_gradient(w, nodes, q, u_rates, group)
@@ -369,13 +370,17 @@ def update_rates(
                             set_row(point, THETA_RATE, theta)
                             old, fp_n = _rates_at(state_rates_n, at, n_groups), _plastic_part(state_n, e, q)
                             fp_rate = _new_plastic_part(c, q, l_bar, old, fp_n, law, along, point, state_rates_new, at, n_groups)
-                    if not forces:
+                    if not forces and not along.warms:
                         continue
                     f_el_rate = product_added(product(l_bar, elastic_part(c, q)), nine(f_rows, 0, q), fp_rate)
+                    if along.warms:
+                        set_row(state_rates_new, at + TRACE * n_groups, _trace_rate(elastic_part(c, q), f_el_rate))
+                        if not forces:
+                            continue
                     k = pressure_rates(c, q, theta, dilatation, along.in_pressure, point)
                     if along.structured:
                         base = response_size(along.in_pressure.shape[0], along.in_yield.shape[0])
-                        m_rate = stiffness_rate(c, q, base, accumulated, along, point)
+                        m_rate = stiffness_rate(c, q, base, (accumulated, theta), along, point)
                         tau = relative_stress_rates(c, q, base, f_el_rate, k, m_rate, law, point)
                     else:
                         tau = stress_rates(c, q, f_el_rate, k, law, point)
@@ -386,6 +391,15 @@ def update_rates(
                     _add_nodal(w, q, _with_geometry(m, stress, lv, trace, share), force, force_at, n_groups)
                 if forces and data.f_bar == 1:
                     _add_mean(w, power_rate - power * mean, force, force_at, n_groups)
+
+
+@kernel(forceinline=True)
+def _trace_rate(f_el: Tensor, f_el_rate: Tensor) -> Lanes:
+    """(tr C_el)' = 2 F_el : F_el'."""
+    value = f_el[0] * f_el_rate[0]
+    for k in range(1, 9):
+        value = multiply_add(f_el[k], f_el_rate[k], value)
+    return 2.0 * value
 
 
 @kernel(forceinline=True)

@@ -104,10 +104,11 @@ class Linearised:
 
 @dataclass(frozen=True)
 class StepEnds:
-    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term, and its solution."""
+    """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term (that of the middle) and at its
+    start, and its solution."""
 
     before: PointHistory
     after: PointHistory
     u: tuple[np.ndarray, np.ndarray]
-    middle: np.ndarray
+    theta: tuple[np.ndarray, np.ndarray]
     step: HeatStep

@@ -13,7 +13,7 @@ import numpy as np
 
 from thermofit.body.body import Body
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, load_mode
 from thermofit.effects.catalogue import LOAD, Effect, effects
 
 _CONTROLS = ("force", "displacement", "arc")
@@ -30,6 +30,8 @@ class Loading:
 
     Where a displacement is that of a machine's crosshead, `force` N (n_t,) is the force that the machine recorded with it; None: it is
     that of the specimen's end itself, and no effect of the machine can stand in between (nor for an arc length).
+
+    `modes` (n_t, k): changes of the value, in its unit, along which a run can be differentiated (`core.parameters.load_modes`).
     """
 
     time: np.ndarray
@@ -37,6 +39,7 @@ class Loading:
     control: str = "force"
     from_rest: bool = False
     force: np.ndarray | None = None
+    modes: np.ndarray | None = None
 
     def at(self, t: float) -> float:
         """Value at time t."""
@@ -57,13 +60,24 @@ class Loading:
         return replace(self, value=self._acting(links, parameters)) if links and self.of_machine else self
 
     def rates(self, parameters: Parameters, names: Sequence[str]) -> np.ndarray:
-        """Derivatives (n_t, n_p) of the acting value by the named parameters, zero for those of no such effect."""
+        """Derivatives (n_t, n_p) of the acting value by the named parameters and along its modes, zero for those of no such effect."""
         out = np.zeros((len(self.time), len(names)))
+        for k, mode in enumerate(map(load_mode, names)):
+            if mode >= 0:
+                out[:, k] = self._along(mode, parameters)
         if self.of_machine:
             for k, (name, links) in enumerate((name, _links(parameters, name)) for name in names):
                 if links:
                     out[:, k] = np.imag(self._acting(links, parameters, name)) / _STEP
         return out
+
+    def _along(self, mode: int, parameters: Parameters) -> np.ndarray:
+        """Derivative (n_t,) of the acting value along a mode of a prescribed force."""
+        if self.modes is None or self.control != "force":
+            raise StudyError(f"march: a derivative along mode {mode} of the loading was asked for; expected a prescribed force with modes")
+        links = [e for e in effects(LOAD) if parameters[e.amplitude.name] != e.amplitude.neutral]
+        moved = self.value + 1j * _STEP * self.modes[:, mode]
+        return np.asarray(np.imag(_through(links, moved, np.zeros_like(moved), (parameters, ""))[0]) / _STEP)
 
     def _acting(self, links: Sequence[Effect], parameters: Parameters, name: str = "") -> np.ndarray:
         """Value (n_t,) after the effects, the Param `name` moved by i h; an end displacement counts from the first time, as its own."""

@@ -20,7 +20,7 @@ from thermofit.body.element.thermal_load import thermal_forces
 from thermofit.body.solve.linear import Factor, gathered, scatter
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.law.page import Law
-from thermofit.point.state import N_FULL, N_STATE
+from thermofit.point.state import N_FULL, N_STATE, TRACE
 
 PATIENCE = 4.0
 """Iterations with a kept factor that cost as much as a fresh tangent, its factor and the iterations that still follow."""
@@ -326,8 +326,8 @@ class Equilibrator:
 
 
 def virgin_state(n_elements: int, axes: np.ndarray | None = None, *, structure: bool = False) -> np.ndarray:
-    """State (n_el, 8, 11) of a material that was never loaded: F_p^-1 = Q, alpha = Lambda = 0; with `structure` (n_el, 8, N_FULL), no
-    backstress.
+    """State (n_el, 8, 11) of a material that was never loaded: F_p^-1 = Q, alpha = Lambda = 0; with `structure` (n_el, 8, N_FULL), C_el = 1
+    and no backstress.
 
     The columns of the rotation Q `axes` (3, 3) are the material axes 1, 2, 3 (default: those of the model). Elasticity is isotropic
     and C_p^-1 = Q Q^T = 1: nothing is deformed, but C_el = Q^T C Q, which the yield surface (4.19) sees, is in the material axes.
@@ -338,6 +338,7 @@ def virgin_state(n_elements: int, axes: np.ndarray | None = None, *, structure: 
         raise StudyError("material axes: no rotation found; expected three orthonormal right-handed columns")
     state = np.zeros((n_elements, 8, N_FULL if structure else N_STATE))
     state[:, :, :9] = q.ravel()
+    state[:, :, TRACE : TRACE + 1] = 3.0
     return state
 
 

@@ -5,7 +5,7 @@ that the list cannot rot in silence. A mutation is noticed where its tests fail;
 
 Answers are rows of docs/mutations.jsonl. One holds until the entry, the mutated file, its tests or what these take from tests/support
 change; the rest of the package may have changed meanwhile, so each row names the sources by which it was judged, and the page says how many
-are of earlier ones (`--here` judges these again). A test that noticed it before is run first.
+are of earlier ones (`--here` judges these again). A test that noticed it before is run first. docs/tests.md shows the share by room.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ from thermofit.core.folders import CACHE_VARIABLE
 ROOT = Path(__file__).resolve().parent.parent
 LIST = ROOT / "scripts" / "mutations.yaml"
 ROWS = ROOT / "docs" / "mutations.jsonl"
+PAGE = ROOT / "docs" / "tests.md"
+BEGIN, END = "<!-- mutations: begin -->", "<!-- mutations: end -->"
+"""Between these lines of the page stands what `scripts/mutations.py` writes."""
 COPIES = ROOT / "runs" / "mutations"
 """Copies of the tree: they stay, with the kernels that were compiled in them."""
 LIMIT = 300.0
@@ -292,6 +295,25 @@ def write_rows(path: Path, rows: Mapping[str, Answer], every: Sequence[Mutation]
         partial.write_text(text, encoding="utf-8")
 
 
+def shown(text: str, answers: Mapping[str, Answer], every: Sequence[Mutation], now: str) -> str:
+    """The page with the share noticed by room, of the answers that hold; Wrong where it has no place for that."""
+    if text.count(BEGIN) != 1 or text.count(END) != 1:
+        raise Wrong(f"{PAGE}: expected the lines {BEGIN} and {END} once each")
+    held = [answers[one.name] for one in every if one.name in answers]
+    whole = {room: sum(one.room == room for one in every) for room in {one.room for one in every}}
+    share, missed = sum(a.noticed for a in held), [a.name for a in held if not a.noticed]
+    lines = ["| package | mutations | judged | noticed |", "| --- | --- | --- | --- |"]
+    rooms = by_room(held)
+    for room, number in sorted(whole.items(), key=lambda one: (-one[1], one[0])):
+        noticed, judged = rooms.get(room, (0, 0))
+        lines.append(f"| `{room}/` | {number} | {judged} | {noticed} |")
+    lines += [f"| all | {len(every)} | {len(held)} | {share} |", ""]
+    lines.append(f"Not noticed: {', '.join(f'`{name}`' for name in missed) or 'none'}.")
+    earlier = sum(a.sources != now for a in held)
+    lines.append(f"Of these answers, {earlier} were given on earlier sources of the package and hold by the rule above.")
+    return text[: text.index(BEGIN)] + "\n".join([BEGIN, "", *lines, "", ""]) + text[text.index(END) :]
+
+
 def _told(answers: Mapping[str, Answer], mutations: Sequence[Mutation]) -> None:
     for room, (noticed, whole) in by_room(answers.values()).items():
         print(f"{room:12s} {noticed} of {whole} noticed")
@@ -308,6 +330,7 @@ def main() -> int:
     parser.add_argument("--least", type=float, default=0.95, help="share that has to be noticed")
     parser.add_argument("--json", action="store_true", help="answers as JSON")
     parser.add_argument("--force", action="store_true", help="judge again what is known")
+    parser.add_argument("--page", action="store_true", help="write what is kept to docs/tests.md, and judge nothing")
     parser.add_argument("--here", action="store_true", help="judge again what was judged on other sources of package and tests")
     options = parser.parse_args()
     try:
@@ -332,12 +355,17 @@ def main() -> int:
             print(said, file=sys.stderr, flush=True)
 
         # Those of kernels last: each compiles what it changes.
-        if todo := sorted((one for one in chosen if one.name not in answers), key=lambda one: one.room in COMPILED):
+        todo = sorted((one for one in chosen if one.name not in answers), key=lambda one: one.room in COMPILED)
+        if todo and not options.page:
             all_judged(todo, own_copies(ROOT, min(options.jobs, len(todo))), kept, rows)
+        if len(chosen) == len(every):
+            text = shown(PAGE.read_text(encoding="utf-8"), answers, every, now)
+            with replacing(PAGE) as partial:
+                partial.write_text(text, encoding="utf-8")
     except Wrong as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    share = sum(a.noticed for a in answers.values()) / len(answers)
+    share = sum(a.noticed for a in answers.values()) / max(len(answers), 1)
     if options.json:
         rooms = {room: {"noticed": noticed, "all": whole} for room, (noticed, whole) in by_room(answers.values()).items()}
         earlier = sum(answer.sources != now for answer in answers.values())

@@ -46,12 +46,18 @@ class Part:
 
 
 BODY = ("manufactured", "benchmarks", "heat", "first_law", "reference", "objectivity", "limit")
+FAULTS = ("faults", "kill", "search_kill")
 PARTS = (
     Part("numerics", "Code verification", tests=(*(f"tests/body/test_{n}.py" for n in BODY), "tests/point/test_point_reference.py")),
     Part("solution", "Solution verification", tests=("tests/experiment/test_refinement.py", "tests/experiment/test_discretisation.py")),
     Part("inputs", "Mutated inputs", script=("reliability_inputs.py", "--number", "2000")),
+    Part("kept", "Inputs that once did harm", script=("reliability_kept.py",)),
     Part("hostile", "Hostile files", tests=("tests/read/test_hostile_files.py", "tests/stages/test_bad_input.py")),
-    Part("faults", "Faults", tests=tuple(f"tests/stages/test_{n}.py" for n in ("faults", "kill", "search_kill"))),
+    Part(
+        "faults",
+        "Faults",
+        tests=(*(f"tests/stages/test_{n}.py" for n in FAULTS), "tests/records/test_lock.py", "tests/records/test_executor.py"),
+    ),
     Part("signals", "Signals at random moments", script=("reliability_signals.py", "--number", "60")),
     Part("same", "The same answer", script=("reliability_same.py", "--caches")),
     Part("large", "Long and large", script=("reliability_large.py",)),
@@ -100,14 +106,16 @@ def tested(part: Part) -> Answer:
 
 
 def scripted(part: Part) -> Answer:
-    """What a script prints as JSON, and its exit code."""
+    """What a script prints as JSON, and its exit code; what it says meanwhile is in its log."""
     name, *more = part.script
     words = [sys.executable, str(ROOT / "scripts" / name), *more]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    log = KEPT / f"{part.name}.log"
+    with log.open("w", encoding="utf-8") as said:
+        done = subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=said, text=True, check=False)
     try:
         return {"code": done.returncode, **json.loads(done.stdout)}
     except json.JSONDecodeError:
-        return {"code": done.returncode, "error": (done.stdout + done.stderr)[-500:]}
+        return {"code": done.returncode, "error": (done.stdout + log.read_text(encoding="utf-8"))[-500:]}
 
 
 def last(part: Part) -> Answer | None:
@@ -154,6 +162,19 @@ def _inputs(found: Answer) -> list[str]:
     return [*table(head, [[found[k] for k in keys]]), *(f"* {one}" for one in found["bad"])]
 
 
+def _kept(found: Answer) -> list[str]:
+    refused = sum(one["code"] != 0 for one in found["cases"])
+    most_s, most_mb = (max(one[key] for one in found["cases"]) for key in ("cpu_s", "MB"))
+    said = f"{found['tried']} commands: {refused} refused in a sentence, {found['tried'] - refused} accepted, {len(found['wrong'])} wrong."
+    body = [(one["name"], one["code"], one["cpu_s"], one["MB"]) for one in found["cases"]]
+    lines = [
+        f"{said} At most {most_s} s of CPU (20) and {most_mb} MB (2048).",
+        "",
+        *table(("input", "exit code", "CPU s", "MB at most"), body),
+    ]
+    return [*lines, *(f"* {one['name']}: {one['wrong'][:300]}" for one in found["wrong"])]
+
+
 def _signals(found: Answer) -> list[str]:
     wrong = [f"* {one['command']} {one['signal']} at {one['moment_s']:.2f} s: {one['wrong'][:200]}" for one in found["wrong"]]
     table_of = table(("command", "signals", "survived"), [(name, *counts) for name, counts in found["commands"].items()])
@@ -193,7 +214,7 @@ def _mutations(found: Answer) -> list[str]:
     ]
 
 
-OF_SCRIPTS = {"inputs": _inputs, "signals": _signals, "same": _same, "large": _large, "mutations": _mutations}
+OF_SCRIPTS = {"inputs": _inputs, "kept": _kept, "signals": _signals, "same": _same, "large": _large, "mutations": _mutations}
 
 
 def page() -> str:

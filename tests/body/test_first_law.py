@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from reference import reference_table
@@ -15,6 +17,8 @@ from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import virgin_state
 from thermofit.law.page import internal_energy, law_of
 from thermofit.point.state import ALPHA, LAMBDA
+
+Told = Callable[[str, object], None]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +52,7 @@ def test_internal_energy_of_a_body_is_that_of_its_points(f_bar: bool) -> None:
 
 
 @pytest.mark.parametrize("model", [1, 2])
-def test_first_law_over_the_measured_force_history(model: int) -> None:
+def test_first_law_over_the_measured_force_history(model: int, record_property: Told) -> None:
     """One step per row, as an identification has them: 2e-4 of the work (holds, unloading and cooling included)."""
     table = reference_table("force_history.csv")
     body = tension_body(dogbone_mesh(SPECIMEN, 3, 20, 1))
@@ -57,11 +61,12 @@ def test_first_law_over_the_measured_force_history(model: int) -> None:
     )
     assert history.total("work") > 1e5
     assert sum(sum(step.outflow.values()) for step in history.balance) > 0.3 * history.total("work")
+    record_property(f"first law over the measured history, model {model}, defect over the work (< 1e-4)", f"{defect(history):.1e}")
     assert defect(history) < 1e-4
 
 
 @pytest.mark.parametrize("model", [1, 2])
-def test_first_law_is_met_with_order_2_in_the_step(dogbone: Body, model: int) -> None:
+def test_first_law_is_met_with_order_2_in_the_step(dogbone: Body, model: int, record_property: Told) -> None:
     """What remains is the trapezoid of the work where a step passes from elastic to plastic."""
     times = np.arange(0.0, 61.0)
     defects = []
@@ -71,6 +76,7 @@ def test_first_law_is_met_with_order_2_in_the_step(dogbone: Body, model: int) ->
         if longest < 0.4:
             assert defects[-1] < 2e-4
     orders = np.log2(np.array(defects[:-1]) / defects[1:])
+    record_property(f"first law, model {model}, order in the step (2)", round(float(orders[-1]), 2))
     assert np.all(orders > 1.7), (defects, orders)
 
 

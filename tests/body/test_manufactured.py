@@ -21,6 +21,8 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.solve.newton import virgin_state
 from thermofit.law.page import Law, law_of
 
+Told = Callable[[str, object], None]
+
 SIZE = np.array([2.0, 3.0, 1.5])
 _P, _W = np.polynomial.legendre.leggauss(3)
 POINTS = np.array([[a, b, c] for a in _P for b in _P for c in _P])
@@ -117,10 +119,13 @@ def solved(
 
 
 @pytest.mark.parametrize("f_bar", [True, False])
-def test_finite_elastic_strain_has_order_2(f_bar: bool) -> None:
+def test_finite_elastic_strain_has_order_2(f_bar: bool, record_property: Told) -> None:
     law = law_of(NOMINAL, plastic=False)
     errors = [error(mesh, solved(mesh, law, f_bar), displacement) for mesh in (distorted(3), distorted(6), distorted(12))]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    record_property(
+        f"finite elastic strain, {'F-bar' if f_bar else 'full integration'}, order in the mesh (2)", round(float(orders[-1]), 2)
+    )
     assert np.all(orders > 1.95), (errors, orders)
     assert errors[-1] < 5e-3 * np.sqrt(9.0) * np.abs(AMPLITUDE).max()
 
@@ -154,22 +159,24 @@ def heated(mesh: Mesh, steps: int, scheme: str, end: float = 2.0) -> np.ndarray:
     return theta
 
 
-def test_temperature_with_a_source_has_order_2_in_the_mesh() -> None:
+def test_temperature_with_a_source_has_order_2_in_the_mesh(record_property: Told) -> None:
     errors = []
     for n in (3, 6, 12):
         mesh = distorted(n)
         errors.append(error(mesh, heated(mesh, 64, "sdirk2")[:, None], lambda x: temperature(x, 2.0)[..., None]))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    record_property("heat with a source, order in the mesh (2)", round(float(orders[-1]), 2))
     assert np.all(orders > 1.95), (errors, orders)
 
 
 @pytest.mark.parametrize(("scheme", "order"), [("sdirk2", 2.0), ("backward-euler", 1.0)])
-def test_temperature_with_a_source_has_the_order_of_its_scheme_in_time(scheme: str, order: float) -> None:
+def test_temperature_with_a_source_has_the_order_of_its_scheme_in_time(scheme: str, order: float, record_property: Told) -> None:
     """On one mesh, against many small steps."""
     mesh = distorted(3)
     exact = heated(mesh, 512, "sdirk2")
     errors = [np.abs(heated(mesh, steps, scheme) - exact).max() for steps in (4, 8, 16)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    record_property(f"heat with a source, {scheme}, order in the step ({order:g})", round(float(orders[-1]), 2))
     assert np.all(np.abs(orders - order) < 0.25), (errors, orders)
 
 
@@ -238,7 +245,7 @@ def coupled(mesh: Mesh, steps: int, end: float = 2.0) -> tuple[np.ndarray, np.nd
     return solved(mesh, law, True, theta, warm_force(end), pulled), theta
 
 
-def test_heat_and_motion_together_have_order_2(record_property: Callable[[str, object], None]) -> None:
+def test_heat_and_motion_together_have_order_2(record_property: Told) -> None:
     """Each field with the other's error in it."""
     errors = []
     for n in (2, 4, 8):

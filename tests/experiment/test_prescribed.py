@@ -39,6 +39,20 @@ def test_an_area_or_a_force_that_errs_is_what_its_stand_in_makes(cause: str) -> 
     assert np.linalg.norm(told - made) < near * np.linalg.norm(made)
 
 
+def test_a_thicker_or_wider_specimen_has_less_surface_for_its_volume() -> None:
+    """Exchange per volume is alpha_air 2 (w + t)/(w t): what the stand-in takes off is its relative slope, by differences here."""
+    found, alpha = of_specimen(study(STATED), SPECIMEN, PARAMETERS), PARAMETERS["alpha_air"]
+    w, t, h = SPECIMEN.gauge_width, SPECIMEN.thickness, 1e-6
+
+    def surface(width: float, thickness: float) -> float:
+        return 2.0 * (width + thickness) / (width * thickness)
+
+    by_t = (surface(w, t + h) - surface(w, t - h)) / (2.0 * h * surface(w, t))
+    by_w = (surface(w + h, t) - surface(w - h, t)) / (2.0 * h * surface(w, t))
+    assert found["thickness"]["alpha_air"] == pytest.approx(0.012 * alpha * by_t, rel=1e-6)
+    assert found["width"]["alpha_air"] == pytest.approx(0.25 * alpha * by_w, rel=1e-6)
+
+
 def test_what_is_free_is_no_cause_and_what_is_not_stated_neither() -> None:
     plain = of_specimen(study(), SPECIMEN, PARAMETERS)
     assert set(plain) == {"theta_air", "theta_clamp"} and plain["theta_air"] == {"theta_air": 0.1}

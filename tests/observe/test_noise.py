@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, InfraredSequence
+from thermofit.observe import noise as module
 from thermofit.observe.noise import (
     correlation_length,
     displacement_noise,
@@ -190,6 +192,26 @@ def test_correlation_length_of_filtered_noise(width: float) -> None:
     noise = smooth_noise((20, 50, 50), width, 6)
     xy = np.argwhere(np.ones((50, 50))).astype(float)
     assert correlation_length(xy, noise.reshape(20, -1)) == pytest.approx(2.0 * width, rel=0.1)
+
+
+def test_correlation_length_of_a_crowd_looks_at_some_of_its_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the points crowd in one place, all of them within six spacings of one another: without a limit 10^6 pairs, here 10^4."""
+    xy = np.argwhere(np.ones((40, 40))).astype(float)
+    crowd = 20.0 + 0.5 * np.random.default_rng(3).uniform(size=(1500, 2))
+    fields = np.random.default_rng(4).normal(size=(4, len(xy) + len(crowd)))
+    seen: list[int] = []
+    monkeypatch.setattr(module, "MOST_PAIRS", 100_000)
+    pairs_of = cKDTree.query_pairs
+
+    class Counted(cKDTree):
+        def query_pairs(self, *arguments: object, **options: object) -> np.ndarray:
+            found = pairs_of(self, *arguments, **options)
+            seen.append(len(found))
+            return np.asarray(found)
+
+    monkeypatch.setattr(module, "cKDTree", Counted)
+    assert correlation_length(np.concatenate([xy, crowd]), fields) < 1.0, "white noise"
+    assert 1_000 < seen[-1] <= 100_000
 
 
 def heated_frames(pattern: float, n: int = 40) -> tuple[InfraredSequence, np.ndarray]:

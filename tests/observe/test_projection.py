@@ -208,6 +208,19 @@ def test_stages_in_many_blocks_are_those_in_one(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(u, u_parts, rtol=0.0, atol=1e-12)
 
 
+def test_a_crowd_of_points_in_one_place_makes_no_fine_grid_of_the_motion_everywhere() -> None:
+    """Points 1 um apart over half a millimetre, several for each of the field: a grid as fine everywhere would have 10^8 places."""
+    dic = dic_field(times=np.array([0.0, 5.0]))
+    x, y = np.meshgrid(np.linspace(0.0, 0.06, 60), np.linspace(0.0, 0.06, 60))
+    crowd = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.6)])
+    points = np.concatenate([dic.reference, crowd])
+    seen = DicField(dic.time, np.arange(len(points)), points, motion(points[:, :2], dic.time))
+    found = motion_of(seen, PATCHES, np.ones(seen.displacement.shape[:2], dtype=bool), dic.time)
+    assert found.u[0, :, :, 0].size < 300_000
+    places = np.array([[1.0, 2.0], [-2.5, -4.0], [0.03, 0.03]])
+    np.testing.assert_allclose(found.at(1, places), motion(places, dic.time)[1, :, :2], atol=1e-6)
+
+
 def test_a_neck_is_signal() -> None:
     """A kink of the displacement along a line, as a band of localised strain has it: no point is taken for an outlier."""
     dic = dic_field(noise=0.0002)

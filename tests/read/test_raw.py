@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS
+from thermofit.read import raw as reader
 from thermofit.read.raw import read_description, read_dic, read_experiment, read_force, read_infrared
 
 HEADER = "id,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm"
@@ -415,6 +416,12 @@ def test_displacements_come_back_exactly(stages: list[tuple[int, dict[int, tuple
 
 
 FILES = ("experiment.yaml", "force.csv", "dic/stage_0001.csv", "ir/frame_0001.csv")
+
+
+def test_more_points_than_any_camera_shows_are_refused(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader, "MOST_POINTS", 2)
+    with pytest.raises(DataError, match=r"dic: found 3 DIC points, expected at most 2; export points that lie farther apart"):
+        read_dic(read_description(raw))
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -121,6 +122,29 @@ def test_dask_gives_the_same_answers(cluster: str, tmp_path: Path) -> None:
     assert run_all([*squares(1), Task("start 2", worker_tasks.killed_at_first, (str(tmp_path / "once"), 5))], where) == [0, 5]
     with pytest.raises(NumericsError, match="start 9: its worker was lost"):
         run_all([Task("start 9", worker_tasks.always_killed)], where)
+
+
+@pytest.mark.slow
+def test_scheduler_that_is_killed_is_one_sentence_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="needs the extra dask")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "support")])}
+    begun = tmp_path / "begun"
+    for name in ("first", "next"):
+        (tmp_path / name).mkdir()
+    with local_dask.cluster_of(tmp_path / "first", environment, 1) as cluster:
+
+        def kill() -> None:
+            while not begun.exists():
+                time.sleep(0.01)
+            cluster.scheduler.kill()
+
+        thread = threading.Thread(target=kill)
+        thread.start()
+        with pytest.raises(NumericsError, match=r"the connection was lost; what is finished is kept: .*the same command resumes"):
+            run_all([Task("start 1", worker_tasks.write_on, (str(begun),))], Executor(scheduler=cluster.address))
+        thread.join()
+    with local_dask.cluster_of(tmp_path / "next", environment, 1) as cluster:
+        assert run_all(squares(2), Executor(scheduler=cluster.address)) == [0, 1]
 
 
 def test_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,9 +16,10 @@ _QUIET: dict[str, int] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEV
 
 @dataclass(frozen=True)
 class Cluster:
-    """Address of the scheduler, and its workers."""
+    """Address of the scheduler, the scheduler itself, and its workers."""
 
     address: str
+    scheduler: subprocess.Popen[bytes]
     workers: tuple[subprocess.Popen[bytes], ...]
 
 
@@ -29,7 +30,7 @@ def cluster_of(folder: Path, environment: Mapping[str, str], workers: int) -> It
     processes = [scheduler]
     try:
         processes += [start_worker(address, environment) for _ in range(workers)]
-        yield Cluster(address, tuple(processes[1:]))
+        yield Cluster(address, scheduler, tuple(processes[1:]))
     finally:
         for process in processes:
             process.kill()

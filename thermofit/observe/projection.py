@@ -38,6 +38,10 @@ _NEIGHBOURS = 16
 _JUDGED = 0.75
 """Share of its neighbours that must be measured for a point to be judged."""
 _FILLS, _JUDGEMENTS = 4, 5
+_THIN = 0.125
+"""Share of the range of distances to the next points that counts as near where points lie much farther apart than most do."""
+_MOST_PLACES = 250_000
+"""Places of the grid of a motion, or as many as there are points."""
 _SAME_PLACE = 1e-6
 """mm; nodes that are nearer are one."""
 _RASTER = 12
@@ -248,10 +252,12 @@ def _surface(xy: np.ndarray) -> tuple[csr_array, np.ndarray, np.ndarray]:
     of a value, and the neighbours (n, 16)."""
     n = len(xy)
     near = cKDTree(xy).query(xy, k=_NEIGHBOURS + 1)[1][:, 1:]
-    away = xy[near] - xy[:, None, :]
-    size = np.sqrt((away**2).sum(axis=(1, 2)) / _NEIGHBOURS)[:, None, None]
-    design = np.concatenate([np.ones((n, _NEIGHBOURS, 1)), terms(away / size)], axis=2)
-    weight = np.linalg.pinv(design)[:, 0]
+    weight = np.empty((n, _NEIGHBOURS))
+    for block in _blocks(n, 6 * _NEIGHBOURS):
+        away = xy[near[block]] - xy[block, None, :]
+        size = np.sqrt((away**2).sum(axis=(1, 2)) / _NEIGHBOURS)[:, None, None]
+        design = np.concatenate([np.ones((len(away), _NEIGHBOURS, 1)), terms(away / size)], axis=2)
+        weight[block] = np.linalg.pinv(design)[:, 0]
     matrix = csr_array((weight.ravel(), (np.repeat(np.arange(n), _NEIGHBOURS), near.ravel())), shape=(n, n))
     return matrix, np.sqrt(1.0 + (weight**2).sum(axis=1)), near
 
@@ -312,20 +318,27 @@ class Motion:
 
 
 def motion_of(dic: DicField, patches: Patches, good: np.ndarray, times: np.ndarray) -> Motion:
-    """Motion of the specimen under all patches at `times` s, from the points that are `good` (n_t, n_s): planes through the next points."""
+    """Motion of the specimen under all patches at `times` s, from the points that are `good` (n_t, n_s): planes through the next points.
+
+    Places of the grid are as far apart as the points, or farther where most points crowd in one place (_MOST_PLACES).
+    """
     measured = good.any(axis=0)
     points = dic.reference[measured, :2]
-    spacing = point_spacing(points)
     low, high = patches.reach
+    spacing = max(point_spacing(points), float(np.sqrt(np.prod(high - low) / max(len(points), _MOST_PLACES))))
     shape = np.ceil((high - low) / spacing).astype(int) + 1
     grid = np.stack(np.meshgrid(*(low[k] + spacing * np.arange(shape[k]) for k in (0, 1))), axis=-1).reshape(-1, 2)
     count = min(_NEIGHBOURS, len(points))
     distance, near = cKDTree(points).query(grid, k=count)
-    away = (points[near] - grid[:, None, :]) / spacing
-    # Near points tell most; far off the field, where all are far, those that are nearest.
-    closeness = np.exp(-0.5 * ((distance - distance[:, :1]) / spacing) ** 2)
-    design = np.concatenate([np.ones((len(grid), count, 1)), away], axis=2)
-    weight = np.linalg.pinv(closeness[:, :, None] * design)[:, 0] * closeness
+    weight = np.empty((len(grid), count))
+    for block in _blocks(len(grid), 3 * count):
+        farther = distance[block] - distance[block, :1]
+        width = np.maximum(spacing, _THIN * farther[:, -1:])
+        away = (points[near[block]] - grid[block, None, :]) / width[:, :, None]
+        # Near points tell most; far off the field, where all are far, those that are nearest.
+        closeness = np.exp(-0.5 * (farther / width) ** 2)
+        design = np.concatenate([np.ones((len(away), count, 1)), away], axis=2)
+        weight[block] = np.linalg.pinv(closeness[:, :, None] * design)[:, 0] * closeness
     plane = csr_array((weight.ravel(), (np.repeat(np.arange(len(grid)), count), near.ravel())), shape=(len(grid), len(points)))
     surface, _, around = _surface(points) if len(points) > _NEIGHBOURS else (csr_array((len(points),) * 2), None, near[:0])
     w = time_weights(dic.time, times)

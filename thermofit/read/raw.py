@@ -27,6 +27,8 @@ _FORCE_COLUMNS = ("time_s", "force_N")
 _REFERENCE_TOLERANCE = 1e-3
 """mm by which the reference position of a point may differ between stages: rounding of the export, not another point."""
 _LARGEST_ID = 2**53
+MOST_POINTS = 500_000
+"""DIC points of a test: more than facets 5 pixels apart on 12 megapixels."""
 
 
 def read_force(description: Description) -> ForceRecord:
@@ -110,7 +112,9 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     if source is None:
         raise DataError(f"{description.folder / DESCRIPTION}: key 'dic' is missing; add it to read displacements")
     if source.files is not None:
-        return _counted(*read_dic_files(source.files, source, source.side), source, source.stages, "stage")
+        field, said_of = read_dic_files(source.files, source, source.side)
+        _check_number(len(field.point_id), source.files)
+        return _counted(field, said_of, source, source.stages, "stage")
     paths, remarks = _files(source, source.stages, "stage")
     read = [_read_stage(path) for path in paths]
     stages, said = [one[:2] for one in read], [text for one in read for text in one[2]]
@@ -119,6 +123,7 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
     remarks += _resorted(order, source.folder, "stage")
     stages, paths = [stages[k] for k in order], [paths[k] for k in order]
     point_id = np.unique(np.concatenate([table[:, 0] for _, table in stages]))
+    _check_number(len(point_id), source.folder)
     reference = np.full((len(point_id), 3), np.nan)
     displacement = np.full((len(stages), len(point_id), 3), np.nan)
     for k, (_, table) in enumerate(stages):
@@ -140,6 +145,12 @@ def read_dic(description: Description) -> tuple[DicField, tuple[str, ...]]:
         remarks.append(f"{source.folder.name}: {lost} of {rows} rows missing, {hit} of {points} points concerned")
     time = np.array([t for t, _ in stages])
     return DicField(time, point_id.astype(np.int64), reference, displacement, source.side), tuple(remarks)
+
+
+def _check_number(n: int, where: object) -> None:
+    """DataError for more points than MOST_POINTS."""
+    if n > MOST_POINTS:
+        raise DataError(f"{where}: found {n} DIC points, expected at most {MOST_POINTS}; export points that lie farther apart")
 
 
 def _counted(field: Field, remarks: tuple[str, ...], source: FieldSource, declared: int | None, word: str) -> tuple[Field, tuple[str, ...]]:

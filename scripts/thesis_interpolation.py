@@ -44,8 +44,9 @@ def compared(place: Place, run: str) -> str:
     used = [_used(place.record(name, "interpolate")) for name in (run, run + THREE_POINT)]
     return (
         f"Projection uses {used[0]}, the other interpolation {used[1]}. With three points the standard uncertainties are {width:.2f} "
-        f"times as large (median). The largest change is that of {most}, {moved[most]:.1f} of the combined uncertainty of both. More than two of its own "
-        f"uncertainties off are {beyond[0]} of {len(found[0])} parameters by projection, {beyond[1]} of {len(found[1])} by three points."
+        f"times as large (median). The largest change is that of {most}, {moved[most]:.1f} of the combined uncertainty of both. "
+        f"More than two of its own uncertainties off are {beyond[0]} of {len(found[0])} parameters by projection, {beyond[1]} of "
+        f"{len(found[1])} by three points."
     )
 
 

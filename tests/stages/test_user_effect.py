@@ -102,6 +102,23 @@ def test_an_edited_file_is_another_source_with_kernels_of_its_own(tmp_path: Path
     assert first == again and first[0] != edited[0] and first[1] != edited[1]
 
 
+_READ_FIRST = """
+import sys
+from thermofit.cli import main
+try:
+    main()
+except SystemExit as end:
+    print(end.code, "thermofit.law.composition" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize("command", ["run", "simulate", "verify", "diagnose", "close-loop", "identifiability"])
+def test_a_command_reads_its_study_before_it_loads_kernels(tmp_path: Path, command: str) -> None:
+    """Else a user's effects come too late: asked of a study that is not there."""
+    ran = python("-c", _READ_FIRST, command, str(tmp_path / "none.yaml"))
+    assert ran.stdout.split()[-2:] == ["2", "False"], ran.stderr
+
+
 @pytest.mark.slow
 def test_the_users_effect_is_a_candidate_of_the_diagnosis(tmp_path: Path) -> None:
     study = written(tmp_path)

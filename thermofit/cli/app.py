@@ -334,10 +334,10 @@ def _run_chain(
     common: Common, first: str | None, last: str | None, everything: bool = False, jobs: int = 1, scheduler: str | None = None
 ) -> None:
     """Run the chain and print every stage as it is done."""
+    study = common.load()  # before the kernels: effect files of a user are compiled into them
     from thermofit.cli import printing
     from thermofit.stages.run import Link, Selection, chain, summary_of
 
-    study = common.load()
     silent = common.json or common.quiet
     _announce("run", study, silent)
     where = executor_of(study, jobs, scheduler)

@@ -270,7 +270,7 @@ BOTH = ("second_hardening.b", "lamp.start")
 def test_of_coupons_the_best_end_is_taken_and_not_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     gains = {"held": (0.1, ""), " ".join(BOTH): (0.2, ""), "second_hardening.b": (0.4, ""), "lamp.start": (0.3, "")}
     every = {BOTH: True, BOTH[:1]: True, BOTH[1:]: True}
-    assert ended(monkeypatch, gains, every).exponents == "second_hardening.b: second_hardening.b fitted"
+    assert ended(monkeypatch, gains, every, asked=False).exponents == "second_hardening.b: second_hardening.b fitted"
     assert ended(monkeypatch, gains, {BOTH: True}).exponents == f"{' '.join(BOTH)}: fitted"
     worse = gains | {" ".join(BOTH): (0.05, "")}
     assert ended(monkeypatch, worse, {BOTH: True}).exponents.endswith("freeing them gains nothing on held-out data")

@@ -16,9 +16,10 @@ from pathlib import Path
 import thesis_53
 import thesis_54
 import thesis_55
+import thesis_interpolation
 from thesis_figures import styled
 from thesis_read import Statement
-from thesis_runs import COST, MESHES, ROOT, SECTIONS, Place, chosen, cpu_of, execute, note_total, place_of
+from thesis_runs import COST, INTERPOLATED, MESHES, ROOT, SECTIONS, Place, chosen, cpu_of, execute, note_total, place_of
 from thesis_tables import document
 
 from thermofit.core.atomic import replacing
@@ -39,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for section in sections:
             for statement in write(section, place, given.pages):
                 print(f"{section} {'holds         ' if statement.holds else 'DOES NOT HOLD '} {statement.text} ({statement.measured})")
+        if all(section in sections for section in INTERPOLATED.values()):
+            (given.pages / "interpolation.md").write_text(thesis_interpolation.page(place), encoding="utf-8")
     except ThermofitError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code

@@ -82,6 +82,12 @@ _KNOWN_FILMS = (
 """Model 1 with the film coefficients of Table 5.19 and the starts of Table 5.9."""
 _SEARCH = (("identify-thermal",), ("gridsearch",))
 _THERMAL_ONLY = (("identify-thermal",), ("verify",))
+_REFINED = (("run", "--until", "refine"),)
+_OF_THREE = ("evaluation.interpolation=three-point",)
+THREE_POINT = "-three-point"
+"""Behind the name of a run: the same with nodal values from the three nearest points and pixels (algorithms 2 and 3)."""
+INTERPOLATED = {"exp3": "5.5", "exp2": "5.4", "exp1": "5.3"}
+"""Runs that are carried out with both interpolations, and their sections."""
 _BEFORE = (("identifiability", "--a-priori"),)
 
 
@@ -149,6 +155,7 @@ RUNS = (
         (*_fixed(alpha_exp=23.0e-6, kappa=200.0, c0=2.43), "stages.thermal.free=[beta, alpha_air, alpha_clamp]"), "exp3", _THERMAL_ONLY,
     ),
     Run("exp3-model-1", "5.4", "exp3.yaml", _KNOWN_FILMS, "exp3", _SEARCH),
+    *(Run(f"{name}{THREE_POINT}", section, f"{name}.yaml", _OF_THREE, name, _REFINED) for name, section in INTERPOLATED.items()),
     *(plan.run for plan in PLANS),
 )  # fmt: skip
 """In the order in which they begin: the longest first, and every run behind the one that it takes over."""

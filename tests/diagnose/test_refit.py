@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,8 @@ import pytest
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose import refit
-from thermofit.diagnose.refit import EXPONENTS, Fitted, JointFit, as_strong, walked
+from thermofit.diagnose.refit import EXPONENTS, WORTH, Fitted, JointFit, as_strong, walked
+from thermofit.fit.settings import Settings
 
 NAME = "rate_logarithmic.reference"
 
@@ -186,3 +188,32 @@ def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None
     fits.clear()
     fitting(start, "again")
     assert any(NAME not in free for _, free, _ in fits)
+
+
+def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both starts of the temperatures; fits of all together end by their own rule."""
+    asked: list[float] = []
+
+    def ended(problem: Any, method: str, options: Settings, hooks: Any) -> Any:
+        asked.append(options.worth)
+        return SimpleNamespace(f=1.0, x=np.array([2.2]))
+
+    same: Any = SimpleNamespace(converted=lambda fit: fit)
+    monkeypatch.setattr(refit, "minimise", ended)
+    monkeypatch.setattr(refit, "stage_problem", lambda study, settings, start, model: (None, same))
+    monkeypatch.setattr(refit, "remembering", lambda model: model)
+    monkeypatch.setattr(refit, "evaluation_key", lambda job, start: {})
+    monkeypatch.setattr(refit, "checkpoint_folder", lambda job, name: name)
+    monkeypatch.setattr(refit, "Checkpoint", lambda *_: None)
+    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=1000)], one_way=True)
+    study: Any = SimpleNamespace(setting=lambda name: None)
+    settings: Any = SimpleNamespace(tolerance=1e-4, method="least-squares", free=("c0",), model_copy=lambda update: settings)
+    parts: Any = SimpleNamespace(heat=lambda parameters: warm)
+    job: Any = SimpleNamespace(path=Path("close-loop.h5"), stage="close-loop")
+    fitting = JointFit(study, settings, warm, job, parts=parts)
+    at = Parameters.of({"c0": 2.2}, ("c0",))
+    heated = fitting.heated(at)
+    assert heated is not None
+    assert heated.minimised(at, "lamp on the known motion")["c0"] == 2.2
+    fitting.minimised_on(at, warm, "all together", 12)
+    assert asked == [WORTH, WORTH, 0.0]

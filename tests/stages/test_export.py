@@ -314,6 +314,26 @@ def test_rates_and_temperatures_are_tabulated_where_the_law_has_them(run: Finish
     assert soft.of_temperatures and numbers_below(CARDS["calculix"][1](soft, None), "*PLASTIC").shape[1] == 3
 
 
+def test_a_modulus_that_changes_with_temperature_is_tabulated(run: Finished) -> None:
+    """E over the temperatures of the test where a programme takes it, else E at the temperature of its curve, which is said."""
+    warm = card_of("alloy", with_effect(run.parameters, "modulus_by_temperature", 2e-3), run.verified)
+    low, high = warm.visited.temperature
+    for name in ("abaqus", "calculix"):
+        table = numbers_below(CARDS[name][1](warm, None), "*ELASTIC")
+        assert table[:, 2] == pytest.approx(np.linspace(low, high, 5), abs=1e-3) and np.all(table[:, 1] == run.parameters["nu"])
+        assert table[:, 0] == pytest.approx(run.parameters["E"] * (1.0 - 2e-3 * (table[:, 2] - 293.15)), rel=1e-4)
+    text = CARDS["abaqus"][1](warm, None)
+    assert "modulus_by_temperature is in this card" in text
+    middle = run.parameters["E"] * (1.0 - 2e-3 * (warm.reference.theta - 293.15))
+    assert warm.young == pytest.approx(middle, rel=1e-4) and abs(middle / run.parameters["E"] - 1.0) > 1e-3
+    for name, shown in (("ls-dyna", f"{warm.young:>10.4g}"), ("mfront", f"young_modulus : {warm.young:.8g},")):
+        assert shown in CARDS[name][1](warm, None) and "this card holds E at" in CARDS[name][1](warm, None)
+    assert f"E_MPa: {warm.moduli[0][1]}" in CARDS["yaml"][1](warm, None)
+    plain = card_of("alloy", run.parameters, run.verified)
+    assert plain.moduli == ((plain.visited.middle_temperature, run.parameters["E"]),) and plain.young == run.parameters["E"]
+    assert "this card holds E at" not in CARDS["mfront"][1](plain, None)
+
+
 def with_effect(parameters: Parameters, name: str, amplitude: float) -> Parameters:
     return parameters.replace(**{effect(name).amplitude.name: amplitude})
 

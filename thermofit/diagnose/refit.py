@@ -51,6 +51,9 @@ PART_EVALUATIONS = 12
 HEAT_EVALUATIONS = 60
 NEGLIGIBLE = 3e-5
 """Fall of the mean square that ends a fit of one of the fields: a hundredth of the least that is worth an effect."""
+WORTH = 100.0 * NEGLIGIBLE
+"""Fall of the mean square of the temperatures below which the evaluations left are not made: the least that is worth an effect. Where an
+effect of the heat makes a long valley, a fit may crawl along it for as long as it is let."""
 SETTLED = 0.5
 """Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
@@ -255,7 +258,7 @@ class JointFit:
         for turn, begin in enumerate((start, start.replace(**first))):
             name = f"{label} temperatures {turn}"
             try:
-                there, fit = self.minimised_on(begin.with_free(thermal), model, name, HEAT_EVALUATIONS, NEGLIGIBLE)
+                there, fit = self.minimised_on(begin.with_free(thermal), model, name, HEAT_EVALUATIONS, NEGLIGIBLE, WORTH)
             except NumericsError as error:
                 self.failures.append(f"{name}: the start failed ({error})")
                 continue
@@ -312,15 +315,16 @@ class JointFit:
         return float(LinearModel(fit.residual, columns, bounds=(np.minimum(lower - y, 0.0), np.maximum(upper - y, 0.0))).step.d[-1])
 
     def minimised_on(
-        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None
+        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None, worth: float = 0.0
     ) -> tuple[Parameters, FitResult]:
-        """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given."""
+        """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given; `worth`: see
+        `Settings`."""
         settings = self.settings.model_copy(update={"free": start.free})
         problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
         least = SETTLED if negligible is None else max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
-        options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most)
+        options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most, worth=worth)
         with progress(f"{self.job.stage} {label}", None) as advance:
             # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
             method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(model, settings)

@@ -16,13 +16,13 @@ import numpy as np
 from thermofit.body.heat.conduction import at_constant_stress, heat_conditions
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.catalogue import FILE_SLOTS, effects
-from thermofit.law.composition import FACTORS, SUMS
+from thermofit.law.composition import FACTORS, SUMS, modulus_factor, warm_moduli
 from thermofit.law.hardening.catalogue import LINEAR, hardening
 from thermofit.law.page import hardening_variable, law_in_step, law_of, released_energy, yield_stress_at_rate
 from thermofit.records.artefact import Record
 
-IN_TABLE = (*SUMS, "yield_factor")
-"""Slots of effects that the table of yield stresses holds."""
+IN_TABLE = (*SUMS, "yield_factor", "elasticity")
+"""Slots of effects that the tables of yield stresses and of moduli hold."""
 IN_HEAT = FACTORS[1:]
 """Slots of effects that the share of plastic work which becomes heat holds."""
 EXTRAPOLATED_TO = 1.0
@@ -80,7 +80,8 @@ class Card:
     """A material in N, mm, s, K: constants, standard errors by name, yield curves, heat and range of validity.
 
     `capacity` is that of constant stress, mJ/(mm^3 K): programmes without the heat of elastic expansion need it. `heat_share` is the part
-    of the plastic work that became heat up to the largest strain of the test.
+    of the plastic work that became heat up to the largest strain of the test. `moduli`: temperature K and Young's modulus MPa there, one
+    pair where it does not change.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Card:
     sigma: Mapping[str, float]
     law: str
     formula: str
+    moduli: tuple[tuple[float, float], ...]
     curves: tuple[FlowCurve, ...]
     capacity: float
     heat_share: float
@@ -120,6 +122,12 @@ class Card:
         return len({c.theta for c in self.curves}) > 1
 
     @property
+    def young(self) -> float:
+        """The one Young's modulus in MPa of a programme that takes one: at the temperature of its curve."""
+        theta, moduli = np.array(self.moduli).T
+        return float(np.interp(self.reference.theta, theta, moduli))
+
+    @property
     def reference(self) -> FlowCurve:
         """The one curve of a programme that takes one."""
         middle = (self.visited.middle_rate, self.visited.middle_temperature)
@@ -141,6 +149,7 @@ def card_of(name: str, parameters: Parameters, verified: Record, tests: Sequence
         sigma=used,
         law=law_file.name,
         formula=law_file.file.FORMULA + linear,
+        moduli=_moduli(parameters, which, visited),
         curves=_curves(parameters, which, visited),
         capacity=float(at_constant_stress(heat_conditions(parameters), law).c0),
         heat_share=heat_share(parameters, which, visited),
@@ -189,6 +198,15 @@ def _curves(parameters: Parameters, which: int | str, visited: Visited) -> tuple
     if visited.temperature[1] > visited.temperature[0] and differs(*hot):
         temperatures = list(np.linspace(*visited.temperature, 3))
     return tuple(flow_curve(parameters, which, strain, float(rate), float(theta)) for theta in temperatures for rate in rates)
+
+
+def _moduli(parameters: Parameters, which: int | str, visited: Visited) -> tuple[tuple[float, float], ...]:
+    """Young's modulus at temperatures that the test has visited, before any flow; at the middle one alone where it does not change."""
+    law, (low, high) = law_of(parameters, which), visited.temperature
+    if not warm_moduli.py_func(law):
+        return ((visited.middle_temperature, parameters["E"]),)
+    thetas = np.linspace(low, high, 5) if high > low else np.array([low])
+    return tuple((float(theta), float(parameters["E"] * modulus_factor(0.0, float(theta), law))) for theta in thetas)
 
 
 def heat_share(parameters: Parameters, which: int | str, visited: Visited) -> float:

@@ -93,6 +93,19 @@ def _material_name(card: Card) -> str:
     return "".join(sign if sign.isalnum() else "_" for sign in card.name).upper()[:60]
 
 
+def _elastic(card: Card) -> list[str]:
+    """Lines E, nu below *ELASTIC, with the temperature behind where E changes with it."""
+    several = len(card.moduli) > 1
+    return [f"{young:.8g}, {card.parameters['nu']:.8g}" + (f", {theta:.6g}" if several else "") for theta, young in card.moduli]
+
+
+def _one_modulus_only(card: Card) -> list[str]:
+    """Told where a programme's card takes one Young's modulus and the identified one changes with temperature."""
+    if len(card.moduli) == 1:
+        return []
+    return [f"this card holds E at {card.reference.theta:.2f} K: the identified one changes with temperature"]
+
+
 def _abaqus_heat(card: Card, density: float) -> list[str]:
     p = card.parameters
     return [
@@ -109,9 +122,8 @@ def _abaqus_heat(card: Card, density: float) -> list[str]:
 
 def abaqus(card: Card, density: float | None = None) -> str:
     """*MATERIAL with *PLASTIC by rate and temperature, *POTENTIAL for Hill, *INELASTIC HEAT FRACTION."""
-    p = card.parameters
     lines = [*_commented(remarks_of(card, density), "**"), f"*MATERIAL, NAME={_material_name(card)}", "*ELASTIC"]
-    lines.append(f"{p['E']:.8g}, {p['nu']:.8g}")
+    lines += _elastic(card)
     for rate in dict.fromkeys(c.rate for c in card.curves):
         at_rate = [c for c in card.curves if c.rate == rate]
         lines.append(f"*PLASTIC, RATE={rate:.6g}" if card.of_rates else "*PLASTIC")
@@ -126,10 +138,9 @@ def abaqus(card: Card, density: float | None = None) -> str:
 
 def calculix(card: Card, density: float | None = None) -> str:
     """*MATERIAL with *PLASTIC by temperature; CalculiX yields by von Mises and knows neither rates nor heat of plastic work there."""
-    p = card.parameters
     told = [*_isotropic_only(card), *(_one_curve_only(card) if card.of_rates else ())]
     lines = [*_commented([*remarks_of(card, density), *told], "**"), f"*MATERIAL, NAME={_material_name(card)}", "*ELASTIC"]
-    lines.append(f"{p['E']:.8g}, {p['nu']:.8g}")
+    lines += _elastic(card)
     lines.append("*PLASTIC")
     if card.of_temperatures:
         for curve in (c for c in card.curves if c.rate == card.reference.rate):
@@ -151,7 +162,7 @@ def ls_dyna(card: Card, density: float | None = None) -> str:
     p, rho = card.parameters, density or DENSITY
     theta = card.reference.theta
     curves = [c for c in card.curves if c.theta == theta]
-    told = [*_isotropic_only(card)]
+    told = [*_isotropic_only(card), *_one_modulus_only(card)]
     if card.of_temperatures:
         told.append(f"this card holds the temperature {theta:.2f} K: the identified law depends on it")
     first = _FIRST_ID + 1
@@ -161,7 +172,7 @@ def ls_dyna(card: Card, density: float | None = None) -> str:
         "*MAT_PIECEWISE_LINEAR_PLASTICITY_TITLE",
         _material_name(card),
         "$      MID        RO         E        PR      SIGY      ETAN      FAIL      TDEL",
-        _fields(_FIRST_ID, rho, p["E"], p["nu"], float(curves[0].stress[0]), 0.0, 0.0, 0.0),
+        _fields(_FIRST_ID, rho, card.young, p["nu"], float(curves[0].stress[0]), 0.0, 0.0, 0.0),
         "$        C         P      LCSS      LCSR        VP",
         _fields(0.0, 0.0, _FIRST_ID if card.of_rates else first, 0, 1.0),
         _fields(*(0.0,) * 8),
@@ -196,7 +207,7 @@ def mfront(card: Card, density: float | None = None) -> str:
     data = ", ".join(f"{x:.8g} : {y:.8g}" for x, y in zip(curve.strain, curve.stress, strict=True))
     name = "".join(part.capitalize() for part in _material_name(card).lower().split("_")) or "Material"
     lines = [
-        *_commented([*remarks_of(card, density), *_one_curve_only(card)], "//"),
+        *_commented([*remarks_of(card, density), *_one_curve_only(card), *_one_modulus_only(card)], "//"),
         "@DSL Implicit;",
         f"@Behaviour {name if name[0].isalpha() else 'M' + name};",
         "@StrainMeasure Hencky;",
@@ -204,7 +215,7 @@ def mfront(card: Card, density: float | None = None) -> str:
         "@Epsilon 1.e-14;",
         "@Theta 1;",
         "@Brick StandardElastoViscoPlasticity{",
-        f'  stress_potential : "Hooke" {{young_modulus : {p["E"]:.8g}, poisson_ratio : {p["nu"]:.8g},',
+        f'  stress_potential : "Hooke" {{young_modulus : {card.young:.8g}, poisson_ratio : {p["nu"]:.8g},',
         f"    thermal_expansion : {p['alpha_exp']:.8g}, thermal_expansion_reference_temperature : {p['theta_ref']:.8g}}},",
         '  inelastic_flow : "Plastic" {',
         "    // F (11-22)^2 + G (22-33)^2 + H (33-11)^2 + 2 L (12)^2 + 2 M (13)^2 + 2 N (23)^2",
@@ -226,6 +237,7 @@ def plain_yaml(card: Card, density: float | None = None) -> str:
         "units": "N, mm, s, K, t; stress MPa, conductivity mW/(mm K), heat capacity mJ/(mm^3 K)",
         "remarks": remarks_of(card, density)[2:],
         "parameters": {name: {"value": value, "sigma": card.sigma.get(name)} for name, value in p.values.items()},
+        "young_modulus": [{"temperature_K": theta, "E_MPa": young} for theta, young in card.moduli],
         "hardening": {"law": card.law, "formula": card.formula},
         "hill": dict(zip("FGHLMN", card.hill, strict=True))
         | {"meaning": "F (11-22)^2 + G (33-11)^2 + H (22-33)^2 + 2 L (12)^2 + 2 M (23)^2 + 2 N (13)^2; F + H = 1"},

@@ -57,6 +57,8 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
         )
     except Reached as end:
         return Ending(True, str(end))
+    except Crawls as end:
+        return Ending(False, str(end))
     except EvaluationLimit as limit:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
     if search.at_edge:
@@ -72,6 +74,14 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
     return Ending(False, f"not converged: scipy says '{result.message}'; raise max_evaluations or start closer")
 
 
+class Crawls(Exception):
+    """The evaluations that are left are not worth their time; ends scipy from inside, never reaches the user."""
+
+
+PACE = 5
+"""Steps whose mean fall of f is the pace of a search: in a bent valley single ones go far and near by turns."""
+
+
 class _Search:
     """What scipy sees: residual (n,) and Jacobian dr/dz (n, n_p) of the scaled variables."""
 
@@ -81,6 +91,7 @@ class _Search:
         self._settings = settings
         self._purpose: Purpose = "step" if evaluations.problem.linearise is None else "linearise"
         self._here: tuple[float, Step] | None = None
+        self._falls: list[float] = []
 
     @property
     def at_edge(self) -> bool:
@@ -121,4 +132,18 @@ class _Search:
         self._failed = [self._failed[1], False]
         if message := reached(step, f, residual.size, self._settings):
             raise Reached(message)
+        self._falls.append(f)
+        self._check_pace()
         return np.asarray(matrix)
+
+    def _check_pace(self) -> None:
+        """Crawls where the evaluations left would not lower f by what is worth them."""
+        evaluations, settings = self._evaluations, self._settings
+        if settings.worth <= 0.0 or len(self._falls) <= PACE:
+            return
+        pace, left = (self._falls[-1 - PACE] - self._falls[-1]) / PACE, settings.max_evaluations - len(evaluations.log)
+        if pace * left < settings.worth * self._falls[-1]:
+            raise Crawls(
+                f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f by "
+                f"{pace * left / self._falls[-1]:.1e} of itself, less than {settings.worth:g}"
+            )

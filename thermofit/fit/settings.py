@@ -21,7 +21,8 @@ class Settings:
     A fit has converged when either is met, with derivatives by the full Gauss-Newton step within the bounds. `max_evaluations` counts
     every forward run, plain or linearised, those of finite differences included. `difference_step` is in units of the scale.
     `initial_step` (units of the scale) opens the simplex or the trust region of the derivative-free methods. `covariance=False` saves
-    the Jacobian at the optimum where the method needs none.
+    the Jacobian at the optimum where the method needs none. `worth` is a relative fall of f: a trust-region search ends, not
+    converged, where all evaluations that are left would not lower f by as much at the pace of its last steps; 0: never.
     """
 
     x_tolerance: float = 1e-4
@@ -31,6 +32,7 @@ class Settings:
     difference_step: float = 1e-4
     initial_step: float = 0.1
     covariance: bool = True
+    worth: float = 0.0
 
     def __post_init__(self) -> None:
         for key in ("x_tolerance", "f_tolerance", "max_evaluations", "difference_step", "initial_step"):

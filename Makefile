@@ -24,7 +24,7 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow nightly reliability licences lint docs format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow nightly reliability reliability-quick lowest licences lint docs format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
@@ -103,6 +103,19 @@ nightly: install
 # Runs unattended and goes on where it was stopped; exit 1 where anything is not as it should be.
 reliability: install
 	$(BIN)/python scripts/reliability.py --jobs $(if $(filter 0,$(JOBS)),1,$(JOBS))
+
+# The part of it that every change has to pass, beside the quick tests of faults, hostile files and reference figures.
+reliability-quick: install
+	$(BIN)/python scripts/reliability_inputs.py --number 200
+	$(BIN)/python scripts/reliability_kept.py force points pipe aliases
+
+# The lowest versions that pyproject.toml allows. Their own deprecation warnings are no failures: versions beside them are the newest.
+lowest: install
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python build/lowest
+	$(BIN)/uv pip install --quiet --resolution lowest-direct --python build/lowest/bin/python -e '.[dev]'
+	build/lowest/bin/python -m pytest -q -n $(JOBS) -W ignore::DeprecationWarning tests/read tests/records tests/cli tests/study tests/core
+	build/lowest/bin/thermofit run configs/quickstart.yaml --run-dir build/lowest/quickstart
 
 # Of the environment as it is installed; uv.lock holds the versions with which it was tested.
 licences: install

@@ -184,7 +184,10 @@ def _signals(found: Answer) -> list[str]:
 
 def _same(found: Answer) -> list[str]:
     body = [(k, v["compared"], v["differing"], f"{v['largest_relative']:.1e}") for k, v in found.items() if isinstance(v, dict)]
-    return table(("compared", "values", "differing", "largest relative difference"), body)
+    lines = table(("compared", "values", "differing", "largest relative difference"), body)
+    if "parameters" not in found:
+        return lines
+    return [*lines, "", f"Identified parameters with BLAS kernels of another processor: {found['parameters']:.1e} apart at most (1e-8)."]
 
 
 def _large(found: Answer) -> list[str]:

@@ -199,6 +199,7 @@ def _large(found: Answer) -> list[str]:
     lines += ["", f"Fields: {found['fields']}", "", f"Frames: {found['frames']}", ""]
     head = ("elements", "degrees of freedom", "steps", "CPU s", "peak MB")
     keys = ("elements", "degrees_of_freedom", "steps", "cpu_s", "peak_MB")
+    lines += ["Memory and time by size, of a coupled run on a shortened programme of so many steps:", ""]
     return [*lines, *table(head, [[row.get(k, row.get("error", "")) for k in keys] for row in found["meshes"]])]
 
 

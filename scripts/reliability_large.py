@@ -22,7 +22,7 @@ from reliability_study import ROOT, environment
 
 from thermofit.core.parameters import Parameters
 
-MESHES = ((6, 40, 2), (12, 80, 4), (24, 160, 8))
+MESHES = ((6, 40, 2), (8, 54, 2), (12, 80, 4), (18, 120, 6), (24, 160, 8))
 LARGEST_MB = 2048.0
 MATERIAL = {"E": 7e4, "nu": 0.33, "M_y0": 120.0, "M_yinf": 280.0, "H_exp": 11.0, "alpha_exp": 2e-5, "kappa": 130.0, "c0": 2.3, "beta": 0.8}
 AROUND = {"alpha_air": 15.0, "alpha_clamp": 240.0, "theta_air": 297.4, "theta_clamp": 296.7, "theta_ref": 296.7}

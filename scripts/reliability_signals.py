@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from reliability_study import command, environment, small_study
+from reliability_study import command, coupon_study, environment, small_study
 
 from thermofit.core.errors import ThermofitError
 from thermofit.records.artefact import open_record
@@ -44,6 +44,8 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("diagnose",),
     ("close-loop", "--max-effects", "1"),
 )
+ON_COUPONS = ("close-loop",)
+"""Commands on a study of a coupon: on a body they take minutes."""
 TIMES_OUT_S = 600.0
 TIMES = {"log", "facts", "wall_s"}
 """Parts of names of datasets that tell of time."""
@@ -141,10 +143,14 @@ def main() -> int:
     chosen = [words for words in COMMANDS if not options.only or words[0] in options.only]
     faults = []
     with tempfile.TemporaryDirectory(prefix="thermofit-signals-") as name:
-        folder = Path(name)
-        study = small_study(folder)
-        subprocess.run(command("run", str(study), "--all"), capture_output=True, env=environment(), check=True)
+        of_body, of_coupon = Path(name) / "body", Path(name) / "coupon"
+        of_body.mkdir()
+        of_coupon.mkdir()
+        body, coupon = small_study(of_body), coupon_study(of_coupon)
+        if any(words[0] not in ON_COUPONS for words in chosen):
+            subprocess.run(command("run", str(body), "--all"), capture_output=True, env=environment(), check=True)
         for k, words in enumerate(chosen):
+            folder, study = (of_coupon, coupon) if words[0] in ON_COUPONS else (of_body, body)
             begin = time.monotonic()
             subprocess.run(command(words[0], str(study), *words[1:], "--force"), capture_output=True, env=environment(), check=False)
             whole, took = values_of(folder / "run", stage_of(words[0])), time.monotonic() - begin

@@ -11,14 +11,20 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 import fuzz  # noqa: E402  (damage to files)
+import pulled  # noqa: E402  (the coupon of the tests)
 import tiny  # noqa: E402  (the study of the tests)
 
-__all__ = ["ROOT", "command", "environment", "fuzz", "small_study", "tiny"]
+__all__ = ["ROOT", "command", "coupon_study", "environment", "fuzz", "small_study", "tiny"]
 
 
 def small_study(folder: Path, **sections: Any) -> Path:
     """Study file on a virtual test of 24 elements, with its results in `folder`/run."""
     return tiny.write(folder, {**tiny.tree(folder / "run"), **sections})
+
+
+def coupon_study(folder: Path) -> Path:
+    """Study file on a virtual coupon whose model has no thermal expansion, with its results in `folder`/run."""
+    return pulled.pulled_study(folder, (*pulled.HEAT, "theta_air"), alpha_exp=0.0)
 
 
 def command(*words: str) -> list[str]:

@@ -5,18 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
+from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.unlisted_effect import heat_file
+from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
 from thermofit.experiment.missing_body import BodyMissing
 
 NAME = "planted_for_missing_body"
 
 
-def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path) -> None:
+def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Hats of two places, in every channel's whitened rows, within 4 % of the largest; volumes are those of the whole specimen."""
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     joint, base = model(study()), Parameters.of(TRUTH)
     assert isinstance(joint.missing, BodyMissing) and joint.missing.folded
     grid = joint.missing.grid("heat", (5, 4, 2))

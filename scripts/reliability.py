@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -41,16 +42,20 @@ class Part:
     title: str
     script: tuple[str, ...] = ()
     tests: tuple[str, ...] = ()
+    drawn: bool = False
+    """True where the tests draw their inputs (hypothesis), which are counted."""
     alone: bool = False
     """True where it uses all cores itself."""
 
 
 BODY = ("manufactured", "benchmarks", "heat", "first_law", "reference", "objectivity", "limit")
 FAULTS = ("faults", "kill", "search_kill")
+DRAWN = ("formats", "test_raw.py", "test_plausible.py", "test_coupon.py")
 PARTS = (
     Part("numerics", "Code verification", tests=(*(f"tests/body/test_{n}.py" for n in BODY), "tests/point/test_point_reference.py")),
     Part("solution", "Solution verification", tests=("tests/experiment/test_refinement.py", "tests/experiment/test_discretisation.py")),
     Part("inputs", "Mutated inputs", script=("reliability_inputs.py", "--number", "2000")),
+    Part("drawn", "Drawn inputs", tests=tuple(f"tests/read/{n}" for n in DRAWN), drawn=True),
     Part("kept", "Inputs that once did harm", script=("reliability_kept.py",)),
     Part("hostile", "Hostile files", tests=("tests/read/test_hostile_files.py", "tests/stages/test_bad_input.py")),
     Part(
@@ -92,6 +97,7 @@ def tested(part: Part) -> Answer:
         "-p",
         "no:cacheprovider",
         *EVERY,
+        *(("--hypothesis-show-statistics",) if part.drawn else ()),
         f"--junitxml={report}",
         *part.tests,
     ]
@@ -101,6 +107,10 @@ def tested(part: Part) -> Answer:
     cases = list(ElementTree.parse(report).iter("testcase"))
     bad = [f"{c.get('classname')}.{c.get('name')}" for c in cases if c.find("failure") is not None or c.find("error") is not None]
     figures = {p.get("name"): p.get("value") for case in cases for p in case.iter("property")}
+    if part.drawn:
+        counts = [[int(n) for n in found] for found in re.findall(r"(\d+) passing, (\d+) failing, and (\d+) invalid", done.stdout)]
+        passing, failing, invalid = (sum(some) for some in zip(*counts, strict=True))
+        figures |= {"inputs drawn and judged": passing + failing, "of them failed (0)": failing, "drawn and not judged": invalid}
     skipped = sum(case.find("skipped") is not None for case in cases)
     return {"code": done.returncode, "tests": len(cases), "failed": bad, "skipped": skipped, "figures": figures}
 
@@ -183,8 +193,9 @@ def _signals(found: Answer) -> list[str]:
 
 
 def _same(found: Answer) -> list[str]:
-    body = [(k, v["compared"], v["differing"], f"{v['largest_relative']:.1e}") for k, v in found.items() if isinstance(v, dict)]
-    lines = table(("compared", "values", "differing", "largest relative difference"), body)
+    each = {k: v for k, v in found.items() if isinstance(v, dict)}
+    body = [(k, v["compared"], v["differing"], f"{v['largest_relative']:.1e}", v["where"]) for k, v in each.items()]
+    lines = table(("compared", "values", "differing", "largest relative difference of a dataset", "of"), body)
     if "parameters" not in found:
         return lines
     return [*lines, "", f"Identified parameters with BLAS kernels of another processor: {found['parameters']:.1e} apart at most (1e-8)."]

@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from reliability_signals import values_of
+from reliability_signals import PARAMETER, values_of
 from reliability_study import command, environment, small_study
 
 STAGES = ("simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal", "verify")
@@ -36,21 +36,23 @@ def ran(folder: Path, *settings: str, **variables: str) -> dict[str, bytes]:
 
 def apart(a: dict[str, bytes], b: dict[str, bytes]) -> float:
     """Largest relative difference of a parameter, which stands as text: (value, standard error)."""
-    pairs = [(ast.literal_eval(a[k].decode()), ast.literal_eval(b[k].decode())) for k in a if k in b and a[k].startswith(b"(")]
+    both = [key for key in a if key in b and PARAMETER in key]
+    pairs = [(ast.literal_eval(a[key].decode()), ast.literal_eval(b[key].decode())) for key in both]
     return max((abs(x[0] - y[0]) / abs(x[0]) for x, y in pairs if x[0]), default=float("inf"))
 
 
 def difference(a: dict[str, bytes], b: dict[str, bytes]) -> dict[str, object]:
     """How many values differ, and by how much at most over the largest of their dataset."""
     differing = [name for name in a if a[name] != b.get(name)]
-    largest = 0.0
+    largest, where = 0.0, ""
     for name in differing:
-        try:
-            x, y = np.frombuffer(a[name]), np.frombuffer(b[name])
-            largest = max(largest, float(np.nanmax(np.abs(x - y)) / np.nanmax(np.abs(x))))
-        except (ValueError, KeyError):
-            largest = max(largest, float("nan"))
-    return {"compared": len(a), "differing": len(differing), "largest_relative": largest, "first": differing[:3]}
+        if PARAMETER in name:  # `apart` compares these
+            continue
+        x, y = (np.frombuffer(values.get(name, b"")) for values in (a, b))
+        relative = float(np.nanmax(np.abs(x - y)) / np.nanmax(np.abs(x))) if x.size == y.size else float("inf")
+        if relative > largest:
+            largest, where = relative, name
+    return {"compared": len(a), "differing": len(differing), "largest_relative": largest, "where": where}
 
 
 def main() -> int:

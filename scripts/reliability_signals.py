@@ -49,6 +49,8 @@ ON_COUPONS = ("close-loop",)
 TIMES_OUT_S = 600.0
 TIMES = {"log", "facts", "wall_s"}
 """Parts of names of datasets that tell of time."""
+PARAMETER = "parameter "
+"""Before the names of parameters, whose values stand as text: (value, standard error)."""
 LAWFUL = {signal.SIGKILL: {-signal.SIGKILL}, signal.SIGINT: {130}, signal.SIGTERM: {130}, signal.SIGUSR1: {130}}
 
 
@@ -68,7 +70,7 @@ class Fault:
 def values_of(run_dir: Path, stage: str) -> dict[str, bytes]:
     """Every dataset and parameter of an artefact, but what tells of time and of work that was not repeated."""
     record = open_record(run_dir / f"{stage}.h5")
-    found = {name: repr((p.value, p.sigma)).encode() for name, p in record.parameters.items()}
+    found = {f"{PARAMETER}{name}": repr((p.value, p.sigma)).encode() for name, p in record.parameters.items()}
     for name in record.names:
         value = record[name].value
         if not name.startswith("evaluations/") and not set(name.split("/")) & TIMES:
@@ -152,7 +154,10 @@ def main() -> int:
         for k, words in enumerate(chosen):
             folder, study = (of_coupon, coupon) if words[0] in ON_COUPONS else (of_body, body)
             begin = time.monotonic()
-            subprocess.run(command(words[0], str(study), *words[1:], "--force"), capture_output=True, env=environment(), check=False)
+            undisturbed = command(words[0], str(study), *words[1:], "--force")
+            done = subprocess.run(undisturbed, capture_output=True, text=True, env=environment(), check=False)
+            if done.returncode not in (0, 5):
+                raise SystemExit(f"'{' '.join(words)}' ends with {done.returncode} where nothing disturbs it: {done.stderr[-1000:]}")
             whole, took = values_of(folder / "run", stage_of(words[0])), time.monotonic() - begin
             shutil.copytree(folder / "run", folder / "whole", dirs_exist_ok=True)
             for number in range(k, options.number, len(chosen)):

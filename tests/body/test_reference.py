@@ -98,22 +98,29 @@ def test_backward_euler_errs_as_that_of_the_reference() -> None:
     ],
     ids=["model2", "model2-two-steps", "model1"],
 )
-def test_full_mesh(name: str, settings: MarchSettings, substeps: int, centre: float) -> None:
+def test_full_mesh(name: str, settings: MarchSettings, substeps: int, centre: float, record_property: Told) -> None:
     """The fair tolerances of the reference: stretch 2e-5, centre 5 mK (3 mK with two steps per row), jaw end 8 mK."""
     mesh, history = run((12, 80, 4), settings, substeps=substeps)
     table = reference_table(name)
     error = differences(mesh, history, table)
-    assert max(error[f"stretch_{axis}_centre"] for axis in "xyz") < 2e-5
-    assert max(error["theta_centre_K"], error["theta_ym20_K"]) < centre
+    stretch, middle = max(error[f"stretch_{axis}_centre"] for axis in "xyz"), max(error["theta_centre_K"], error["theta_ym20_K"])
+    told = f"independent solver, full mesh, {name}, steps per row: {substeps}"
+    record_property(f"{told}: stretch (< 2e-5)", f"{stretch:.1e}")
+    record_property(f"{told}: temperature, mK (< {1e3 * centre:g})", f"{1e3 * middle:.1f}")
+    assert stretch < 2e-5
+    assert middle < centre
     assert error["theta_jaw_K"] < 8e-3
     assert error["P22_MPa"] < settings.newton.tolerance * np.abs(table["P22_MPa"]).max(), "the force is met to Newton's tolerance"
 
 
 @pytest.mark.slow
-def test_convergence_towards_the_reference() -> None:
+def test_convergence_towards_the_reference(record_property: Told) -> None:
     """Stretch and end displacement with order 2 in the mesh."""
     table = reference_table("model2.csv")
     errors = [differences(*run(counts, MarchSettings()), table) for counts in ((3, 20, 1), (6, 40, 2), (12, 80, 4))]
+    for quantity in ("U_top_mm", "stretch_y_centre"):
+        order = np.log2(errors[-2][quantity] / errors[-1][quantity])
+        record_property(f"independent solver, order in the mesh of {quantity} (2)", round(float(order), 2))
     for coarse, fine in pairwise(errors):
         assert fine["U_top_mm"] < 0.35 * coarse["U_top_mm"]
         assert fine["stretch_y_centre"] < 0.4 * coarse["stretch_y_centre"]

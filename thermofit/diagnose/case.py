@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,10 +45,14 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 @dataclass(frozen=True)
 class HeatFit:
     """The model of the temperatures alone on a motion that is known, and its optimum from given parameters, by all that temperatures feel;
-    the text names the fit, NumericsError where no start can be run."""
+    the text names the fit, NumericsError where no start can be run.
+
+    `first`: the study's first values of the parameters that temperatures feel. `minimised` begins there as well, `from_here` does not."""
 
     model: StageModel
     minimised: Callable[[Parameters, str], Parameters]
+    from_here: Callable[[Parameters, str], Parameters] | None = None
+    first: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ VAGUE = 0.5
 PART_EVALUATIONS = 12
 """Evaluations for displacements alone: what they leave, the joint fit does."""
 HEAT_EVALUATIONS = 60
+NEAR_EVALUATIONS = 16
+"""The same from parameters that the missing heat has not driven off: what is still on its way then is no name for it."""
 NEGLIGIBLE = 3e-5
 """Fall of the mean square that ends a fit of one of the fields: a hundredth of the least that is worth an effect."""
 WORTH = 100.0 * NEGLIGIBLE
@@ -234,35 +236,45 @@ class JointFit:
         if model is None:
             return None
 
-        def minimised(start: Parameters, label: str) -> Parameters:
+        def minimised(start: Parameters, label: str, alone: bool = False) -> Parameters:
             key = json_text([label, dict(parameters.values), dict(start.values), start.free])
             if key in self.ends:
                 found, said = self.ends[key]
                 self.failures.extend(said)
                 return found
             before = len(self.failures)
-            there = self._warmed(start, model, label)
+            there = self._warmed(start, model, label, alone)
             if there is None:
                 raise NumericsError(f"{label}: none of its starts can be run: {self.failures[-1]}")
             self.ends[key] = (there, tuple(self.failures[before:]))
             return there
 
-        return HeatFit(model, minimised)
+        def from_here(start: Parameters, label: str) -> Parameters:
+            return minimised(start, label, alone=True)
 
-    def _warmed(self, start: Parameters, model: StageModel, label: str) -> Parameters | None:
+        return HeatFit(model, minimised, from_here, self._first_values(felt_by_temperatures(parameters.free)))
+
+    def _first_values(self, names: Sequence[str]) -> dict[str, float]:
+        """Where the study starts parameters, of those for which it says so."""
+        return {name: start_of(given) for name in names if (given := self.study.setting(name)) is not None}
+
+    def _warmed(self, start: Parameters, model: StageModel, label: str, alone: bool = False) -> Parameters | None:
         """Parameters after the better of two fits of the thermal ones to the temperatures, from where they are and from the study's first
-        values; None where neither can be run."""
+        values; None where neither can be run. The second is left out where `alone` says so, and where the first one begins at an optimum:
+        that of an earlier fit on nearly the same motion."""
         thermal = felt_by_temperatures(start.free)
-        first = {name: start_of(given) for name in thermal if (given := self.study.setting(name)) is not None}
-        ends = []
-        for turn, begin in enumerate((start, start.replace(**first))):
+        ends: list[tuple[float, int, Parameters]] = []
+        for turn, begin in enumerate((start, start.replace(**self._first_values(thermal)))):
             name = f"{label} temperatures {turn}"
+            most = NEAR_EVALUATIONS if alone else HEAT_EVALUATIONS
             try:
-                there, fit = self.minimised_on(begin.with_free(thermal), model, name, HEAT_EVALUATIONS, NEGLIGIBLE, WORTH)
+                there, fit = self.minimised_on(begin.with_free(thermal), model, name, most, NEGLIGIBLE, WORTH)
             except NumericsError as error:
                 self.failures.append(f"{name}: the start failed ({error})")
                 continue
             ends.append((fit.f, turn, there))
+            if alone or (fit.converged and model.residual(start) @ model.residual(start) <= (1.0 + WORTH) * fit.f):
+                break
         return min(ends)[2].with_free(start.free) if ends else None
 
     def _moved(self, start: Parameters, model: StageModel, mechanical: tuple[str, ...], label: str) -> Parameters:

@@ -17,16 +17,21 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import HeatFit
-from thermofit.diagnose.held_out import SURE, Proof, compared, restricted
+from thermofit.diagnose.held_out import SURE, Proof, Rows, compared, restricted
+from thermofit.diagnose.protected import begins, protected
 from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
-from thermofit.diagnose.trace import PROVED_AT_MOST, Traced, room_of
+from thermofit.diagnose.trace import PLAIN, PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.fit.linear_model import LinearModel, projection
 from thermofit.fit.result import FitResult
 
+REFITTED = 6
+"""Most effects that are refitted from protected parameters."""
+OF_THE_BEST = 0.25
+"""Part of what the best of them takes there that an effect has to take to be refitted."""
 HALF = 0.5
 """Part of what the residual holds beyond noise that the best linear step takes away where one step is enough."""
 
@@ -47,22 +52,72 @@ def retraced(here: Traced) -> Traced:
     """The trace with proofs, estimates and families of refits on the known motion; the same where one step is enough, or where no two
     effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
     asked = asked_of(here)
-    if here.case.heated is None or len(asked) < 2 or enough(here):
+    best = max((s for s in here.ranking.scores if not s.vetoed), key=lambda s: s.predicted_drop, default=None)
+    if here.case.heated is None or (enough(here) and (best is None or not _judged_here(here, best.effect))):
+        return here  # what displacements show comes first: on a motion that is wrong, temperatures say little
+    if here.beyond_floor(float(here.columns.residual @ here.columns.residual)) == 0.0:
         return here
     fit = here.case.heated(here.case.parameters)
     if fit is None:
         return here
-    ends = {s.effect: end for s in asked if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
-    if not ends:
+    shielded = _from_protected(here, fit)
+    if shielded is not None:
+        ends, refused = shielded
+    else:
+        refused = {}
+        if len(asked) < 2 or enough(here):
+            return here
+        ends = {s.effect: end for s in asked if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
+    if not ends and not refused:
         return here
-    alike = _alike(here, ends, fit)
+    alike = _alike(here, ends, fit) if ends else {}
     known = {s.effect for s in here.ranking.scores}
     shown = [end.score for name, end in ends.items() if name not in known]
-    told = sorted((_told(s, ends, alike) for s in (*here.ranking.scores, *shown)), key=lambda s: (bool(s.vetoed), -s.z))
+    every = (_told(s, ends, alike) for s in (*here.ranking.scores, *shown))
+    told = sorted((replace(s, vetoed=s.vetoed or refused.get(s.effect, "")) for s in every), key=lambda s: (bool(s.vetoed), -s.z))
     unfelt = tuple(name for name in here.ranking.unfelt if name not in ends)
     proofs = {**here.proofs, **{name: end.proof for name, end in ends.items()}}
     ranking = replace(here.ranking, scores=tuple(told), unfelt=unfelt)
-    return replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends)
+    own = {name: {p.name: end.parameters[p.name] for p in effect(name).exponents} for name, end in ends.items()}
+    settings = {**here.settings, **{name: values for name, values in own.items() if values}}
+    return replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings)
+
+
+def _from_protected(here: Traced, fit: HeatFit) -> tuple[dict[str, _End], dict[str, str]] | None:
+    """Refits of effects on the known motion from parameters that the missing heat has not driven off, those first that explain most there,
+    and why effects are no name for what is missing; None where the model knows of no broad source.
+
+    A name has to explain the broad source: at least HALF of what it takes beyond noise and the error of mesh and steps.
+    """
+    mine = _shown(here)
+    found = protected(here.case, fit, _only(here.rows, mine), restricted(here.split, mine))
+    names = [e.name for e in here.case.dormant() if _judged_here(here, e.name)]
+    if found is None or not names:
+        return None
+    first = begins(here.case, fit, found, names)
+    ranked_here = {s.effect: s for s in here.ranking.scores}
+    now = float(np.sum(here.columns.residual[mine] ** 2))
+    most = now - first[0].f
+    worth = [b for b in first if now - b.f > max(OF_THE_BEST * most, 0.0)][:REFITTED]
+    scores = [(ranked_here.get(b.effect) or _hidden(b.effect), b.parameters) for b in worth]
+    ends = {s.effect: end for s, start in scores if (end := _refitted(here, (s,), fit, {}, start)) is not None}
+    numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
+    whole = now - found.with_source - numerical
+    if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
+        return ends, {}
+    shares = {name: (now - float(np.sum(end.left[mine] ** 2))) / whole for name, end in ends.items()}
+    refused = {
+        name: f"explains {100.0 * max(share, 0.0):.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
+        for name, share in shares.items()
+        if share < HALF
+    }
+    far = {n: "explains far less than others once the missing heat no longer drives the parameters off" for n in names if n not in ends}
+    return ends, refused | far
+
+
+def _only(rows: Rows, mine: np.ndarray) -> Rows:
+    """The rows that are `mine`."""
+    return Rows(rows.channel[mine], rows.time[mine], rows.xy[mine], rows.phase[mine])
 
 
 def asked_of(here: Traced) -> tuple[Score, ...]:
@@ -113,15 +168,19 @@ def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings
     return _refitted(here, scores, fit, settings)
 
 
-def _refitted(here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float]) -> _End | None:
+def _refitted(
+    here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None
+) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
-    of the first one."""
-    score, start = scores[0], here.case.parameters
+    of the first one. `begin`: where the fit starts, with the effects in it, and from there alone."""
+    score, start = scores[0], here.case.parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
-        start = with_effect(start, one.effect, {**one.estimate, **chosen})
+        own = {**one.estimate, **chosen} if begin is None else {n: begin[n] for n in effect(one.effect).names}
+        start = with_effect(start, one.effect, own)
+    minimised = fit.minimised if begin is None or fit.from_here is None else fit.from_here
     try:
-        parameters = fit.minimised(start, f"{' '.join(s.effect for s in scores)} on the known motion")
+        parameters = minimised(start, f"{' '.join(s.effect for s in scores)} on the known motion")
     except NumericsError:
         return None
     before = here.problem.model.predicted(here.split.folds)
@@ -129,9 +188,9 @@ def _refitted(here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Map
     mine = _shown(here)
     noise = None if here.problem.model.noise is None else fit.model.noise
     warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal))
-    own = warm.predicted(restricted(here.split, mine).folds)
+    predicted = warm.predicted(restricted(here.split, mine).folds)
     left, after = here.columns.residual.copy(), before.copy()
-    left[mine], after[mine] = warm.residual, own
+    left[mine], after[mine] = warm.residual, predicted
     proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.model.noise, left)
     if len(scores) == 1 and (score.vetoed or score.z == 0.0):
         score = _scored_there(here, score, parameters, warm, mine)

@@ -171,10 +171,12 @@ def at_settings(here: Traced, score: Score, scan: Scan) -> Score:
 
 
 def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], refit: Refit) -> End | str:
-    """Optimum from the first start that can be run: the one-step estimate of the amplitudes, or a part of it. In words why, where none."""
+    """Optimum from the first start that can be run: the one-step estimate of the amplitudes, or a part of it. In words why, where none.
+
+    An effect that was refitted on the known motion begins where that refit has brought the parameters which temperatures feel."""
     why, early = "", freed_from_the_start(here, scores)
     for part in NEARER:
-        start = here.case.parameters
+        start = warmed_start(here, scores) if part == 1.0 else here.case.parameters
         for score in scores:
             names = effect(score.effect).names
             estimate = {n: param(n).neutral + part * (v - param(n).neutral) for n, v in score.estimate.items()}
@@ -185,6 +187,13 @@ def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], r
         except NumericsError as error:
             why = why or str(error)
     return f"{why} (nor can it be run from {NEARER[-1]:g} of the estimate)"
+
+
+def warmed_start(here: Traced, scores: Sequence[Score]) -> Parameters:
+    """The parameters of the trace, those that temperatures feel as the refit of a single effect on the known motion has left them."""
+    start = here.case.parameters
+    end = here.shown.get(scores[0].effect) if len(scores) == 1 else None
+    return start if end is None else start.replace(**{n: end.parameters[n] for n in felt_by_temperatures(start.free)})
 
 
 def freed_from_the_start(here: Traced, scores: Sequence[Score]) -> tuple[str, ...]:

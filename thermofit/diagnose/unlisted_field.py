@@ -31,7 +31,7 @@ _RANK = 1e-10
 @dataclass(frozen=True)
 class Basis:
     """Hats of one kind: `chosen` (m,) of those of `grid`, the rows of the residual that feel them, their whitened columns (n_rows, m) and
-    roughness R (m, m)."""
+    roughness R (m, m). Columns beyond m are of other terms that are sought with them."""
 
     kind: str
     unit: str
@@ -44,14 +44,15 @@ class Basis:
     def full(self, q: np.ndarray) -> np.ndarray:
         """Coefficients (n_k, n_y, n_x, n_c) of all hats, zero where not chosen."""
         out = np.zeros(self.grid.size)
-        out[self.chosen] = q
+        out[self.chosen] = q[: len(self.chosen)]
         return out.reshape(self.grid.shape)
 
 
 @dataclass(frozen=True)
 class Field:
     """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step (p,) of the fitted parameters,
-    residual with it (n,), held-out residuals (n,) without and with it, and the proof on the rows that feel it."""
+    residual with it (n,), held-out residuals (n,) without and with it, the proof on the rows that feel it, and `effective`, the number of
+    free coefficients that it is worth, tr[(G + lambda R)^-1 G] - p."""
 
     basis: Basis
     q: np.ndarray
@@ -62,6 +63,7 @@ class Field:
     before: np.ndarray
     after: np.ndarray
     proof: Proof
+    effective: float = 0.0
 
     @property
     def values(self) -> np.ndarray:
@@ -96,18 +98,39 @@ def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE) -> np.ndarray:
     return out
 
 
-def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Field:
-    """The field that predicts held-out data best, beside the fitted parameters without their bounds."""
+def likeliest(known: LinearModel, basis: Basis) -> float:
+    """lambda of the largest restricted likelihood (Patterson & Thompson, Biometrika 58, 1971), the variance of the noise profiled out:
+
+        (n - p) log S + log det [G + lambda R] - m log lambda,   S = min |r + J x + B q|^2 + lambda q^T R q,   G = [J B]^T [J B].
+
+    It says how large the term is that the data hold, where held-out blocks say how well it is interpolated.
+    """
+    system = _System(known, basis)
+    unit = float(np.trace(system.gram[system.p :, system.p :]) / np.trace(system.rough))
+    n, m, square = len(known.residual) - system.p, len(system.rough), known.f
+
+    def wanted(weight: float) -> float:
+        whole, scale = _scaled(system.gram, system.rough, weight, system.p)
+        factor = cho_factor(whole)
+        left = square - float((scale * system.right) @ cho_solve(factor, scale * system.right))
+        det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
+        return n * float(np.log(max(left, 1e-300))) + det - m * float(np.log(weight))
+
+    return min((weight * unit for weight in WEIGHTS), key=wanted)
+
+
+def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight: float | None = None) -> Field:
+    """The field that predicts held-out data best, beside the fitted parameters without their bounds; `weight`: the one of that lambda."""
     system = _System(known, basis)
     folds = [(held, *system.without(hidden)) for held, hidden in split.folds]
     before = replace(known, bounds=None).predicted(split.folds)
     unit = float(np.trace(system.gram[system.p :, system.p :]) / np.trace(system.rough))
     best: tuple[float, float, np.ndarray] | None = None
-    for weight in WEIGHTS:
-        after = _predicted(system, folds, weight * unit)
+    for tried in [unit * w for w in WEIGHTS] if weight is None else [weight]:
+        after = _predicted(system, folds, tried)
         error = float(np.nanmean(after[basis.rows] ** 2))
         if best is None or error < best[0]:
-            best = (error, weight * unit, after)
+            best = (error, tried, after)
     assert best is not None
     _, weight, after = best
     step = _step((system.gram, system.right), system.rough, weight, system.p)
@@ -117,7 +140,9 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Fiel
     residual[basis.rows] += basis.columns @ step[system.p :]
     spread = (inverse @ system.gram @ inverse)[system.p :, system.p :]
     moved = step[: system.p] / system.size
-    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proved(basis, rows, (before, after), len(folds)))
+    proof = proved(basis, rows, (before, after), len(folds))
+    effective = float(np.trace(inverse @ system.gram)) - system.p
+    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective)
 
 
 def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:

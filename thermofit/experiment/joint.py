@@ -22,7 +22,7 @@ from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
 from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
-from thermofit.experiment.known_motion import Direction, along, keeping_points
+from thermofit.experiment.known_motion import Direction, along, freely_expanding, keeping_points
 from thermofit.experiment.missing_body import BodyMissing
 from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
@@ -183,8 +183,15 @@ class Joint:
         kept = keeping_points(self.run)
         history = kept(parameters)
         held = held_run(kept.body, history, kept.settings)
-        warm = self._model(self._looking_at(held, self.run, {"theta": temperature_of(self.data)}), channels)
-        return replace(self._given(warm, history, parameters), one_way=True)
+        prediction = self._looking_at(held, self.run, {"theta": temperature_of(self.data)})
+        warm = self._given(self._model(prediction, channels), history, parameters)
+        problem = freely_expanding(kept, history)
+
+        def directed(there: Parameters, directions: Sequence[Direction]) -> np.ndarray:
+            slopes = {"theta": along(prediction.instruments, problem, held(there), there, directions)}
+            return warm.with_priors(warm.assemble_jacobian(prediction.errors(there), slopes), [name for name, _ in directions])
+
+        return replace(warm, one_way=True, missing=BodyMissing(prediction.instruments, self.run, {}), directed=directed)
 
     def _given(self, warm: StageModel, history: History, parameters: Parameters) -> StageModel:
         """The model of the temperatures with what the displacements of a history tell of the error of the force, as in the whole model."""
@@ -221,7 +228,8 @@ class Joint:
         shapes = {name: o.value.shape for name, o in self.model.observations.items()}
         heated = {name: np.zeros((*shape, len(directions))) for name, shape in shapes.items()}
         if directions:
-            heated["theta"] = along(prediction.instruments, whole, last(parameters), parameters, directions)
+            history = last(parameters)
+            heated["theta"] = along(prediction.instruments, freely_expanding(whole, history), history, parameters, directions)
         along_heat = self.model.assemble_jacobian(prediction.errors(parameters), heated)
         return residual, jacobian, self.model.with_priors(along_heat, [name for name, _ in directions])
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from thermofit.body.heat.one_way import heat_problem, heat_run_rates
+from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run_rates
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, bare_name
 from thermofit.effects.catalogue import HEATING, Effect, effects
@@ -40,14 +40,20 @@ def keeping_points(run: Run) -> Run:
     return replace(run, settings=replace(run.settings, keep_points=True))
 
 
-def along(instruments: Instruments, run: Run, history: History, parameters: Parameters, directions: Sequence[Direction]) -> np.ndarray:
-    """Derivatives (n_t, n_s, 1, n) of the temperatures that the camera shows, the specimen expanding freely as it warms.
+def freely_expanding(run: Run, history: History) -> HeatProblem:
+    """The heat equation on the motion of a history of `run` that kept its points, the specimen expanding freely as it warms.
 
-    `history`: of `run` with these parameters, with its points kept. Its motion holds the thermal strain of its own temperatures only; the
-    heat that the strain of a change takes enters the heat capacity.
+    Its motion holds the thermal strain of its own temperatures only; the heat that the strain of a change takes enters the heat capacity.
     """
+    return heat_problem(run.body, history, replace(run.settings, coupling="one-way"))
+
+
+def along(
+    instruments: Instruments, problem: HeatProblem, history: History, parameters: Parameters, directions: Sequence[Direction]
+) -> np.ndarray:
+    """Derivatives (n_t, n_s, 1, n) of the temperatures that the camera shows at parameters, on the motion of a history and the heat
+    equation `problem` there."""
     look, names = instruments.samplers["theta"], [name for name, _ in directions]
-    problem = heat_problem(run.body, history, replace(run.settings, coupling="one-way"))
     slopes = np.zeros((len(history.time), instruments.observations["theta"].value.shape[1], len(names)))
 
     def collect(n: int, _: np.ndarray, rates: np.ndarray) -> None:

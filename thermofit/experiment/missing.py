@@ -105,6 +105,10 @@ class Missing(Protocol):
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed, about `counts` of them in time, y and x."""
 
+    def everywhere(self, counts: tuple[int, int]) -> Grid | None:
+        """Hats of a heat source over the whole specimen, beyond what is observed too, `counts` of them in time and in y where it is
+        observed; None where a term has no place on a specimen."""
+
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the m chosen hats."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -72,6 +72,15 @@ class BodyMissing:
         time = np.linspace(seen.time[0], seen.time[-1], counts[0])
         x, y = (np.linspace(low[k], high[k], counts[2 - k]) for k in (0, 1))
         return Grid(time, np.zeros(counts[0], dtype=int), x, y, 2 if kind == "displacement" else 1)
+
+    def everywhere(self, counts: tuple[int, int]) -> Grid:
+        """Hats of a heat source over the whole specimen, as dense in time as it is observed; beyond what is observed one at either end,
+        which stands for the jaws, and one across."""
+        seen = self.instruments.observations["theta"]
+        observed = self.grid("heat", (*counts, 1))
+        ends = self.body.mesh.nodes[:, 1]
+        time = np.quantile(seen.time, np.linspace(0.0, 1.0, counts[0]))
+        return replace(observed, time=time, x=np.zeros(1), y=np.array([ends.min(), *observed.y, ends.max()]))
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and mm."""

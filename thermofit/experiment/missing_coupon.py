@@ -53,6 +53,9 @@ class CouponMissing:
         """Record (n_t,) of every time."""
         return np.repeat(np.arange(len(self.records)), [len(t.time) for t in self.records])
 
+    def everywhere(self, counts: tuple[int, int]) -> None:
+        """Nothing: a coupon has no place."""
+
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats in time alone; every record has its share of samples, four at least, one after as many samples as another."""
         whole = sum(len(t.time) for t in self.records)

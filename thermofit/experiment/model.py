@@ -59,6 +59,9 @@ class StageModel:
     """Noise that comparisons have in common: what one tells of it, the others know."""
     cheap: bool = False
     """True where a run costs next to nothing: that of a point."""
+    directed: Callable[[Parameters, Sequence[tuple[str, Mapping[str, float]]]], np.ndarray] | None = None
+    """Columns (n, n_d) along directions of the heat equation, each a Param and values of the others of its effect, on a motion that is
+    known; None where that is not worked out."""
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27); then one entry for each prior."""

@@ -1,0 +1,97 @@
+"""Thermal parameters beside a broad heat source: a spot that no effect has drives a plain fit off, and not them; jaws that drift are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import virtual_pulls
+from refits import refitting
+from virtual_pulls import SIZE, TRUTH, study
+
+from thermofit.core import parameters as declared
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case, HeatFit, rows_of
+from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
+from thermofit.diagnose.protected import Protected, begins, protected
+from thermofit.effects import catalogue
+from thermofit.effects.catalogue import effects, load_effect
+from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.residuals import Span
+
+THERMAL = ("kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
+TIME = np.array([*np.arange(0.0, 30.0, 1.0), *np.arange(30.0, 121.0, 3.0)])
+FORCE = np.interp(TIME, [0.0, 2.0, 4.0, 12.0, 30.0, 33.0, 36.0], [0.0, 0.0, 3000.0, 4600.0, 5200.0, 2000.0, 0.0])
+SPOT = '''"""A spot in the gauge that is heated from 20 s on. Off at power = 0."""
+
+import numpy as np
+
+from thermofit.core.parameters import Param
+
+SLOT = "heat_source"
+PARAMS = (Param("spot_of_this_test.power", "mW/mm^3", 0.0, -10.0, 10.0, 0.1, "power per volume in its middle", probe=0.1),)
+FORMULA = "r += power exp(-(y - 6)^2 / 32) (t > 20 s)"
+SOURCE = "planted by a test"
+
+
+def heat_source(theta, accumulated, rate, time, x, y, power):
+    return power * np.exp(-((y - 6.0) ** 2) / 32.0) * 0.5 * (1.0 + np.tanh((time - 20.0) / 0.5)) + 0.0 * theta
+'''
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> object:
+    """From planted values to the case, its heat fit, rows and folds."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    patch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
+    known = tuple(e for e in effects() if e.name in ("lamp", "clamp_drift", "air_drift", "latent_heat", "ir_drift", "stored_energy"))
+    path = tmp_path_factory.mktemp("effects") / "spot_of_this_test.py"
+    path.write_text(SPOT, encoding="utf-8")
+    load_effect(path)
+    patch.setattr(virtual_pulls, "TIME", TIME)
+
+    def made(**planted: float) -> tuple[Case, HeatFit, Rows, Split]:
+        data, case = virtual_pulls.pulled(planted, FORCE), study()
+        joint = Joint(case, data, joint_settings(case, THERMAL, data), SIZE)
+        truth = Parameters.of({**TRUTH, **{n: p.neutral for e in known for p in e.params for n in (p.name,)}}).with_free(THERMAL)
+        warm = joint.heat(truth)
+        assert warm is not None
+        spans = (Span("all", 0.0, 121.0),)
+        first = {"kappa": 90.0, "c0": 2.6, "beta": 0.9, "alpha_air": 10.0, "alpha_clamp": 300.0}
+        fit = HeatFit(warm, lambda start, label: refitting(warm)(start, label)[0], None, first)
+        rows = rows_of(warm, spans)
+        there = Case(joint.model, truth, known, spans, frozenset(("ir_drift.rate",)), heated=lambda _: fit, largest_strain=0.03)
+        return there, fit, rows, split_by_blocks(rows, (10, 2), (1.0, 1.0))
+
+    yield made
+    patch.undo()
+
+
+def found_of(made: tuple[Case, HeatFit, Rows, Split]) -> Protected:
+    found = protected(*made)
+    assert found is not None
+    return found
+
+
+def test_a_spot_of_no_effect_drives_a_plain_fit_off_and_not_the_protected_parameters(problem: object) -> None:
+    made = problem(**{"spot_of_this_test.power": 0.05})  # type: ignore[operator]
+    case, fit, *_ = made
+    plain = fit.minimised(case.parameters.replace(**fit.first), "plain")
+    found = found_of(made)
+    off = {n: (abs(plain[n] / TRUTH[n] - 1.0), abs(found.parameters[n] / TRUTH[n] - 1.0)) for n in ("kappa", "c0", "beta")}
+    print(off, found.with_source / len(found.linear.residual))
+    assert off["kappa"][0] > 0.3 > 0.15 > off["kappa"][1]
+    assert off["beta"][1] < 0.1 and off["c0"][1] < 0.1
+    assert found.with_source < 1.1 * len(found.linear.residual)
+
+
+def test_jaws_that_drift_explain_most_from_there(problem: object) -> None:
+    """As a plain fit of its own leaves a contact that conducts nothing, no drift is felt at that optimum."""
+    case, fit, rows, split = made = problem(**{"clamp_drift.rate": 0.05})  # type: ignore[operator]
+    first, *others = begins(case, fit, found_of(made), [e.name for e in case.known])
+    assert first.effect == "clamp_drift" and first.f < 0.8 * min(b.f for b in others)
+    assert first.parameters["clamp_drift.rate"] == pytest.approx(0.05, rel=0.3)
+    assert set(felt_by_temperatures(case.parameters.free)) == set(THERMAL) and len(rows.time) == len(split.held_out[0])

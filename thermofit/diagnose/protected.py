@@ -1,0 +1,188 @@
+"""Thermal parameters that a missing heat does not drive off: fitted beside a broad source that could be any of it (design section 8).
+
+What a model lacks drives its parameters off before anything is judged: a source that nobody lists ends in a conductivity of half its value
+and in jaws that conduct nothing, and a step from there names impostors. So the parameters that temperatures feel are fitted, on the motion
+of the optimum, together with
+
+    q(y, t) = sum q_ij N_i(y) N_j(t)    and    h(Lambda) d Lambda/dt,  h = sum h_k w_k(Lambda),
+
+a power per volume over the whole specimen and a heat per plastic strain, both held by a roughness whose weight predicts held-out data best
+(`unlisted_field`). The first is any source over place and time, at the ends of the specimen any history of the jaws; the second is what
+goes with the flow, in which a few knots in time are too coarse. What neither can imitate determines the parameters. From there one step of
+an effect says what it explains: candidates are ranked by it, and refitted from its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import Case, HeatFit, scans
+from thermofit.diagnose.held_out import Rows, Split
+from thermofit.diagnose.unlisted import SETTLED
+from thermofit.diagnose.unlisted_field import Basis, Field, field_of, likeliest, roughness
+from thermofit.effects.catalogue import Effect, effect
+from thermofit.experiment.known_motion import acts_in_heat, felt_by_temperatures
+from thermofit.experiment.missing import Missing
+from thermofit.fit.linear_model import LinearModel, Room
+
+COUNTS = (16, 7)
+"""Hats of the broad source in time, and in y where it is observed."""
+WEAK = 0.5
+"""Standard error, as a part of it, of the study's first value of a parameter: where the data say nothing beside the source, that stands."""
+WINDOWS = 12
+"""Windows of the plastic strain, over the largest of the test, in each of which a heat per strain is free."""
+FARTHEST = 0.5
+"""Part of its value by which a parameter may change in one of them."""
+NO_FURTHER = 3e-3
+"""Fall of the square sum beside the source below which no further step is made: what moves then is not determined."""
+SWEEPS = 6
+"""Steps of the parameters beside the broad source at most."""
+
+
+@dataclass(frozen=True)
+class Protected:
+    """Parameters beside the broad source, the problem of the temperatures linearised there without it, and the source itself."""
+
+    parameters: Parameters
+    linear: LinearModel
+    source: Field
+
+    @property
+    def with_source(self) -> float:
+        """Square sum that the broad source leaves, what its coefficients take of the noise apart."""
+        return float(self.source.residual @ self.source.residual) + self.source.effective
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Where a refit with an effect begins: its name, the parameters after one step from the protected ones, and the square sum that the
+    step leaves."""
+
+    effect: str
+    parameters: Parameters
+    f: float
+
+
+def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected | None:
+    """The protected parameters of a case, of the rows (n,) that its temperatures have; None where the model knows of no broad source.
+    NumericsError where a run fails."""
+    missing, directed = fit.model.missing, fit.model.directed
+    grid = None if missing is None else missing.everywhere(COUNTS)
+    if missing is None or directed is None or grid is None:
+        return None
+    thermal = felt_by_temperatures(case.parameters.free)
+    readings = {prior.name: prior.value for prior in fit.model.priors if prior.firm and prior.name in thermal}
+    there = case.parameters.replace(**{n: v for n, v in {**fit.first, **readings}.items() if n in thermal})
+    scale = np.array([param(n).scale for n in thermal])
+    found, f = None, np.inf
+    for _ in range(SWEEPS):
+        known = _linearised(fit, there, thermal)
+        broad = _broad(case, fit, missing, there)
+        found = field_of(known, broad, *_with_usual(fit, thermal, rows, split), likeliest(known, broad))
+        step = np.clip(found.step, *_room(case, there, thermal))
+        near = FARTHEST * np.abs([there[n] for n in thermal])
+        step = np.where(near > 0.0, np.clip(step, -near, near), step)
+        there = there.replace(**{n: there[n] + float(d) for n, d in zip(thermal, step, strict=True)})
+        f, before = float(found.residual @ found.residual), f
+        if np.max(np.abs(step) / scale) < SETTLED or f > (1.0 - NO_FURTHER) * before:
+            break
+    assert found is not None
+    return Protected(there, replace(_linearised(fit, there, thermal), bounds=_room(case, there, thermal)), found)
+
+
+def _usual(fit: HeatFit, thermal: Sequence[str]) -> dict[str, float]:
+    """The study's first values of parameters that are no readings, each known to WEAK of itself."""
+    read = {prior.name for prior in fit.model.priors}
+    return {n: fit.first[n] for n in thermal if n not in read and fit.first.get(n, 0.0) != 0.0}
+
+
+def _linearised(fit: HeatFit, there: Parameters, thermal: Sequence[str]) -> LinearModel:
+    """The temperatures linearised at parameters, a row for each usual value behind their own."""
+    residual, columns = fit.model.linearised(there, tuple(thermal))
+    usual = _usual(fit, thermal)
+    away = np.array([(there[n] - v) / (WEAK * abs(v)) for n, v in usual.items()])
+    rows = np.array([[float(m == n) / (WEAK * abs(v)) for m in thermal] for n, v in usual.items()]).reshape(len(usual), len(thermal))
+    return LinearModel(np.append(residual, away), np.vstack([columns, rows]), n_priors=len(fit.model.priors) + len(usual))
+
+
+def _with_usual(fit: HeatFit, thermal: Sequence[str], rows: Rows, split: Split) -> tuple[Rows, Split]:
+    """Rows and folds with those of the usual values, which are never held out."""
+    more = len(_usual(fit, thermal))
+    where = np.full(more, -1)
+    longer = Rows(
+        np.append(rows.channel, where),
+        np.append(rows.time, np.full(more, rows.time.min())),
+        np.vstack([rows.xy, np.zeros((more, 2))]),
+        np.append(rows.phase, where),
+    )
+    held, near = (tuple(np.append(mask, np.zeros(more, dtype=bool)) for mask in masks) for masks in (split.held_out, split.buffer))
+    return longer, Split(held, near, split.by)
+
+
+def _broad(case: Case, fit: HeatFit, missing: Missing, there: Parameters) -> Basis:
+    """The broad source at parameters: hats over place and time, windows of the plastic strain."""
+    grid = missing.everywhere(COUNTS)
+    assert grid is not None and fit.model.directed is not None
+    chosen, width = np.arange(grid.size), case.largest_strain / WINDOWS
+    answers = missing.answers("heat", there, grid, chosen)
+    shown = fit.model.comparisons
+    hats = np.column_stack([np.concatenate([c.residual(answers[..., k]) for c in shown]) for k in range(grid.size)])
+    name = "latent_heat.heat"
+    others = [{"latent_heat.centre": (k + 0.5) * width, "latent_heat.width": width} for k in range(WINDOWS)]
+    windows = fit.model.directed(there, [(name, values) for values in others])[: len(hats)]
+    along = np.diff(np.eye(WINDOWS), axis=0)
+    rough = along.T @ along
+    # Both are held alike: a unit of roughness costs each the same share of what it shows.
+    share = float(np.mean(np.sum(windows**2, axis=0)) / np.mean(np.sum(hats**2, axis=0)))
+    columns = np.asfortranarray(np.hstack([hats, windows]))
+    return Basis("heat", "mW/mm^3", grid, chosen, np.arange(len(hats)), columns, block_diag(roughness(grid, chosen), share * rough))
+
+
+def _room(case: Case, there: Parameters, names: Sequence[str]) -> Room:
+    """How far parameters may go to their bounds."""
+    ends = np.array([case.bounds(n) for n in names]).reshape(len(names), 2)
+    x = np.array([there[n] for n in names])
+    return np.minimum(ends[:, 0] - x, 0.0), np.maximum(ends[:, 1] - x, 0.0)
+
+
+def begins(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> tuple[Begin, ...]:
+    """Where refits with the named dormant effects begin, what the step leaves least first: of every effect at the best of the values that
+    are tried for its times and exponents. NumericsError where the run of the columns fails."""
+    tried = [(e, values) for e in (effect(name) for name in names) for values in (scans(e, case) if acts_in_heat(e) else ({},))]
+    directions = [(p.name, values) for e, values in tried for p in e.amplitudes if acts_in_heat(e)]
+    shown = tuple(p.name for e, _ in tried for p in e.amplitudes if not acts_in_heat(e))
+    assert fit.model.directed is not None
+    along, seen = (np.zeros((len(found.linear.residual), len(n))) for n in (directions, shown))
+    if directions:
+        columns = fit.model.directed(found.parameters, directions)
+        along[: len(columns)] = columns
+    if shown:
+        columns = fit.model.linearised(found.parameters, shown)[1]
+        seen[: len(columns)] = columns
+    best: dict[str, Begin] = {}
+    k, m = 0, 0
+    for e, values in tried:
+        width = len(e.amplitudes)
+        if acts_in_heat(e):
+            block, k = along[:, k : k + width], k + width
+        else:
+            block, m = seen[:, m : m + width], m + width
+        begin = _begin(case, found, e, values, block)
+        if e.name not in best or begin.f < best[e.name].f:
+            best[e.name] = begin
+    return tuple(sorted(best.values(), key=lambda b: b.f))
+
+
+def _begin(case: Case, found: Protected, added: Effect, values: dict[str, float], block: np.ndarray) -> Begin:
+    """One step of all thermal parameters and an effect, from the protected parameters, within the bounds."""
+    linear, own = found.linear, tuple(p.name for p in added.amplitudes)
+    names = (*felt_by_temperatures(found.parameters.free), *own)
+    whole = linear.with_columns(block, _room(case, found.parameters, own))
+    step = whole.step
+    moved = {n: found.parameters[n] + float(d) for n, d in zip(names, step.d, strict=True)}
+    return Begin(added.name, found.parameters.replace(**values, **moved), linear.f - step.drop)

@@ -1,8 +1,6 @@
-"""Thermal parameters beside a broad heat source: a spot that no effect has drives a plain fit off, and not them; jaws that drift are named."""
+"""Thermal parameters beside a broad heat source: a spot that no effect has drives a plain fit off, and not them; drifting jaws are named."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest

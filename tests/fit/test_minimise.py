@@ -60,6 +60,18 @@ def test_a_search_that_crawls_ends_where_the_rest_is_not_worth_it(worth: float, 
     assert quick.converged
 
 
+@pytest.mark.parametrize(("to_beat", "early"), [(np.inf, False), (9.0, True)])
+def test_a_search_ends_that_would_not_get_below_an_end_that_is_known(to_beat: float, early: bool) -> None:
+    """The same valley, whose steps are worth their time by themselves."""
+
+    def valley(x: np.ndarray) -> np.ndarray:
+        return np.array([3.0, 200.0 * (x[1] - np.sin(6.0 * x[0])), 0.1 * (x[0] - 8.0)])
+
+    settings = Settings(x_tolerance=1e-9, f_tolerance=1e-9, max_evaluations=60, worth=1e-5, to_beat=to_beat)
+    fit = minimise(problem(valley, [0.0, 0.0], [-10, -5], [10, 5]), "trust-region", settings)
+    assert ("of another start" in fit.message) is early and (fit.counts.forward < 30) is early
+
+
 @pytest.mark.parametrize("method", ["least-squares", "trust-region", "nelder-mead"])
 def test_methods_agree_on_noisy_exponentials(method):
     reference = minimise(decay_problem(), "trust-region", Settings(x_tolerance=1e-7, f_tolerance=1e-9, differences="central"))

@@ -268,7 +268,9 @@ class JointFit:
             name = f"{label} temperatures {turn}"
             most = NEAR_EVALUATIONS if alone else HEAT_EVALUATIONS
             try:
-                there, fit = self.minimised_on(begin.with_free(thermal), model, name, most, NEGLIGIBLE, WORTH)
+                there, fit = self.minimised_on(
+                    begin.with_free(thermal), model, name, most, NEGLIGIBLE, WORTH, min((f for f, *_ in ends), default=np.inf)
+                )
             except NumericsError as error:
                 self.failures.append(f"{name}: the start failed ({error})")
                 continue
@@ -327,16 +329,23 @@ class JointFit:
         return float(LinearModel(fit.residual, columns, bounds=(np.minimum(lower - y, 0.0), np.maximum(upper - y, 0.0))).step.d[-1])
 
     def minimised_on(
-        self, start: Parameters, model: StageModel, label: str, most: int, negligible: float | None = None, worth: float = 0.0
+        self,
+        start: Parameters,
+        model: StageModel,
+        label: str,
+        most: int,
+        negligible: float | None = None,
+        worth: float = 0.0,
+        to_beat: float = np.inf,
     ) -> tuple[Parameters, FitResult]:
-        """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given; `worth`: see
-        `Settings`."""
+        """The optimum of one model, up to a negligible fall of the mean square, or up to SETTLED where none is given; `worth` and
+        `to_beat`: see `Settings`."""
         settings = self.settings.model_copy(update={"free": start.free})
         problem, change = stage_problem(self.study, settings, start, remembering(model))
         name = re.sub(r"[^A-Za-z0-9_-]", "_", label)
         store = Checkpoint(self.job.path.parent / checkpoint_folder(self.job, name), evaluation_key(self.job, start))
         least = SETTLED if negligible is None else max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
-        options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most, worth=worth)
+        options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most, worth=worth, to_beat=to_beat)
         with progress(f"{self.job.stage} {label}", None) as advance:
             # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
             method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(model, settings)

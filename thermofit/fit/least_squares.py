@@ -142,8 +142,14 @@ class _Search:
         if settings.worth <= 0.0 or len(self._falls) <= PACE:
             return
         pace, left = (self._falls[-1 - PACE] - self._falls[-1]) / PACE, settings.max_evaluations - len(evaluations.log)
-        if pace * left < settings.worth * self._falls[-1]:
+        here, there = self._falls[-1], self._falls[-1] - pace * left
+        if pace * left < settings.worth * here:
             raise Crawls(
                 f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f by "
-                f"{pace * left / self._falls[-1]:.1e} of itself, less than {settings.worth:g}"
+                f"{pace * left / here:.1e} of itself, less than {settings.worth:g}"
+            )
+        if there > (1.0 - settings.worth) * settings.to_beat:
+            raise Crawls(
+                f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f to {there:.6g}, not below "
+                f"{settings.to_beat:.6g} of another start by more than {settings.worth:g} of it"
             )

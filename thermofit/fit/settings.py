@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -22,7 +23,8 @@ class Settings:
     every forward run, plain or linearised, those of finite differences included. `difference_step` is in units of the scale.
     `initial_step` (units of the scale) opens the simplex or the trust region of the derivative-free methods. `covariance=False` saves
     the Jacobian at the optimum where the method needs none. `worth` is a relative fall of f: a trust-region search ends, not
-    converged, where all evaluations that are left would not lower f by as much at the pace of its last steps; 0: never.
+    converged, where all evaluations that are left would not lower f by as much at the pace of its last steps; 0: never. `to_beat` is the f
+    of an end that is known already: there it ends also where they would not lower f that much below it; infinite: there is none.
     """
 
     x_tolerance: float = 1e-4
@@ -33,6 +35,7 @@ class Settings:
     initial_step: float = 0.1
     covariance: bool = True
     worth: float = 0.0
+    to_beat: float = math.inf
 
     def __post_init__(self) -> None:
         for key in ("x_tolerance", "f_tolerance", "max_evaluations", "difference_step", "initial_step"):

@@ -133,6 +133,7 @@ def here_of(cheap: bool = True, heated: Any = None) -> Any:
         split=SimpleNamespace(held_out=(None,) * 5),
         problem=SimpleNamespace(model=SimpleNamespace(noise=None)),
         columns=SimpleNamespace(residual=None),
+        together=(),
     )
 
 

@@ -154,6 +154,7 @@ def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
         split=split,
         problem=problem,
         columns=SimpleNamespace(residual=None),
+        shown={},
         unpredicted={},
         scanned={},
         settings={},

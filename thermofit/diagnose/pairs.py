@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,7 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.backward import Means, held_out_of
 from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.retraced import shown_alone, shown_together
+from thermofit.diagnose.retraced import shown_alone, shown_from, shown_together
 from thermofit.diagnose.score import LEVEL, Score
 from thermofit.diagnose.trace import Scan, Traced
 from thermofit.diagnose.trial import Accepted, Trial, tried_together
@@ -106,8 +107,10 @@ def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: M
     trials: list[Trial] = []
     best: tuple[Trial, Accepted] | None = None
     found_pairs = pairs_of(here)
-    for pair in worth_a_refit(here, found_pairs):
-        trial, found = tried_together(here, fit, pair.scores, pair.settings, means)
+    protected = from_protected(here)
+    for pair, ends in [protected] if protected is not None else [(p, {}) for p in worth_a_refit(here, found_pairs)]:
+        there = replace(here, shown={**here.shown, **ends}) if ends else here
+        trial, found = tried_together(there, fit, pair.scores, pair.settings, means)
         if found is not None and trial.achieved_drop <= by_chance(found_pairs, found[1], fit):
             trial, found = replace(trial, refused="of all pairs that were looked at, one reaches as much by chance"), None
         if found is not None:
@@ -118,6 +121,20 @@ def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: M
         if found is not None and (best is None or trial.gain > best[0].gain):
             best = (trial, found)
     return trials, best
+
+
+def from_protected(here: Traced) -> tuple[Pair, dict[str, Any]] | None:
+    """Of pairs that begin at parameters which the missing heat has not driven off the one whose refit on the known motion predicts best,
+    and where it ends, by both names; None where there are none, or none can be run."""
+    heat = here.case.heated(here.case.parameters) if here.together and here.case.heated is not None else None
+    if heat is None:
+        return None
+    ends = [(begin, found) for begin in here.together if (found := shown_from(here, heat, begin)) is not None]
+    if not ends:
+        return None
+    begin, (scores, end) = max(ends, key=lambda e: e[1][1].proof.gain)
+    settings = {p.name: end.parameters[p.name] for name in begin.effects for p in effect(name).exponents}
+    return Pair((scores[0], scores[1]), settings, 0.0), {" ".join(begin.effects): end}
 
 
 def by_chance(pairs: Sequence[Pair], after: FitResult, before: FitResult) -> float:

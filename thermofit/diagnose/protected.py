@@ -14,8 +14,9 @@ an effect says what it explains: candidates are ranked by it, and refitted from 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -25,7 +26,7 @@ from thermofit.diagnose.case import Case, HeatFit, scans
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted import SETTLED
 from thermofit.diagnose.unlisted_field import Basis, Field, field_of, likeliest, roughness
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acts_in_heat, felt_by_temperatures
 from thermofit.experiment.missing import Missing
 from thermofit.fit.linear_model import LinearModel, Room
@@ -58,14 +59,16 @@ class Protected:
         return float(self.source.residual @ self.source.residual) + self.source.effective
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Begin:
-    """Where a refit with an effect begins: its name, the parameters after one step from the protected ones, and the square sum that the
-    step leaves."""
+    """Where a refit with one effect or two begins: their names, the parameters after one step from the protected ones, the square sum that
+    the step leaves, the values of their times and exponents, and their columns (n, k) there."""
 
-    effect: str
+    effects: tuple[str, ...]
     parameters: Parameters
     f: float
+    values: Mapping[str, float]
+    columns: np.ndarray
 
 
 def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected | None:
@@ -172,17 +175,26 @@ def begins(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> 
             block, k = along[:, k : k + width], k + width
         else:
             block, m = seen[:, m : m + width], m + width
-        begin = _begin(case, found, e, values, block)
+        begin = _begin(case, found, (e.name,), values, block)
         if e.name not in best or begin.f < best[e.name].f:
             best[e.name] = begin
     return tuple(sorted(best.values(), key=lambda b: b.f))
 
 
-def _begin(case: Case, found: Protected, added: Effect, values: dict[str, float], block: np.ndarray) -> Begin:
-    """One step of all thermal parameters and an effect, from the protected parameters, within the bounds."""
-    linear, own = found.linear, tuple(p.name for p in added.amplitudes)
+def pairs(case: Case, found: Protected, singles: Sequence[Begin]) -> tuple[Begin, ...]:
+    """Where refits with two of these effects begin, what the step leaves least first."""
+    both = (
+        _begin(case, found, (*a.effects, *b.effects), {**a.values, **b.values}, np.hstack([a.columns, b.columns]))
+        for a, b in combinations(singles, 2)
+    )
+    return tuple(sorted(both, key=lambda b: b.f))
+
+
+def _begin(case: Case, found: Protected, added: tuple[str, ...], values: Mapping[str, float], block: np.ndarray) -> Begin:
+    """One step of all thermal parameters and effects, from the protected parameters, within the bounds."""
+    linear, own = found.linear, tuple(p.name for name in added for p in effect(name).amplitudes)
     names = (*felt_by_temperatures(found.parameters.free), *own)
     whole = linear.with_columns(block, _room(case, found.parameters, own))
     step = whole.step
     moved = {n: found.parameters[n] + float(d) for n, d in zip(names, step.d, strict=True)}
-    return Begin(added.name, found.parameters.replace(**values, **moved), linear.f - step.drop)
+    return Begin(added, found.parameters.replace(**values, **moved), linear.f - step.drop, values, block)

@@ -18,7 +18,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import HeatFit
 from thermofit.diagnose.held_out import SURE, Proof, Rows, compared, restricted
-from thermofit.diagnose.protected import begins, protected
+from thermofit.diagnose.protected import Begin, begins, pairs, protected
 from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
 from thermofit.diagnose.trace import PLAIN, PROVED_AT_MOST, Traced, room_of
@@ -30,6 +30,12 @@ from thermofit.fit.result import FitResult
 
 REFITTED = 6
 """Most effects that are refitted from protected parameters."""
+EXPLAINED = 2.0 / 3.0
+"""Part of what a broad source explains that a name has to explain: it leaves half of what it takes at most."""
+PARTNERS = 8
+"""Effects of which pairs are made there, and..."""
+PAIRS = 3
+"""...pairs that are refitted."""
 OF_THE_BEST = 0.25
 """Part of what the best of them takes there that an effect has to take to be refitted."""
 HALF = 0.5
@@ -61,10 +67,11 @@ def retraced(here: Traced) -> Traced:
     if fit is None:
         return here
     shielded = _from_protected(here, fit)
+    refused: Mapping[str, str] = {}
+    ends: Mapping[str, _End]
     if shielded is not None:
-        ends, refused = shielded
+        ends, refused = shielded.ends, shielded.refused
     else:
-        refused = {}
         if len(asked) < 2 or enough(here):
             return here
         ends = {s.effect: end for s in asked if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
@@ -80,16 +87,27 @@ def retraced(here: Traced) -> Traced:
     ranking = replace(here.ranking, scores=tuple(told), unfelt=unfelt)
     own = {name: {p.name: end.parameters[p.name] for p in effect(name).exponents} for name, end in ends.items()}
     settings = {**here.settings, **{name: values for name, values in own.items() if values}}
-    return replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings)
+    both = () if shielded is None else shielded.pairs
+    return replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings, together=both)
 
 
-def _from_protected(here: Traced, fit: HeatFit) -> tuple[dict[str, _End], dict[str, str]] | None:
-    """Refits of effects on the known motion from parameters that the missing heat has not driven off, those first that explain most there,
-    and why effects are no name for what is missing; None where the model knows of no broad source.
+@dataclass(frozen=True)
+class _Shielded:
+    """What refits from protected parameters have shown: ends by effect, why effects are no name for what is missing, and where the best
+    pairs begin."""
 
-    A name has to explain the broad source: at least HALF of what it takes beyond noise and the error of mesh and steps.
+    ends: Mapping[str, _End]
+    refused: Mapping[str, str]
+    pairs: tuple[Begin, ...]
+
+
+def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
+    """Refits of effects on the known motion from parameters that the missing heat has not driven off, those first that explain most there;
+    None where the model knows of no broad source.
+
+    A name has to explain the broad source: it leaves no more than half of what it takes of it, noise and the error of mesh and steps apart.
     """
-    mine = _shown(here)
+    mine = shown_rows(here)
     found = protected(here.case, fit, _only(here.rows, mine), restricted(here.split, mine))
     names = [e.name for e in here.case.dormant() if _judged_here(here, e.name)]
     if found is None or not names:
@@ -97,22 +115,22 @@ def _from_protected(here: Traced, fit: HeatFit) -> tuple[dict[str, _End], dict[s
     first = begins(here.case, fit, found, names)
     ranked_here = {s.effect: s for s in here.ranking.scores}
     now = float(np.sum(here.columns.residual[mine] ** 2))
-    most = now - first[0].f
-    worth = [b for b in first if now - b.f > max(OF_THE_BEST * most, 0.0)][:REFITTED]
-    scores = [(ranked_here.get(b.effect) or _hidden(b.effect), b.parameters) for b in worth]
+    worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
+    scores = [(ranked_here.get(b.effects[0]) or _hidden(b.effects[0]), b.parameters) for b in worth]
     ends = {s.effect: end for s, start in scores if (end := _refitted(here, (s,), fit, {}, start)) is not None}
     numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
     whole = now - found.with_source - numerical
     if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
-        return ends, {}
+        return _Shielded(ends, {}, ())
     shares = {name: (now - float(np.sum(end.left[mine] ** 2))) / whole for name, end in ends.items()}
     refused = {
         name: f"explains {100.0 * max(share, 0.0):.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
         for name, share in shares.items()
-        if share < HALF
+        if share < EXPLAINED
     }
     far = {n: "explains far less than others once the missing heat no longer drives the parameters off" for n in names if n not in ends}
-    return ends, refused | far
+    both = pairs(here.case, found, first[:PARTNERS]) if len(refused) == len(ends) else ()
+    return _Shielded(ends, refused | far, tuple(p for p in both if now - p.f > EXPLAINED * whole)[:PAIRS])
 
 
 def _only(rows: Rows, mine: np.ndarray) -> Rows:
@@ -150,7 +168,7 @@ def enough(here: Traced) -> bool:
     return beyond == 0.0 or best > HALF * beyond
 
 
-def _shown(here: Traced) -> np.ndarray:
+def shown_rows(here: Traced) -> np.ndarray:
     """True (n,) in rows that the model of the temperatures alone has: theirs and the priors'."""
     warm = [k for k, c in enumerate(here.case.model.comparisons) if field_of(c) == "theta"]
     return np.asarray(np.isin(here.rows.channel, [*warm, -1]))
@@ -168,11 +186,24 @@ def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings
     return _refitted(here, scores, fit, settings)
 
 
+def shown_from(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Score, ...], _End] | None:
+    """The effects of a beginning refitted together on the known motion, and their scores with the estimates of that; None where it cannot
+    be run."""
+    known = {s.effect: s for s in here.ranking.scores}
+    scores = [known.get(name) or _hidden(name) for name in begin.effects]
+    end = _refitted(here, scores, fit, {}, begin.parameters)
+    if end is None:
+        return None
+    told = [replace(s, estimate={p.name: end.parameters[p.name] for p in effect(s.effect).amplitudes}, vetoed="") for s in scores]
+    return tuple(told), end
+
+
 def _refitted(
     here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
-    of the first one. `begin`: where the fit starts, with the effects in it, and from there alone."""
+    of the first one, told there where it was not felt before, or where `begin` says where the fit starts, with the effects in it, and from
+    there alone: the optimum without the effect may lie where nothing is felt of it."""
     score, start = scores[0], here.case.parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
@@ -185,14 +216,14 @@ def _refitted(
         return None
     before = here.problem.model.predicted(here.split.folds)
     thermal = felt_by_temperatures(parameters.free)
-    mine = _shown(here)
+    mine = shown_rows(here)
     noise = None if here.problem.model.noise is None else fit.model.noise
     warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal))
     predicted = warm.predicted(restricted(here.split, mine).folds)
     left, after = here.columns.residual.copy(), before.copy()
     left[mine], after[mine] = warm.residual, predicted
     proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.model.noise, left)
-    if len(scores) == 1 and (score.vetoed or score.z == 0.0):
+    if len(scores) == 1 and (score.vetoed or score.z == 0.0 or begin is not None):
         score = _scored_there(here, score, parameters, warm, mine)
     return _End(score, parameters, left, after, proof)
 

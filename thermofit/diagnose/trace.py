@@ -57,7 +57,9 @@ class Traced:
     unpredicted: Mapping[str, str] = field(default_factory=dict)
     """Declared held-out tests that the model cannot be run through at these parameters, and why."""
     shown: Mapping[str, Any] = field(default_factory=dict)
-    """Where the refits of `warmed` effects on the known motion end."""
+    """Where the refits of `warmed` effects on the known motion end; that of a pair by both names."""
+    together: tuple[Any, ...] = ()
+    """Where refits of pairs begin, from parameters that the missing heat has not driven off."""
     whole: bool = True
     """False where no dormant effect was asked: the end of a refit, whose own parameters are all that judges it."""
 

@@ -190,9 +190,9 @@ def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], r
 
 
 def warmed_start(here: Traced, scores: Sequence[Score]) -> Parameters:
-    """The parameters of the trace, those that temperatures feel as the refit of a single effect on the known motion has left them."""
+    """The parameters of the trace, those that temperatures feel as the refit of these effects on the known motion has left them."""
     start = here.case.parameters
-    end = here.shown.get(scores[0].effect) if len(scores) == 1 else None
+    end = here.shown.get(" ".join(s.effect for s in scores))
     return start if end is None else start.replace(**{n: end.parameters[n] for n in felt_by_temperatures(start.free)})
 
 
@@ -370,10 +370,10 @@ def refusal(
     if not proof.convinces:
         return f"{proof.words} only" if proof.gain > 0.0 else proof.words
     for one in added:
-        p = one.amplitude
-        if fit.at_bound[fit.names.index(p.name)] or _ends(there, p, estimate[p.name]):
-            low, high = there.case.bounds(p.name)
-            return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {low:g} to {high:g}"
+        for p in one.amplitudes:
+            if fit.at_bound[fit.names.index(p.name)] or _ends(there, p, estimate[p.name]):
+                low, high = there.case.bounds(p.name)
+                return f"{p.name} ends at its bound: {estimate[p.name]:.4g} {p.unit}, bounds {low:g} to {high:g}"
         strain = cools_from(there, one, sigma)
         if strain is not None:
             words = f"flow would take up heat from a plastic strain of {strain:.2g} on, more than all of its work being stored"

@@ -11,8 +11,9 @@ SLOT = "optics"
 PARAMS = (
     Param("ir_registration.shift_y", "mm", 0.0, -10.0, 10.0, 0.1, "along the load", probe=0.5),
     Param("ir_registration.shift_x", "mm", 0.0, -10.0, 10.0, 0.1, "across the load", probe=0.5),
-    Param("ir_registration.rotation", "rad", 0.0, -0.2, 0.2, 0.01, "about the thickness", probe=0.02),
-    Param("ir_registration.scale", "1", 0.0, -0.2, 0.2, 0.01, "relative error of mm per pixel", probe=0.02),
+    Param("ir_registration.rotation", "rad", 0.0, -0.1, 0.1, 0.01, "about the thickness", probe=0.02),
+    # A camera that has moved by a twentieth of its distance.
+    Param("ir_registration.scale", "1", 0.0, -0.05, 0.05, 0.01, "relative error of mm per pixel", probe=0.02),
 )
 FORMULA = "theta_camera(x) = theta(x + xi), xi = shift + rotation e_z x x + scale x"
 SOURCE = "calibration of the camera by hand-picked landmarks; errors of their pixels"

@@ -60,6 +60,17 @@ def refused(
     return refusal(there, [effect("ir_drift")], ({RATE: estimate}, {RATE: sigma}), proof, fit)
 
 
+@pytest.mark.parametrize("at", ["ir_registration.shift_y", "ir_registration.scale", ""])
+def test_any_amplitude_at_a_bound_refuses_an_effect(monkeypatch: pytest.MonkeyPatch, at: str) -> None:
+    """Not the first one alone."""
+    monkeypatch.setattr(module, "missed", lambda *_: 0.0)
+    names = tuple(p.name for p in effect("ir_registration").amplitudes)
+    fit: Any = SimpleNamespace(sigma=(1.0,), at_bound=[n == at for n in names], names=names)
+    there: Any = SimpleNamespace(case=SimpleNamespace(bounds=physical))
+    found = refusal(there, [effect("ir_registration")], (dict.fromkeys(names, 0.01), dict.fromkeys(names, 1e-3)), GOOD, fit)
+    assert found.startswith(f"{at} ends at its bound: 0.01") if at else found == ""
+
+
 def test_an_effect_that_all_speaks_for_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert refused(monkeypatch) == ""
 

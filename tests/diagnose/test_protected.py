@@ -27,6 +27,8 @@ from thermofit.experiment.residuals import Span
 THERMAL = ("kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 TIME = np.array([*np.arange(0.0, 30.0, 1.0), *np.arange(30.0, 121.0, 3.0)])
 FORCE = np.interp(TIME, [0.0, 2.0, 4.0, 12.0, 30.0, 33.0, 36.0], [0.0, 0.0, 3000.0, 4600.0, 5200.0, 2000.0, 0.0])
+WARM = ("lamp", "clamp_drift", "air_drift", "latent_heat", "ir_drift", "stored_energy")
+"""Known effects that temperatures show; one more acts on the motion."""
 Made = Callable[..., tuple[Case, HeatFit, Rows, Split]]
 SPOT = '''"""A spot in the gauge that is heated from 20 s on. Off at power = 0."""
 
@@ -51,7 +53,7 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
     patch = pytest.MonkeyPatch()
     patch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
     patch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
-    known = tuple(e for e in effects() if e.name in ("lamp", "clamp_drift", "air_drift", "latent_heat", "ir_drift", "stored_energy"))
+    known = tuple(e for e in effects() if e.name in (*WARM, "second_hardening"))
     path = tmp_path_factory.mktemp("effects") / "spot_of_this_test.py"
     path.write_text(SPOT, encoding="utf-8")
     load_effect(path)
@@ -104,6 +106,7 @@ def test_what_explains_less_than_half_of_the_broad_source_is_no_name(problem: Ma
     step, refitted = trace_of(problem(**{"spot_of_this_test.power": 0.3}))
     assert step.promising() and not refitted.promising()
     why = {s.effect: s.vetoed for s in refitted.ranking.scores}
+    assert "displacements" in why["second_hardening"]
     assert any("of what a heat source over place, time and plastic strain explains: not the cause" in w for w in why.values()), why
 
 
@@ -118,7 +121,7 @@ def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
 def test_jaws_that_drift_explain_most_from_there(problem: Made) -> None:
     """As a plain fit of its own leaves a contact that conducts nothing, no drift is felt at that optimum."""
     case, fit, rows, split = made = problem(**{"clamp_drift.rate": 0.05})
-    first, *others = begins(case, fit, found_of(made), [e.name for e in case.known])
+    first, *others = begins(case, fit, found_of(made), WARM)
     assert first.effects == ("clamp_drift",) and first.f < 0.8 * min(b.f for b in others)
     assert first.parameters["clamp_drift.rate"] == pytest.approx(0.05, rel=0.3)
     assert set(felt_by_temperatures(case.parameters.free)) == set(THERMAL) and len(rows.time) == len(split.held_out[0])
@@ -128,7 +131,7 @@ def test_two_that_act_at_once_begin_together(problem: Made) -> None:
     """Each alone leaves what the other makes."""
     case, fit, *_ = made = problem(**{"clamp_drift.rate": 0.05, "lamp.absorbed": 0.03, "lamp.start": 37.0})
     found = found_of(made)
-    singles = begins(case, fit, found, [e.name for e in case.known])
+    singles = begins(case, fit, found, WARM)
     best, *others = pairs(case, found, singles)
     assert "clamp_drift" in best.effects and best.effects != ("clamp_drift",)
     n = len(found.linear.residual)

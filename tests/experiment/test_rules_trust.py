@@ -109,6 +109,15 @@ def test_a_parameter_at_a_bound_or_without_a_standard_error_has_no_value_of_its_
     assert ended((1.0, nan, 1.0, 1.0), on=("lag",), lag=0.0) == {}, "a lag of nothing is an answer"
 
 
+def test_where_a_family_of_forms_ends_a_value_is_a_form_as_any_other() -> None:
+    """The ends of a window of latent heat are rounded from sharp to logistic, and no farther; its width has a size of its own."""
+    names = ("latent_heat.rounding", "latent_heat.width")
+    fit: Any = SimpleNamespace(names=names, sigma=np.array([0.01, 0.01]), at_bound=[True, True])
+    for rounding in (0.56, 0.02):
+        at = Parameters.of({"latent_heat.rounding": rounding, "latent_heat.width": 2.0})
+        assert list(undetermined(at, fit)) == ["latent_heat.width"]
+
+
 def test_what_is_undetermined_speaks_against_the_answer() -> None:
     assert doubts([], ends={"E": "E ends at its bound"}) == ["E ends at its bound"]
 

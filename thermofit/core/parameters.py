@@ -35,6 +35,9 @@ class Param:
     """True for a Param of which one value is tried, and which is fitted as soon as the amplitude is known; else one value is kept."""
     logarithmic: bool = False
     """True where the order of magnitude is what is known: it is fitted by its logarithm."""
+    limiting: bool = False
+    """True where the bounds are the ends of a family of forms, such as a window with sharp ends: a value there is a form as any other, and
+    no sign that the data ask for more."""
     prior: float | None = None
     """Standard error, in `unit`, of what was declared (by a thermocouple, or as neutral): a departure from it counts against it in a joint
     fit. None: nothing was."""

@@ -129,8 +129,21 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
         if share < EXPLAINED
     }
     far = {n: "explains far less than others once the missing heat no longer drives the parameters off" for n in names if n not in ends}
+    if displacements_hold_nothing(here):
+        words = "the fitted parameters explain the displacements; what is missing shows in the temperatures alone"
+        far |= {e.name: words for e in here.case.dormant() if e.name not in names}
     both = pairs(here.case, found, first[:PARTNERS]) if len(refused) == len(ends) else ()
     return _Shielded(ends, refused | far, tuple(p for p in both if now - p.f > EXPLAINED * whole)[:PAIRS])
+
+
+def displacements_hold_nothing(here: Traced) -> bool:
+    """Whether a step of the fitted parameters leaves no more in the rows that are not the temperatures' than noise, the error of mesh and
+    steps and chance make. A joint fit spreads what is missing in one field over both; each alone says where it is."""
+    own = ~shown_rows(here)
+    alone = LinearModel(here.columns.residual[own], here.columns.fitted[own]).left
+    numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[own] ** 2))
+    n = float(own.sum())
+    return float(alone @ alone) - n - numerical < PLAIN * np.sqrt(2.0 * n)
 
 
 def _only(rows: Rows, mine: np.ndarray) -> Rows:

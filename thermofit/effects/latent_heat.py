@@ -12,7 +12,7 @@ PARAMS = (
     Param("latent_heat.heat", "mJ/mm^3", 0.0, -1e5, 1e5, 20.0, "heat per unit of plastic strain in the middle of the window", probe=50.0),
     Param("latent_heat.centre", "1", 0.02, 0.0, 2.0, 0.01, "middle of the window of Lambda", scan=_CENTRES, scan_of="strain"),
     Param("latent_heat.width", "1", 0.02, 1e-4, 2.0, 0.01, "width of the window at half its height", scan=(0.12, 0.3), scan_of="strain"),
-    Param("latent_heat.rounding", "1", 0.1, 0.02, 0.56, 0.1, "how round its ends are, in widths", scan=(0.1,), follows=True),
+    Param("latent_heat.rounding", "1", 0.1, 0.02, 0.56, 0.1, "how round its ends are, in widths", scan=(0.1,), follows=True, limiting=True),
 )
 FORMULA = "r += heat window(Lambda) dLambda/dt; window(centre) = 1, window(centre +- width / 2) = 1/2"
 SOURCE = (

@@ -85,7 +85,7 @@ def undetermined(parameters: Parameters, fit: FitResult, bounds: Bounds = physic
     for k, name in enumerate(fit.names):
         p, value, own = param(name), parameters[name], bounds(name)
         is_amplitude = "." in bare_name(name) and not p.scan
-        if at_bound(value, own, p.neutral if is_amplitude else 0.0):
+        if not p.limiting and at_bound(value, own, p.neutral if is_amplitude else 0.0):
             out[name] = f"{name} ends at its bound: {value:.4g} {p.unit}, bounds {own[0]:g} to {own[1]:g}"
         elif fit.sigma is None or not (np.isfinite(fit.sigma[k]) or fit.at_bound[k]):
             out[name] = f"{name} = {value:.4g} {p.unit} has no standard error: the data do not determine it"

@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
+from thermofit.experiment.coupon_elastic import elastic_line
 from thermofit.read.coupon import coupon_files, read_coupon
 from thermofit.read.coupon_clocks import clock_offset
 from thermofit.read.coupon_phases import coupon_phases, thinned, turning_points
-from thermofit.read.coupon_repair import Rows, wild_samples
+from thermofit.read.coupon_repair import Rows, longest_rise, wild_samples
 from thermofit.read.coupon_signs import branch_suspicion, sign_suspicion, thermoelastic_slope
 from thermofit.study.coupon import Coupon
 
@@ -162,6 +163,38 @@ def test_time_from_a_rate(tmp_path: Path) -> None:
         record(tmp_path, table("e,s", [0 * strain, strain]), time=None, rate=1e-3, strain="e", stress={"column": "s", "unit": "ksi"})
 
 
+def test_time_from_a_rate_drops_the_fewest_rows(tmp_path: Path) -> None:
+    """Two readings before the gauge was set, and a high one, cost themselves, and not the rows until they are passed."""
+    strain = np.linspace(0.0, 0.1, 1001)
+    stress = np.minimum(40e3 * strain, 40.0)
+    read = np.concatenate([[9e-4, 9e-4], strain])
+    read[502] += 5e-4
+    text = table("e,s [MPa]", [read, np.concatenate([[0.0, 0.0], stress])])
+    got = record(tmp_path, text, time=None, rate=1e-3, strain="e", stress="s [MPa]")
+    assert "3 rows dropped with which the strain would not go on" in got.remarks
+    np.testing.assert_allclose(got.strain, np.delete(strain, 500), atol=1e-9)
+    np.testing.assert_allclose(got.time, got.strain / 1e-3, atol=1e-9)
+    line = elastic_line(got.time, got.strain, got.stress, 1e-8)
+    assert line is not None and line.slope == pytest.approx(40e3, rel=1e-3)
+
+
+@given(st.lists(st.integers(0, 12), min_size=1, max_size=12))
+def test_longest_rise(values: list[int]) -> None:
+    """It rises, and no choice of rows that rises is longer."""
+    x = np.array(values, dtype=float)
+    found = longest_rise(x)
+    assert (np.diff(found) > 0).all() and (np.diff(x[found]) > 0.0).all()
+    longest = np.ones(len(x), dtype=int)
+    for k in range(len(x)):
+        longest[k] += max(longest[:k][x[:k] < x[k]], default=0)
+    assert len(found) == longest.max()
+
+
+def test_longest_rise_takes_the_first_of_equal_values() -> None:
+    """A bar that relaxes at one strain is taken as it came there."""
+    assert longest_rise(np.array([0.0, 1.0, 1.0, 2.0, 2.0, 2.0])).tolist() == [0, 1, 3]
+
+
 def test_time_of_cycles_along_the_path_of_the_strain(tmp_path: Path) -> None:
     """There and back the clock goes on: 0 to 1 %, to -1 %, to 0 at 1e-3 1/s are 40 s; the rows of a hold have no time and are counted."""
     t = np.linspace(0.0, 40.0, 401)
@@ -170,7 +203,7 @@ def test_time_of_cycles_along_the_path_of_the_strain(tmp_path: Path) -> None:
     got = record(tmp_path, table("e,s [MPa]", [strain, stress]), time=None, rate=1e-3, strain="e", stress="s [MPa]")
     np.testing.assert_allclose(got.time, t, atol=1e-6)
     assert any("along the path of the strain with 2 reversals at 0.001 1/s" in remark for remark in got.remarks)
-    assert "2 rows whose strain does not exceed all before since the last reversal dropped" in got.remarks
+    assert "2 rows dropped with which the strain would not go on between two reversals" in got.remarks
 
 
 def test_time_from_the_number_of_the_row(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -139,7 +140,8 @@ def time_from_rows(record: Record, rate: float) -> tuple[np.ndarray, str]:
 def time_from_rate(rows: Rows, rate: float, where: str) -> Rows:
     """Rows of a record without time, strained at a constant nominal rate (1/s) back and forth: t = path of the strain / rate.
 
-    Rows that do not go beyond all before them since the last reversal are dropped and counted: holds have no time. DataError for too few.
+    Kept are the most rows of a branch whose strain goes on from one to the next; the others are dropped and counted: holds have no time.
+    DataError for too few.
     """
     known = np.isfinite(rows.strain) & np.isfinite(rows.stress)
     if known.sum() < LEAST_ROWS:
@@ -155,19 +157,42 @@ def time_from_rate(rows: Rows, rate: float, where: str) -> Rows:
     back = float(np.max(np.maximum.accumulate(sense * e) - sense * e))
     edges = turning_points(np.arange(e.size, dtype=float), e) if back > _BACK * np.ptp(e) else np.array([0, e.size - 1])
     time, advances, start = np.zeros(e.size), np.zeros(e.size, dtype=bool), 0.0
-    advances[0] = True
     for a, b in pairwise(edges):
-        path = np.maximum.accumulate(np.sign(e[b] - e[a]) * (e[a : b + 1] - e[a]))
-        time[a + 1 : b + 1] = start + path[1:]
-        advances[a + 1 : b + 1] = np.diff(path) > 0.0
-        start += float(path[-1])
+        path = np.sign(e[b] - e[a]) * (e[a : b + 1] - e[a])
+        rise = longest_rise(path)
+        time[a + rise] = start + path[rise] - path[rise[0]]
+        advances[a + rise[rise > 0]] = True  # the first row of a later branch is the last one of that before
+        advances[0] |= a + rise[0] == 0
+        start += float(path[rise[-1]] - path[rise[0]])
     rows = replace(rows, time=time / rate)
     turns = len(edges) - 2
     words = f"along the path of the strain with {turns} reversals" if turns else "from the strain"
     said = f"time built {words} at {rate:g} 1/s, a rate that the file does not confirm"
     still = int((~advances).sum())
-    since = "since the last reversal " if turns else ""
-    return rows.take(advances, said, f"{still} rows whose strain does not exceed all before {since}dropped" if still else "")
+    words = " between two reversals" if turns else ""
+    return rows.take(advances, said, f"{still} rows dropped with which the strain would not go on{words}" if still else "")
+
+
+def longest_rise(x: np.ndarray) -> np.ndarray:
+    """Indices of the most values (n,) that rise strictly from one to the next (longest increasing subsequence, Fredman 1975); the earlier
+    ones of equally many.
+
+    A wild value, or a reading before the gauge is set, costs itself and not all that follow until it is passed.
+    """
+    ends: list[float] = []  # the smallest value with which so many rise
+    rank = np.empty(x.size, dtype=int)
+    for k, value in enumerate(x.tolist()):
+        rank[k] = bisect_left(ends, value)
+        ends[rank[k] : rank[k] + 1] = [value]
+    # Values of one rank do not rise, so that the earliest one below the next is found by halving.
+    order = np.argsort(rank, kind="stable")
+    edges = np.searchsorted(rank[order], np.arange(len(ends) + 1))
+    found, below = [], np.inf
+    for first, last in reversed(list(pairwise(edges.tolist()))):
+        alike = order[first:last]
+        found.append(int(alike[np.searchsorted(-x[alike], -below, side="right")]))
+        below = x[found[-1]]
+    return np.array(found[::-1], dtype=int)
 
 
 def repaired(rows: Rows, where: str) -> Rows:

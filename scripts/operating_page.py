@@ -208,7 +208,7 @@ def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
         kept = [r for r in here if (r["source"], r["scripts"]) == last]
         own += kept
         others = Counter((r["source"], r["scripts"]) for r in here if (r["source"], r["scripts"]) != last)
-        left = "".join(f"; kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}" for s, n in others.items())
+        left = "".join(f". Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}" for s, n in others.items())
         said.append(
             f"* Rows, {KINDS[driver]}: {len(kept)}, all of source {last[0]} (digest of thermofit) and scripts {last[1]} "
             f"(of those that make the tests){left}."

@@ -12,7 +12,8 @@ integrated by parts, nothing measured is differentiated:
 
     q mean = int int [-c0 v' w A - kappa / lambda^2 v (A w')' + alpha_air sqrt(lambda) U v w] e dy dt / int int v w A dy dt.
 
-The prediction holds storage, conduction, films, thermoelastic and plastic heat of the identified model. That the operator takes its
+The prediction holds storage, conduction, films, thermoelastic and plastic heat of the identified model; the plastic heat of the mean
+strain that was measured stands for that of the predicted one. That the operator takes its
 coefficients at a mean temperature and stretch is an error of second order: it acts on e alone.
 
 What the whole model lacks at its boundaries may have driven its conductivity far off. Written with theta measured itself, the balance is
@@ -28,6 +29,7 @@ import numpy as np
 from thermofit.body.heat.conduction import expansion_capacity
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.local_balance import LocalBalance, Shown, width
+from thermofit.experiment.section_force import MeasuredFlow
 from thermofit.law.page import law_of
 from thermofit.observe.profile import Profile, excess_noise, integrals, profile_of, spans_piece
 
@@ -36,8 +38,9 @@ RESOLVED = 0.05
 SHORTEST = 4.0
 """Rows in a piece, and intervals between frames in a window, at least."""
 LONGEST = 0.5
-"""Length of a piece over that observed, and of a window over the number of frames, at most."""
-
+"""Length of a piece over that observed at most."""
+MOST_FRAMES = 0.2
+"""Intervals of a window over all of the test at most."""
 SCANNED = np.geomspace(1.0 / 16.0, 16.0, 33)
 """Multiples of the fitted conductivity at which the balance is asked where it does not close."""
 
@@ -59,8 +62,9 @@ class _Operator:
         return np.array([self.c0, self.kappa, self.film])
 
 
-def piece_heat(seen: Shown) -> LocalBalance | None:
-    """The balance of heat; None where temperatures are not compared as a rise, or are too few in place or time."""
+def piece_heat(seen: Shown, flow: MeasuredFlow | None = None) -> LocalBalance | None:
+    """The balance of heat; None where temperatures are not compared as a rise, or are too few in place or time. `flow`: the plastic heat
+    that the measured strain makes more than the predicted one; None: it is that of the prediction."""
     channel = next((c.channel for c in seen.joint.model.comparisons if c.channel == "dtheta"), None)
     if channel is None:
         return None
@@ -98,6 +102,12 @@ def piece_heat(seen: Shown) -> LocalBalance | None:
     if "theta" in seen.left:
         beside.append((flat @ risen(seen.left["theta"][:, :, 0]).ravel())[:, None])
 
+    amount = flat @ risen(-error).ravel()
+    if flow is not None:
+        in_flow = _of_flow(observation.time, flow, row, time, duration)
+        amount = amount - in_flow[:, 0]
+        beside.append(in_flow[:, 1:])
+
     def covariance(coefficients: np.ndarray) -> np.ndarray:
         """Noise (m, m) of the cells at c0, kappa and film (3,)."""
         every = _of_noise(np.tensordot(coefficients, terms, axes=1), rest).reshape(len(y), -1)
@@ -109,7 +119,7 @@ def piece_heat(seen: Shown) -> LocalBalance | None:
         kind="heat",
         channel=channel,
         unit="mW/mm^3",
-        amount=flat @ risen(-error).ravel(),
+        amount=amount,
         covariance=covariance(operator.coefficients),
         columns=columns,
         names=names,
@@ -183,6 +193,18 @@ def _combined(operator: _Operator, of_time: tuple[np.ndarray, np.ndarray, float]
     return np.stack([stored, conducted, lost]) / (whole * volume)
 
 
+def _of_flow(frames: np.ndarray, flow: MeasuredFlow, row: np.ndarray, time: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """Mean power mW/mm^3 (m, 1 + k) in the windows of cells of the heat of a flow, and of what noise makes of it."""
+    so_far = np.column_stack([flow.heat, flow.noise])
+    at_frames = np.stack([np.interp(frames, flow.time, column) for column in so_far.T], axis=1)
+    each = {}
+    for k in range(len(row)):
+        if int(row[k]) not in each:
+            parts = integrals(frames, float(time[k]), 0.5 * float(duration[k]))
+            each[int(row[k])] = -parts[1] @ at_frames / parts[0].sum()
+    return np.array([each[int(r)] for r in row])
+
+
 def _of_noise(weights: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Weights (m, n_t, n_b) of the noise of every frame where those of e count from the mean of the frames at rest."""
     out = weights.copy()
@@ -206,7 +228,7 @@ def _size(
     """
     spacing, observed = float(np.median(np.diff(profile.y))), float(np.ptp(profile.y))
     lengths = np.geomspace(SHORTEST * spacing, max(LONGEST * observed, SHORTEST * spacing), 8)
-    longest = max(int(LONGEST * (len(time) - 1)), int(SHORTEST))
+    longest = max(int(MOST_FRAMES * (len(time) - 1)), int(SHORTEST))
     numbers = sorted({int(round(n)) for n in np.geomspace(SHORTEST, longest, 8)})
     heating = operator.c0 * float(np.abs(np.diff(level, axis=0) / np.diff(time)[:, None]).max(initial=0.0))
     usual = np.nanmedian(np.where(profile.count > 0, sigma, np.nan))

@@ -8,8 +8,8 @@ the model itself carries F predicted in every section. So what a section differs
 width) cancels to first order, and so does smoothing, which is the same on both sides.
 
 An elastic-plastic law does not average noise: strain that jumps to and fro flows on. So the mean strain of a section is taken over a
-length that brings its noise below a share of the elastic strain, the response of P to the noise of each stage is differentiated over a
-step as large as that noise, and draws of the noise along the predicted history give the bias that is left.
+length that brings its noise below a share of the elastic strain, the response of P to the noise of each stage is taken over a
+step as large as that noise, what rare errors make beyond it is added, and draws of the noise along the predicted history give the bias that is left.
 """
 
 from __future__ import annotations
@@ -32,9 +32,14 @@ SHORTEST = 4.0
 """Rows in a section at least."""
 LONGEST = 0.5
 """Length of a section over that observed at most."""
-MOST_STAGES = 60
-"""Stages of a history at most; of more, neighbours are averaged."""
+GROWN = 8.0
+"""Standard errors by which a strain grows from one mean of stages to the next: then noise does not turn flow into unloading."""
+FEWEST = 12
+"""Means of stages at least."""
 CELLS_IN_TIME = 16
+RARE = 6.0
+"""Standard errors of a strain up to which an error may turn flow into unloading, or unloading into flow. An elastic response is fifty times
+as stiff as flow: a stage where noise could decide which it is says no more than an elastic one."""
 DRAWS = 48
 _SEED = 20
 
@@ -64,9 +69,64 @@ class Predicted:
     rate: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Prepared:
+    """Sections of one half length mm, with the parameters and settings of their driver and what unit noise of the rows makes of their mean
+    strains (n_t, n_y, n_b)."""
+
+    sections: Sections
+    parameters: Parameters
+    settings: PointSettings
+    of_rows: np.ndarray
+    weights: np.ndarray
+    groups: list[np.ndarray]
+    half: float
+
+    def history(self, strain: np.ndarray, theta: np.ndarray) -> PointHistory:
+        """The point driver along strain and temperature (n_t,) of a section."""
+        return _history(self.parameters, self.settings, self.sections.time, strain, theta)
+
+
+@dataclass(frozen=True)
+class MeasuredFlow:
+    """Plastic heat so far mJ/mm^3 (n_t,) of the mean strain that was measured over that of the predicted one, at `time` s (n_t,), and what
+    noise of unit variance makes of it (n_t, k)."""
+
+    time: np.ndarray
+    heat: np.ndarray
+    noise: np.ndarray
+
+
 def section_force(seen: Shown, spans: tuple[Span, ...]) -> LocalBalance | None:
     """The balance of forces; None where displacements are not compared or too few to see a strain. NumericsError where the law cannot
     follow the measured strain."""
+    prepared = _prepared(seen, spans)
+    return None if prepared is None else _balance(seen, prepared, spans)
+
+
+def measured_flow(seen: Shown, spans: tuple[Span, ...]) -> MeasuredFlow | None:
+    """Plastic heat of the mean strain of the observed length, as measured beside as predicted; None as `section_force`.
+
+    A force that is smoothed a few newtons off makes flow that no law is to blame for: the displacements tell it. NumericsError where the
+    law cannot follow them.
+    """
+    prepared = _prepared(seen, spans, whole=True)
+    if prepared is None:
+        return None
+    one, strain = prepared.sections, prepared.sections.predicted[:, 0]
+    theta, n_t = one.theta_predicted[:, 0], len(one.time)
+    base = prepared.history(strain, theta).dissipated
+    sigma = np.sqrt((prepared.of_rows[:, 0] ** 2).sum(axis=1))
+    noise = np.zeros((n_t, n_t))
+    for j in range(n_t):
+        step = np.zeros(n_t)
+        step[j] = sigma[j]
+        noise[:, j] = 0.5 * (prepared.history(strain + step, theta).dissipated - prepared.history(strain - step, theta).dissipated)
+    return MeasuredFlow(one.time, prepared.history(one.measured[:, 0], one.theta_measured[:, 0]).dissipated - base, noise)
+
+
+def _prepared(seen: Shown, spans: tuple[Span, ...], *, whole: bool = False) -> _Prepared | None:
+    """Sections as short as their noise allows, or `whole`: the observed length as one; None where a strain cannot be seen."""
     joint, channel = seen.joint, _channel(seen)
     if channel is None:
         return None
@@ -78,17 +138,18 @@ def section_force(seen: Shown, spans: tuple[Span, ...]) -> LocalBalance | None:
     shown = observation.value + seen.errors["u"]
     sigma = profile.sigma(np.where(mask, observation.sigma[:, :, 1], 0.0))
     noise = sigma * excess_noise(profile.mean(error[:, :, 1]), sigma, observation.time, profile.count > 0)
-    area = joint.data.specimen.thickness
-    largest = float(np.abs(joint.data.force.value).max()) / (area * joint.data.specimen.gauge_width)
-    half = _half_length(profile, noise, seen.parameters["E"], largest)
+    largest = float(np.abs(joint.data.force.value).max()) / (joint.data.specimen.thickness * joint.data.specimen.gauge_width)
+    half = 0.5 * float(np.ptp(profile.y)) if whole else _half_length(profile, noise, seen.parameters["E"], largest)
     weights, known, y = strain_weights(profile, half)
-    if not len(y):
+    strain = np.where(known, np.einsum("tyb,tb->ty", weights, profile.mean(shown[:, :, 1])), np.nan)
+    if not np.isfinite(strain).any():
         return None
-    groups = _groups(observation.time, known, spans)
+    spread = np.where(known, np.sqrt(np.einsum("tyb,tb->ty", weights**2, noise**2)), np.nan)
+    groups = _groups(observation.time, strain, spread, spans)
     sections = _sections(seen, profile, groups, weights, known, (error[:, :, 1], shown[:, :, 1]), y)
-    parameters = _of_point(seen, sections)
     settings = PointSettings(joint.study.hardening_law, joint.study.numerics.plastic_integration == "closed-form")
-    return _balance(seen, channel, sections, parameters, settings, (weights, noise, groups), (half, spans, width(joint, y) * area))
+    of_rows = _row_weights(weights, noise, groups)
+    return _Prepared(sections, _of_point(seen, sections), settings, of_rows, weights, groups, half)
 
 
 def _channel(seen: Shown) -> str | None:
@@ -149,14 +210,24 @@ def strain_weights(profile: Profile, half: float) -> tuple[np.ndarray, np.ndarra
     return out, known, y
 
 
-def _groups(time: np.ndarray, known: np.ndarray, spans: tuple[Span, ...]) -> list[np.ndarray]:
-    """Stages that are averaged to one, in order of time: neighbours of one phase, as many as bring the history below MOST_STAGES."""
-    used = np.flatnonzero(known.any(axis=1))
-    size = -(-len(used) // MOST_STAGES) if len(used) else 1
+def _groups(time: np.ndarray, strain: np.ndarray, sigma: np.ndarray, spans: tuple[Span, ...]) -> list[np.ndarray]:
+    """Stages that are averaged to one, in order of time: neighbours of one phase, as many as make the strain (n_t, n_y) grow by GROWN of its
+    standard errors sigma (n_t, n_y) from one mean to the next, a share of the stages at most. nan: not measured."""
+    used = np.flatnonzero(np.isfinite(strain).any(axis=1))
+    most = max(1, len(used) // FEWEST)
     groups: list[np.ndarray] = []
-    for span_number in range(len(spans) + 1):
-        own = [k for k in used if _phase(float(time[k]), spans) == span_number]
-        groups += [np.array(own[i : i + size]) for i in range(0, len(own), size)]
+    for number in range(len(spans) + 1):
+        own = [k for k in used if _phase(float(time[k]), spans) == number]
+        last: np.ndarray | None = None
+        at = 0
+        while at < len(own):
+            for size in range(1, most + 1):
+                group = own[at : at + size]
+                mean, error = np.nanmean(strain[group], axis=0), np.sqrt(np.nanmean(sigma[group] ** 2, axis=0) / len(group))
+                if last is None or at + size >= len(own) or np.nanmedian(np.abs(mean - last) / error) >= GROWN:
+                    break
+            groups.append(np.array(group))
+            last, at = mean, at + len(group)
     return sorted(groups, key=lambda g: float(time[g[0]]))
 
 
@@ -258,24 +329,16 @@ def last_rate(time: np.ndarray, accumulated: np.ndarray) -> np.ndarray:
     return np.where(last >= 0, grown[np.maximum(last, 0)], np.nan)
 
 
-def _balance(
-    seen: Shown,
-    channel: str,
-    sections: Sections,
-    parameters: Parameters,
-    settings: PointSettings,
-    noise_of: tuple[np.ndarray, np.ndarray, list[np.ndarray]],
-    size: tuple[float, tuple[Span, ...], np.ndarray],
-) -> LocalBalance:
+def _balance(seen: Shown, prepared: _Prepared, spans: tuple[Span, ...]) -> LocalBalance:
     """The balance of sections: residual, noise and derivatives of every stage, then means over neighbouring stages of a phase."""
-    weights, noise, groups = noise_of
-    half, spans, area = size
+    sections, parameters, settings, of_rows = prepared.sections, prepared.parameters, prepared.settings, prepared.of_rows
+    half, channel = prepared.half, _channel(seen) or ""
+    area = width(seen.joint, sections.y) * seen.joint.data.specimen.thickness
     n_t, n_y = sections.predicted.shape
     names = seen.parameters.free
     residual, bias, fitted = np.zeros((n_t, n_y)), np.zeros((n_t, n_y)), np.zeros((n_t, n_y))
-    columns, scale = np.zeros((n_t, n_y, len(names))), np.ones((n_t, n_y))
-    response = np.zeros((n_y, n_t, n_t))
-    of_rows = _row_weights(weights, noise, groups)
+    columns, extra = np.zeros((n_t, n_y, len(names))), np.zeros((n_t, n_y))
+    response, turned = np.zeros((n_y, n_t, n_t)), np.zeros((n_t, n_y))
     sigma = np.sqrt(np.einsum("tyb,tyb->ty", of_rows, of_rows))
     draws = np.random.default_rng(_SEED).normal(size=(DRAWS, n_t, of_rows.shape[2]))
     for i in range(n_y):
@@ -291,19 +354,24 @@ def _balance(
         for j in np.flatnonzero(known):
             step = np.zeros(n_t)
             step[j] = sigma[j, i]
-            response[i, :, j] = 0.5 * area[i] * (_stress(*here, path + step, theta) - _stress(*here, path - step, theta))
+            down, up = (area[i] * (_stress(*here, path + k * step, theta) - before.stress) for k in (-1.0, 1.0))
+            response[i, :, j] = 0.5 * (up - down)
+            # Far errors that turn flow into unloading, or back: what they make beyond the usual response.
+            for k in (-RARE, RARE):
+                far = np.abs(area[i] * (_stress(*here, path + k * step, theta) - before.stress))
+                usual = RARE * np.abs(response[i, :, j])
+                turned[:, i] = np.maximum(turned[:, i], np.where(far > 2.0 * usual, far - usual, 0.0))
         drawn = np.array([_stress(*here, path + np.einsum("tb,tb->t", of_rows[:, i], d), theta) for d in draws])
         off = area[i] * (drawn - before.stress)
         bias[:, i] = off.mean(axis=0)
-        linear = np.sqrt((response[i] ** 2).sum(axis=1))
-        # Where the noise makes more of the stress than its derivative says, the larger one counts.
-        scale[:, i] = np.maximum(off.std(axis=0, ddof=1) / np.maximum(linear, 1e-12), 1.0)
-        scale[:, i] = np.where(scale[:, i] > 1.0 + 3.0 / np.sqrt(2.0 * DRAWS), scale[:, i], 1.0)
+        # What rare errors make beyond the linear response has no sign that could be known: it counts as noise of each stage alone.
+        usual = off.std(axis=0, ddof=1) / (1.0 + 3.0 / np.sqrt(2.0 * DRAWS))
+        extra[:, i] = np.maximum(usual**2 - (response[i] ** 2).sum(axis=1), 0.0) + (0.5 * turned[:, i]) ** 2
     residual -= bias
     residual += _force_error(seen, sections.time)[:, None]
     per_strain = response / np.maximum(sigma, 1e-300).T[:, None, :]
-    covariance = _covariance(per_strain, of_rows, scale)
-    beside = _beside(seen, sections, weights, groups, per_strain)
+    covariance = _covariance(per_strain, of_rows, extra)
+    beside = _beside(seen, sections, prepared.weights, prepared.groups, per_strain)
     variance = np.diagonal(covariance.reshape(n_t * n_y, n_t * n_y)).reshape(n_t, n_y)
     gathered, row, column, time, duration = _cells(sections, spans, variance)
     every = gathered.reshape(len(row), n_t * n_y)
@@ -351,15 +419,16 @@ def _row_weights(weights: np.ndarray, noise: np.ndarray, groups: list[np.ndarray
     return np.array([np.sign(weights[g].sum(axis=0)) * np.sqrt((scaled[g] ** 2).sum(axis=0)) / len(g) for g in groups])
 
 
-def _covariance(per_strain: np.ndarray, of_rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Covariance (n_t, n_y, n_t, n_y) N^2 of the residual: noise of every stage is independent, sections share rows."""
+def _covariance(per_strain: np.ndarray, of_rows: np.ndarray, extra: np.ndarray) -> np.ndarray:
+    """Covariance (n_t, n_y, n_t, n_y) N^2 of the residual: noise of every stage is independent, sections share rows. `extra` (n_t,
+    n_y) N^2 is noise of each alone."""
     n_y, n_t = per_strain.shape[:2]
     shared = np.einsum("jab,jcb->jac", of_rows, of_rows)
     out = np.zeros((n_t, n_y, n_t, n_y))
     for a in range(n_y):
         for c in range(n_y):
             out[:, a, :, c] = (per_strain[a] * shared[:, a, c]) @ per_strain[c].T
-    return out * scale[:, :, None, None] * scale[None, None]
+    return out + np.diag(extra.ravel()).reshape(out.shape)
 
 
 def _force_error(seen: Shown, time: np.ndarray) -> np.ndarray:

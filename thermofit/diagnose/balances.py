@@ -118,4 +118,3 @@ def _by_channel(here: Traced, numerical: np.ndarray | None) -> dict[str, np.ndar
             out[c.channel] = numerical[at : at + c.n]
         at += c.n
     return out
-

@@ -1,20 +1,23 @@
 """Significance of a local balance: what is missing in every cell beyond what a change of the fitted parameters could make, over its error.
 
 r (m,) is the balance at the fitted parameters, C its noise, N what errors of unit variance of force, mesh and steps make of it, J its
-derivatives by the fitted parameters, each of which may be off by as much as it is large, if the other channels have nothing against it
-(T, whitened derivatives of these). With L L^T = C + N N^T and G = L^-1 J,
+derivatives by the fitted parameters. Each of these may be off by as much as it is large, or usually is, if the other channels have nothing
+against it (T, whitened derivatives of these). With L L^T = C + N N^T and G = L^-1 J,
 
-    q = L (1 - H) L^-1 r,   cov q = L (1 - H) L^T,   H = G (G^T G + T^T T + R^-2)^-1 G^T,   z = q / sd(q),   chi2 = |(1 - H)^(1/2) L^-1 r|^2,
+    H = G (G^T G + T^T T + R^-2)^-1 G^T,   q = L (1 - H) L^-1 r,   cov q = L (1 - H) L^T,   z = q / sd(q),
+    chi2 = |(1 - H)^(1/2) L^-1 r|^2,
 
 R the diagonal of their sizes. z of a balance that misses nothing is N(0, 1), chi2 has tr(1 - H) degrees of freedom. Cells overlap: the
 chance of the largest |z| is that of as many independent ones as give the same median, from draws.
 
 A block is a constant amount in neighbouring cells, b in these and zero elsewhere. With P = L^-T (1 - H) L^-1 its amount is
 b^T P r / b^T P b, with variance 1 / b^T P b, and chi2 falls by (b^T P r)^2 / b^T P b. The block with the largest fall says where and when.
+The parameters of a map that misses something are fitted beside up to four blocks: what is missing in one place would else draw them off,
+and spread over all cells.
 
 The whole model may have driven the parameters far off, so that a first-order change does not bring them back. Where the balance stands
-out it is therefore evaluated again at the parameters that it asks for itself: at the likeliest of those that are scanned, a block of what
-is missing being free beside them (else the parameter would take it), or step by step until they stay.
+out it is therefore evaluated again at the parameters that it asks for itself. Those that are scanned (the noise changes with them) are
+compared by likelihood, a block being free beside them; one counts only if the balance closes with it. Others go step by step.
 """
 
 from __future__ import annotations
@@ -28,13 +31,12 @@ from scipy.stats import chi2 as chi_square
 from scipy.stats import norm
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import param
 from thermofit.experiment.local_balance import LocalBalance
 from thermofit.fit.linear_model import LinearModel
 
 LEVEL = 0.01
 """Chance that the map of a balance which misses nothing is said to miss something."""
-_LEAST = 1e-3
-"""Part of the width of its bounds that a parameter may be off at least."""
 _BOUNDED = 0.01
 """Part of the variance of a cell that parameters must leave: a cell whose amount they determine says nothing."""
 _STEPS, _SETTLED = 8, 0.1
@@ -242,7 +244,7 @@ def _map(balance: LocalBalance, at: np.ndarray) -> SignificanceMap:
     noise = noise + _JITTER * np.diag(np.diag(noise))
     root = np.linalg.cholesky(noise)
     # A balance has no scale of its own: all of its coefficients at zero balance as well. So a change costs what it is large.
-    reach = np.maximum(np.abs(balance.value + at), _LEAST * (balance.bounds[1] - balance.bounds[0]))
+    reach = np.maximum(np.abs(balance.value + at), [param(name).scale for name in balance.names])
     white = np.linalg.solve(root, np.column_stack([balance.amount, balance.columns * reach]))
     told = balance.told * reach
     residual = np.concatenate([white[:, 0], balance.told @ at, np.zeros(len(at))])

@@ -29,10 +29,11 @@ Kind = Literal["force", "heat"]
 class LocalBalance:
     """What a balance misses in cells of place and time, m of them.
 
-    `amount` (m,) in `unit` with noise `covariance` (m, m); `columns` (m, p): how it changes with the fitted parameters `names`; `value`
-    (p,) of these; `told` (k, p): what the other channels say of a change of them, in standard errors; `beside` (m, k): what errors of unit variance of the prescribed force, mesh and steps make of it. `y`
-    mm, `time` s (m,) are the centres of the cells, `row` and `column` (m,) their numbers in time and place, `extent` mm and `duration` s
-    (m,) their size. `dropped`: cells without enough values, `left_out`: why, in words.
+    `amount` (m,) in `unit` with noise `covariance` (m, m); `columns` (m, p): how it changes with the fitted parameters `names`, of which
+    `value` (p,) are the values and `bounds` those of the study; `told` (k, p): what the other channels say of a change of them, in
+    standard errors; `beside` (m, k): what errors of unit variance of the prescribed force, mesh and steps make of it. `y` mm, `time` s
+    (m,) are the centres of the cells, `row` and `column` (m,) their numbers in time and place, `extent` mm and `duration` s (m,) their
+    size; `dropped` counts cells without enough values.
     """
 
     kind: Kind

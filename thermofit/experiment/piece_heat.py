@@ -229,7 +229,7 @@ def _size(
     spacing, observed = float(np.median(np.diff(profile.y))), float(np.ptp(profile.y))
     lengths = np.geomspace(SHORTEST * spacing, max(LONGEST * observed, SHORTEST * spacing), 8)
     longest = max(int(MOST_FRAMES * (len(time) - 1)), int(SHORTEST))
-    numbers = sorted({int(round(n)) for n in np.geomspace(SHORTEST, longest, 8)})
+    numbers = sorted({round(n) for n in np.geomspace(SHORTEST, longest, 8)})
     heating = operator.c0 * float(np.abs(np.diff(level, axis=0) / np.diff(time)[:, None]).max(initial=0.0))
     usual = np.nanmedian(np.where(profile.count > 0, sigma, np.nan))
     best = (0.5 * float(lengths[-1]), numbers[-1])
@@ -254,8 +254,8 @@ Cells = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.nda
 
 
 def _cells(seen: Shown, profile: Profile, time: np.ndarray, operator: _Operator, half: float, number: int) -> Cells | None:
-    """Weights (3, m, n_t, n_b) of the terms, place and time of cells, their numbers in time and place, duration and volume (m,), and how many there would be
-    with nothing lost; pieces and windows overlap by half. None where there is no cell."""
+    """Weights (3, m, n_t, n_b) of the terms, place and time of cells, their numbers in time and place, duration and volume (m,), and how
+    many there would be with nothing lost; pieces and windows overlap by half. None where there is no cell."""
     low, high = float(profile.y[0]), float(profile.y[-1])
     n_y = max(1, round((high - low - 2.0 * half) / half) + 1)
     y = np.linspace(low + half, high - half, n_y) if n_y > 1 else np.array([0.5 * (low + high)])

@@ -8,8 +8,9 @@ the model itself carries F predicted in every section. So what a section differs
 width) cancels to first order, and so does smoothing, which is the same on both sides.
 
 An elastic-plastic law does not average noise: strain that jumps to and fro flows on. So the mean strain of a section is taken over a
-length that brings its noise below a share of the elastic strain, the response of P to the noise of each stage is taken over a
-step as large as that noise, what rare errors make beyond it is added, and draws of the noise along the predicted history give the bias that is left.
+length that brings its noise below a share of the elastic strain, and neighbouring stages are averaged until it grows by eight times its
+noise. The response of P to the noise of each stage is taken over a step as large as that noise, what rare errors make beyond it is added,
+and draws of the noise along the predicted history give the bias that is left.
 """
 
 from __future__ import annotations
@@ -211,8 +212,8 @@ def strain_weights(profile: Profile, half: float) -> tuple[np.ndarray, np.ndarra
 
 
 def _groups(time: np.ndarray, strain: np.ndarray, sigma: np.ndarray, spans: tuple[Span, ...]) -> list[np.ndarray]:
-    """Stages that are averaged to one, in order of time: neighbours of one phase, as many as make the strain (n_t, n_y) grow by GROWN of its
-    standard errors sigma (n_t, n_y) from one mean to the next, a share of the stages at most. nan: not measured."""
+    """Stages that are averaged to one, in order of time: neighbours of one phase, as many as make the strain (n_t, n_y) grow by GROWN of
+    its standard errors sigma (n_t, n_y) from one mean to the next, a share of the stages at most. nan: not measured."""
     used = np.flatnonzero(np.isfinite(strain).any(axis=1))
     most = max(1, len(used) // FEWEST)
     groups: list[np.ndarray] = []
@@ -439,8 +440,8 @@ def _force_error(seen: Shown, time: np.ndarray) -> np.ndarray:
 
 
 def _beside(seen: Shown, sections: Sections, weights: np.ndarray, groups: list[np.ndarray], per_strain: np.ndarray) -> np.ndarray:
-    """What errors of unit variance make of the residual (n_t, n_y, k): modes of the smoothed force, noise of a compared one, and the error of
-    mesh and steps that may be left in the displacements."""
+    """What errors of unit variance make of the residual (n_t, n_y, k): modes of the smoothed force, noise of a compared one, and the error
+    of mesh and steps that may be left in the displacements."""
     n_t, n_y = sections.predicted.shape
     parts = [np.zeros((n_t, n_y, 0))]
     steps = seen.joint.steps

@@ -7,7 +7,7 @@ there. So J (v - v_0) is what it would do if it changed linearly with v. With s 
 
 and the variance is never taken smaller than blocks of time and length show it (`LinearModel.score`). All columns exist: no model is run.
 A drift is told where its chance, corrected for the number of pairs asked, is below LEVEL, where it lowers the error on held-out data, and
-where the error of mesh and steps alone would not make it. The strongest is told first, and the others are asked again beside it.
+where the error of mesh and steps alone would not make it. The one that explains most is told first, and the others are asked again beside it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,11 @@ from thermofit.fit.linear_model import LinearModel
 
 LEVEL = 0.01
 """Chance that any pair of a parameter and a variable is told where nothing drifts."""
+SHARE = 0.1
+"""Part of the fall of the square sum that the first drift makes, below which a further one is not told: what a linear step leaves of a large
+one looks like others."""
+AS_MUCH = 0.9
+"""Part of the fall of the strongest that one which is not told apart from it explains as well."""
 MOST = 3
 """Drifts that are told at most."""
 BLOCKS = 4
@@ -79,7 +84,7 @@ class Drifts:
     asked: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Asked:
     parameter: str
     variable: str
@@ -93,20 +98,26 @@ def drifts(here: Traced, states: Mapping[str, np.ndarray]) -> Drifts:
     asked = _asked(here, states)
     model = here.problem.model
     found: list[Drift] = []
-    left = dict(enumerate(asked))
+    left, largest = list(asked), 0.0
     while left and len(found) < MOST:
-        best = max(((*_scored(here, model, a), k) for k, a in left.items()), key=lambda f: abs(f[0]))
-        z, step, sigma, drop, numerical, k = best
-        chance = float(-np.expm1(len(asked) * np.log1p(-min(2.0 * norm.sf(abs(z)), 1.0 - 1e-16))))
-        one = left.pop(k)
-        if chance >= LEVEL:
+        scored = [(a, *_scored(here, model, a)) for a in left]
+        told = [
+            (a, z, step, sigma, drop)
+            for a, z, step, sigma, drop, numerical in scored
+            if _stands(z, len(asked)) and drop > OVER_NUMERICAL * numerical
+        ]
+        told = [t for t in sorted(told, key=lambda t: -t[4]) if t[4] >= SHARE * largest]
+        first = next((t for t in told if _proved(here, model, t[0])), None)
+        if first is None:
             break
-        if drop <= OVER_NUMERICAL * numerical or not _proved(here, model, one):
-            continue
-        alike = tuple((a.parameter, a.variable) for a in left.values() if _cosine(model, one, a) > ALIKE)
+        # Of those that explain as much, and that these data do not tell apart, the plainest is named.
+        peers = [t for t in told if t[4] >= AS_MUCH * first[4] and (t is first or _cosine(model, first[0], t[0]) > ALIKE)]
+        one, z, step, sigma, drop = min(peers, key=lambda t: _plainness(here, t[0]))
+        left.remove(one)
+        alike = tuple((a.parameter, a.variable) for a in left if _cosine(model, one, a) > ALIKE)
         blocks = _blocks(here, one, states[one.variable])
-        found.append(Drift(one.parameter, one.variable, step / one.spread, sigma / one.spread, z, chance, alike, blocks))
-        model = model.with_columns(one.column[:, None])
+        found.append(Drift(one.parameter, one.variable, step / one.spread, sigma / one.spread, z, _chance(z, len(asked)), alike, blocks))
+        model, largest = model.with_columns(one.column[:, None]), max(largest, drop)
     return Drifts(tuple(found), len(asked))
 
 
@@ -129,6 +140,21 @@ def _asked(here: Traced, states: Mapping[str, np.ndarray]) -> list[_Asked]:
             if np.linalg.norm(model.beyond(own)) > _OWN * np.linalg.norm(own):
                 out.append(_Asked(name, variable, own, spread))
     return out
+
+
+def _chance(z: float, asked: int) -> float:
+    """Chance that the largest of so many |z| is that large."""
+    return float(-np.expm1(asked * np.log1p(-min(2.0 * norm.sf(abs(z)), 1.0 - 1e-16))))
+
+
+def _stands(z: float, asked: int) -> bool:
+    """True where chance does not make it."""
+    return _chance(z, asked) < LEVEL
+
+
+def _plainness(here: Traced, one: _Asked) -> tuple[int, int]:
+    """Place of the variable, then of the parameter in the fit: the smaller the plainer."""
+    return list(VARIABLES).index(one.variable), here.case.parameters.free.index(one.parameter)
 
 
 def _scored(here: Traced, model: LinearModel, one: _Asked) -> tuple[float, float, float, float, float]:

@@ -19,14 +19,8 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.residuals import named_phases
 from thermofit.experiment.section_force import last_rate, predicted_states
 
-VARIABLES: Mapping[str, str] = {
-    "time": "s",
-    "plastic strain": "1",
-    "rate": "e-fold",
-    "temperature": "K",
-    "place y": "mm",
-}
-"""Unit of every variable; the rate counts by its natural logarithm."""
+VARIABLES: Mapping[str, str] = {"plastic strain": "1", "rate": "e-fold", "temperature": "K", "time": "s", "place y": "mm"}
+"""Unit of every variable, the plainest cause first; the rate counts by its natural logarithm."""
 States = dict[str, np.ndarray]
 """By variable its value at every row (n,), nan where it has none."""
 

@@ -7,7 +7,7 @@ there. So J (v - v_0) is what it would do if it changed linearly with v. With s 
 
 and the variance is never taken smaller than blocks of time and length show it (`LinearModel.score`). All columns exist: no model is run.
 A drift is told where its chance, corrected for the number of pairs asked, is below LEVEL, where it lowers the error on held-out data, and
-where the error of mesh and steps alone would not make it. The one that explains most is told first, and the others are asked again beside it.
+where the error of mesh and steps alone would not make it. The one that explains most is told first; the others are asked beside it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from thermofit.fit.linear_model import LinearModel
 LEVEL = 0.01
 """Chance that any pair of a parameter and a variable is told where nothing drifts."""
 SHARE = 0.1
-"""Part of the fall of the square sum that the first drift makes, below which a further one is not told: what a linear step leaves of a large
-one looks like others."""
+"""Part of the fall of the square sum that the first drift makes, below which a further one is not told: what a linear step leaves of a
+large one looks like others."""
 AS_MUCH = 0.9
 """Part of the fall of the strongest that one which is not told apart from it explains as well."""
 MOST = 3

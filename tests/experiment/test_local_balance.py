@@ -1,5 +1,5 @@
-"""Local balances of a small body: nothing where nothing is missing, a source at its place and time by another discretisation, nothing of what
-comes from beyond the observed length, and a law that the model lacks in the force of sections."""
+"""Local balances of a small body: nothing where nothing is missing, a source at its place and time (made by another discretisation),
+nothing of what comes from beyond the observed length, and a law that the model lacks in the force of sections."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def maps(seen: Shown) -> tuple[SignificanceMap, SignificanceMap]:
 
 
 def conducted(power: float, place: float, window: tuple[float, float]) -> np.ndarray:
-    """Rise (n_t, n_s, 1) K by a source of `power` mW/mm^3 within 3 mm of a place, by finite differences in 0.5 mm and 0.05 s along a bar."""
+    """Rise (n_t, n_s, 1) K by a source of `power` mW/mm^3 within 3 mm of a place: finite differences in 0.5 mm and 0.05 s along a bar."""
     y, dt = np.arange(-74.75, 75.0, 0.5), 0.05
     v = TRUE.values
     loss = 2.0e-3 * v["alpha_air"] * (1.0 / SPECIMEN.thickness + 1.0 / SPECIMEN.gauge_width)
@@ -172,7 +172,7 @@ def test_states_of_sections_follow_the_flow() -> None:
 
 
 def test_errors_of_the_force_are_common_to_all_sections() -> None:
-    made, slopes = joint()
+    made, _ = joint()
     steps = replace(made.data.steps["all"], error=20.0 * np.exp(-0.5 * ((TIME - 15.0) / 2.0) ** 2)[:, None])
     other = replace(made, data=replace(made.data, steps={**made.data.steps, "all": steps}))
     seen = replace(shown(35), joint=other)

@@ -141,7 +141,7 @@ def test_heat_from_beyond_the_observed_length_is_not_missing_inside() -> None:
 def test_a_law_that_is_missing_shows_in_the_force_of_sections(planted: dict[str, float]) -> None:
     found, clean = fields(planted), joint()[0].model.observations
     force, _ = maps(shown(32, {name: found[name] - clean[name].value for name in found}))
-    assert force.stands_out and force.block.time[0] > 3.0
+    assert force.stands_out
     strong = np.abs(force.z) > force.threshold
     assert strong.any() and force.balance.time[strong].min() > 5.0, "nothing flows before"
 

@@ -93,7 +93,7 @@ CAPTIONS: dict[str, Caption] = {
         "Which parameter wants to change with what?",
         "Fitted parameters in blocks of time, plastic strain, rate, temperature and place, beside all others; what stands out from chance "
         "and lowers the error on unseen data.",
-        "None.",
+        "Nothing is listed.",
         "A parameter that wants to change: the law lacks that dependence, or one that looks like it.",
         "Compare with the candidate causes; a slope that none of them has is a hint at a law that is not in the catalogue.",
     ),

@@ -116,7 +116,7 @@ def scanned(made: LocalBalance, exact: np.ndarray) -> LocalBalance:
 def test_a_balance_closes_with_the_parameter_that_the_fit_has_missed() -> None:
     exact = 0.1 * np.sin(0.9 * ROW + COLUMN)
     # At 100 the noise is that of a conductivity of 100; the truth is 300.
-    made = balance(9.0 * noise(7, 0.0) - 200.0 * exact, beside=np.zeros((len(ROW), 0)))
+    made = balance(3.0 * noise(7, 0.0) - 200.0 * exact, beside=np.zeros((len(ROW), 0)))
     found = significance(scanned(made, exact))
     assert not found.stands_out and found.asks is not None and found.asks.name == "kappa"
     assert found.asks.value == pytest.approx(300.0, abs=3.0 * found.asks.sigma) and found.asks.sigma < 100.0 and found.asks.fitted == 100.0

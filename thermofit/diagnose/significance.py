@@ -187,14 +187,16 @@ def _scanned(balance: LocalBalance, follow: Follow, found: SignificanceMap) -> S
         return found
     moved = int(np.argmax(np.abs(balance.scan[k])))
     value = np.array([balance.value[moved] + x[moved] for x in balance.scan])
-    sigma = float("nan")
+    best, sigma = float(value[k]), float("nan")
     if 0 < k < len(maps) - 1 and value[k - 1] < value[k] < value[k + 1]:
-        a, _, _ = np.polyfit(np.log(value[k - 1 : k + 2] / value[k]), level[k - 1 : k + 2] - level[k], 2)
-        sigma = float(value[k] / np.sqrt(a)) if a > 0.0 else sigma
+        bent, slope, _ = np.polyfit(np.log(value[k - 1 : k + 2] / value[k]), level[k - 1 : k + 2] - level[k], 2)
+        if bent > 0.0:
+            best = float(value[k] * np.exp(-0.5 * slope / bent))
+            sigma = float(best / np.sqrt(bent))
     if maps[k].stands_out or not np.isfinite(sigma):
         # No parameter closes the balance: something is missing, and what it lacks is told at the fitted ones.
         return found
-    return replace(maps[k], asks=Asked(balance.names[moved], float(value[k]), sigma, float(balance.value[moved])))
+    return replace(maps[k], asks=Asked(balance.names[moved], best, sigma, float(balance.value[moved])))
 
 
 def _beside_blocks(found: SignificanceMap) -> SignificanceMap:

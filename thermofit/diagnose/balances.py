@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from thermofit.core.errors import NumericsError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import AT
 from thermofit.diagnose.significance import SignificanceMap, significance
 from thermofit.diagnose.trace import Traced
@@ -73,7 +73,7 @@ def witnesses(here: Traced, parts: JointParts | None, numerical: np.ndarray | No
         spans = named_phases(joint.data.phases)
         try:
             seen = shown(joint, parts.seen_by(here.case.parameters, name), own)
-        except NumericsError as error:
+        except (NumericsError, StudyError) as error:
             without.append(f"{lead}local balances: the run failed ({error})")
             continue
         balances: dict[str, Callable[[], LocalBalance | None]] = {
@@ -83,13 +83,17 @@ def witnesses(here: Traced, parts: JointParts | None, numerical: np.ndarray | No
         for kind, make in balances.items():
             try:
                 balance = make()
-            except NumericsError as error:
+            except (NumericsError, StudyError) as error:
                 without.append(f"{lead}{kind}: {error}")
                 continue
             if balance is None:
                 without.append(f"{lead}{kind}: not enough was measured, or it is not compared")
                 continue
-            made = significance(balance)
+            try:
+                made = significance(balance)
+            except np.linalg.LinAlgError:
+                without.append(f"{lead}{kind}: some cells have no noise of their own; check the noise of the data")
+                continue
             channel = balance.channel + (f"{AT}{name}" if name else "")
             found.append(Witness(name, made, channel in stands, where_of(channel in stands, made.stands_out), spans))
     return Witnesses(tuple(found), tuple(without))
@@ -99,7 +103,7 @@ def _heat(seen: Shown, spans: tuple[Span, ...]) -> LocalBalance | None:
     """The balance of heat with the flow that was measured; with the predicted one where the law cannot follow the measured strain."""
     try:
         flow = measured_flow(seen, spans)
-    except NumericsError:
+    except (NumericsError, StudyError):
         flow = None
     return piece_heat(seen, flow)
 

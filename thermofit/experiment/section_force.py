@@ -173,8 +173,7 @@ def _half_length(profile: Profile, noise: np.ndarray, modulus: float, largest: f
     """Half length mm of a section: the shortest whose strain is quiet, else the longest."""
     spacing, observed = float(np.median(np.diff(profile.y))), float(np.ptp(profile.y))
     shortest, longest = 0.5 * SHORTEST * spacing, 0.5 * max(LONGEST * observed, SHORTEST * spacing)
-    usual = np.median(np.where(profile.count > 0, noise, np.nan)[np.any(profile.count > 0, axis=1)])
-    usual = float(np.nanmedian(noise[profile.count > 0])) if not np.isfinite(usual) else float(usual)
+    usual = float(np.median(noise[profile.count > 0]))
     for half in np.geomspace(shortest, longest, 12):
         of_strain, _, total = _slopes(profile.y, float(profile.y.mean()), float(half))
         if modulus * usual * float(np.linalg.norm(of_strain)) / total <= QUIET * largest:
@@ -224,12 +223,22 @@ def _groups(time: np.ndarray, strain: np.ndarray, sigma: np.ndarray, spans: tupl
         while at < len(own):
             for size in range(1, most + 1):
                 group = own[at : at + size]
-                mean, error = np.nanmean(strain[group], axis=0), np.sqrt(np.nanmean(sigma[group] ** 2, axis=0) / len(group))
-                if last is None or at + size >= len(own) or np.nanmedian(np.abs(mean - last) / error) >= GROWN:
+                mean, error = _group_mean(strain[group], sigma[group])
+                grown = np.abs(mean - last) / error if last is not None else np.zeros(0)
+                grown = grown[np.isfinite(grown)]
+                if not grown.size or at + size >= len(own) or np.median(grown) >= GROWN:
                     break
             groups.append(np.array(group))
             last, at = mean, at + len(group)
     return sorted(groups, key=lambda g: float(time[g[0]]))
+
+
+def _group_mean(strain: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means (n_y,) of strains (k, n_y) where they were measured, and their standard errors; nan where none was."""
+    known = np.isfinite(strain)
+    number = known.sum(axis=0).astype(float)
+    number[number == 0.0] = np.nan
+    return np.where(known, strain, 0.0).sum(axis=0) / number, np.sqrt(np.where(known, sigma**2, 0.0).sum(axis=0)) / number
 
 
 def _phase(t: float, spans: tuple[Span, ...]) -> int:

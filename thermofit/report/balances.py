@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from thermofit.core.errors import NumericsError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import AT
 from thermofit.diagnose.balances import Witness, Witnesses, witnesses
 from thermofit.diagnose.drift import Drifts, drifts
@@ -116,7 +116,7 @@ def _drift(here: Traced, parts: JointParts | None) -> dict[str, Any]:
     """The entry `drift`."""
     try:
         found = drifts(here, row_states(here.case.model, here.case.parameters, parts))
-    except NumericsError as error:
+    except (NumericsError, StudyError) as error:
         return {"asked": 0, "found": [], "without": f"the states of the material could not be run ({error})"}
     return {"asked": found.asked, "found": _drift_rows(found), "without": ""}
 

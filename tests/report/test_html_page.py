@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
-from thermofit.records.artefact import RecordContent
+from thermofit.records.artefact import Dataset, RecordContent, open_record
 from thermofit.report.html.captions import CAPTIONS
 from thermofit.report.html.content import Report, report_schema
 from thermofit.report.html.gather import report_of
@@ -113,6 +113,56 @@ def test_every_figure_has_four_lines(run: Path) -> None:
     assert sum(a.get("class") == "four" for _, a in page.elements) == len(shown)
     assert page.texts["dt"].count("Good") == page.texts["dt"].count("Then") == len(shown)
     assert all(min(len(c.shown), len(c.good), len(c.bad), len(c.todo)) > 10 for c in CAPTIONS.values())
+
+
+def test_local_balances_stand_in_the_page_with_their_figure(tmp_path: Path) -> None:
+    row = {
+        **{
+            "balance": "heat",
+            "channel": "dtheta",
+            "experiment": None,
+            "where": "inside",
+            "unit": "mW/mm^3",
+            "chi2": 812.0,
+            "degrees": 66.5,
+        },
+        "block": {"y_mm": [5.0, 15.0], "when_s": [38.0, 62.0], "value": 0.064, "sigma": 0.003, "chi2_drop": 700.0},
+        "closes_with": {"parameter": "kappa", "value": 144.0, "sigma": 22.0, "fitted": 18.0},
+    }
+    drift = {
+        "words": "kappa wants to fall with temperature",
+        "slope": -0.2,
+        "sigma": 0.01,
+        "unit": "mW/(mm K) per K",
+        "z": -20.0,
+        "alike": [],
+    }
+    said = {
+        "local_balances": {"where": "inside", "maps": [row], "without": [made.HOSTILE], "figure": None},
+        "drift": {"asked": 60, "found": [drift], "without": ""},
+    }
+    folder = made.whole_run(tmp_path / "run", **said)
+    loop = open_record(folder / "close-loop.h5")
+    z = np.random.default_rng(1).normal(size=(9, 4))
+    z[3, 2], z[8, 0] = 9.0, np.nan
+    maps = {
+        "balance/heat/z": Dataset(z, "1", ("window", "place")),
+        "balance/heat/time": Dataset(np.linspace(2.0, 70.0, 9), "s", ("window",)),
+        "balance/heat/y": Dataset(np.linspace(-15.0, 15.0, 4), "mm", ("place",)),
+        "balance/heat/threshold": Dataset(np.array([3.6]), "1", ("map",)),
+    }
+    data = {name: loop[name] for name in loop.names} | maps
+    made.write(folder, RecordContent("close-loop", loop.config, {}, data, loop.parameters, loop.summary))
+    _, page, _ = page_of(folder)
+    points = " ".join(page.texts["li"])
+    assert (
+        "0.064 +- 0.003 mW/mm^3 at y = 5 to 15 mm from 38 to 62 s" in points
+        and "closes with kappa = 144 +- 22, where the fit has 18" in points
+    )
+    assert "kappa wants to fall with temperature: -0.2 +- 0.01 mW/(mm K) per K" in points and made.HOSTILE in points
+    (picture,) = page.values("src")
+    assert picture.startswith("data:image/png;base64,") and base64.b64decode(picture.partition(",")[2]).startswith(b"\x89PNG")
+    assert {"significance", "drift"} <= set(page.values("id")) and page.wrong == []
 
 
 def test_maps_before_and_after_are_what_the_loop_left(run: Path) -> None:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from thermofit.cli.numbers import number
+from thermofit.report.local_words import balance_lines, drift_line
 
 _SHOWN = 12
 
@@ -27,6 +28,11 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
         console.print(f"undecided  {text}", soft_wrap=True)
     if result.get("unlisted"):
         unlisted_lines(console, result["unlisted"])
+    if result.get("local_balances"):
+        for text in balance_lines(result["local_balances"]):
+            console.print(f"balance   {text}", soft_wrap=True)
+    for row in (result.get("drift") or {}).get("found", ()):
+        console.print(f"drift     {drift_line(row)}", soft_wrap=True)
     if result.get("could_show"):
         console.print(f"could show {_could_show(result['could_show'])}", soft_wrap=True)
     if result.get("grade"):

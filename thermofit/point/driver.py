@@ -30,13 +30,15 @@ class Programme:
     """What a coupon is driven by: increasing `time` s (n_t,) and nominal `value` (n_t,), strain or, where `by_stress` (n_t,), MPa.
 
     An entry of `by_stress` says what its value is and how the interval that ends there is driven. A first value that is not zero is
-    reached in a step as long as the first interval. `theta_start` K: temperature at the start, None for that of the air.
+    reached in a step as long as the first interval. `theta_start` K: temperature at the start, None for that of the air. `theta` K (n_t,):
+    the temperature was measured, and the heat balance takes no part; None: it is computed.
     """
 
     time: np.ndarray
     value: np.ndarray
     by_stress: np.ndarray
     theta_start: float | None = None
+    theta: np.ndarray | None = None
 
     @staticmethod
     def by_strain(time: np.ndarray, strain: np.ndarray, theta_start: float | None = None) -> Programme:
@@ -51,7 +53,7 @@ class Programme:
     def check(self) -> None:
         """StudyError where the history is too short, not finite, not increasing in time, or compresses to nothing."""
         n = len(self.time)
-        if n < 2 or len(self.value) != n or len(self.by_stress) != n:
+        if n < 2 or len(self.value) != n or len(self.by_stress) != n or (self.theta is not None and len(self.theta) != n):
             raise StudyError(f"coupon: {n} times and {len(self.value)} values found; expected as many, and at least two")
         late = np.flatnonzero(~(np.diff(self.time) > 0.0))
         if len(late):
@@ -78,6 +80,8 @@ class PointSettings:
 
 
 DEFAULTS = PointSettings()
+_AT_ONCE = 1e-6
+"""Time constant of the exchange of heat, over the shortest step, where the temperature is prescribed."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +193,11 @@ def _run(parameters: Parameters, names: tuple[str, ...], programme: Programme, s
     limits = Limits(float(settings.max_strain), int(settings.max_cuts))
     by_stress = np.ascontiguousarray(programme.by_stress, dtype=np.bool_)
     warmer, warmer_along = warmer_air(parameters, names, time)
+    if programme.theta is not None:
+        # A specimen that follows its surroundings at once has the temperature that these are given.
+        numbers[TAU], along[TAU] = _AT_ONCE * float(np.diff(time).min()), 0.0
+        warmer, warmer_along = np.ascontiguousarray(programme.theta - numbers[AIR], dtype=float), np.zeros((n, len(names)))
+        numbers[START], along[[AIR, START]] = float(programme.theta[0]), 0.0
     failed = run(time, value, by_stress, numbers, along, warmer, warmer_along, flags, limits, states, rates, counts)
     if failed >= 0:
         what = f"stress {value[failed]:g} MPa" if by_stress[failed] else f"strain {value[failed]:g}"

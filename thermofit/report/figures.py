@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -128,6 +129,13 @@ def save_figures(folder: Path, figures: Mapping[str, Figure], also: Sequence[str
                 figure.savefig(temporary, dpi=_DPI, format=kind, metadata=FORMATS.get(kind))
         paths.append(folder / f"{name}.png")
     return paths
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as the content of a PNG file."""
+    content = io.BytesIO()
+    figure.savefig(content, dpi=_DPI, format="png")
+    return content.getvalue()
 
 
 def drawn(run_dir: Path, figures: Mapping[str, Callable[[], Figure]], *, anew: bool) -> None:

@@ -9,11 +9,13 @@ from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.known_fit import known_fit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
+from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.study_with_effects import write_study
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
+from thermofit.report.balances import locally_told
 from thermofit.report.findings import diagnosis_parameters, loop_datasets, loop_summary
 from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
@@ -44,8 +46,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         said = loop_summary(found, closed, study.run_dir / STUDY)
         told = decided(said, closed.last, added_families(closed), found.refit.parts)
-        summary = {**with_unlisted(told, described(study, closed.last, missing)), "drive": found.drive}
-        return Made({**loop_datasets(closed), **unlisted_datasets(missing)}, summary, parameters)
+        parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
+        local = locally_told(study, closed.last, parts or found.refit.parts, closed.numerical)
+        summary = {**with_unlisted(told, described(study, closed.last, missing)), "drive": found.drive, **local.entries}
+        return Made({**loop_datasets(closed), **unlisted_datasets(missing), **local.datasets}, summary, parameters)
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)

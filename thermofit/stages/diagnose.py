@@ -11,6 +11,7 @@ from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
+from thermofit.report.balances import locally_told
 from thermofit.report.findings import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
 from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
@@ -33,9 +34,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
         missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
-        summary = {**with_unlisted(told, described(study, here, missing)), "drive": found.drive}
+        local = locally_told(study, here, found.refit.parts, found.numerical)
+        summary = {**with_unlisted(told, described(study, here, missing)), "drive": found.drive, **local.entries}
         fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
-        datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **fitted}
+        datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **local.datasets, **fitted}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
 
     outcome = produce(task, make, force=force)

@@ -80,6 +80,23 @@ CAPTIONS: dict[str, Caption] = {
         "It is far outside its band in some phase.",
         "Look for what happened at that place and time; its effect file in the run folder can be added to the study.",
     ),
+    "significance": Caption(
+        "Significance map: is something missing inside the observed field?",
+        "What a local balance misses over its standard error, over time and place. Force: that of the measured strain in the identified "
+        "law less the load cell. Heat: that of pieces whose rims have their measured temperature. Rings mark what chance does not make.",
+        "Pale everywhere: 0.3 % of the cells beyond 3, no ring.",
+        "A patch: something is missing at that place and time. Nothing here, but structure in the residual maps: it comes from outside the "
+        "observed field, from jaws or shoulders.",
+        "For a patch look for a law, a source or an instrument at that place and time. For none look at the boundaries of the model.",
+    ),
+    "drift": Caption(
+        "Which parameter wants to change with what?",
+        "Fitted parameters in blocks of time, plastic strain, rate, temperature and place, beside all others; what stands out from chance "
+        "and lowers the error on unseen data.",
+        "Nothing is listed.",
+        "A parameter that wants to change: the law lacks that dependence, or one that looks like it.",
+        "Compare with the candidate causes; a slope that none of them has is a hint at a law that is not in the catalogue.",
+    ),
     "parameters": Caption(
         "What was identified?",
         "Every fitted parameter with its standard error and 95 % interval between the bounds of the study. They hold the noise of the data "

@@ -159,6 +159,10 @@ class Report(_Part):
     not_shown: list[str]
     decide: list[str]
     unlisted: dict[str, Any] | None
+    local_balances: dict[str, Any] | None = None
+    """What local balances say, as in the result of `diagnose` or `close-loop`; null: they were not asked."""
+    drift: dict[str, Any] | None = None
+    """Which fitted parameters want to change with what, as in that result."""
     facts: list[tuple[str, str]]
     parameters: list[Value]
     phases: list[PhaseRow]

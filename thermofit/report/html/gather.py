@@ -81,6 +81,8 @@ def report_of(run: RunFolder, study: Study | None = None, failure: str = "") -> 
         not_shown=_not_shown(summary),
         decide=[str(text) for text in summary.get("undecided", ())],
         unlisted=summary.get("unlisted"),
+        local_balances=summary.get("local_balances"),
+        drift=summary.get("drift"),
         facts=_facts(run),
         parameters=_parameters(run, study),
         phases=_phases(run, judged),

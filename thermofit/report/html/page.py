@@ -12,16 +12,20 @@ from typing import Any
 
 from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
+from matplotlib import rc_context
 
 from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
 from thermofit.core.jsonable import jsonable
+from thermofit.report.balances import GROUP, maps_of, significance_figure
+from thermofit.report.figures import STYLE, png
 from thermofit.report.html.captions import CAPTIONS
 from thermofit.report.html.content import Report
-from thermofit.report.html.gather import channel_words, report_of, unlisted_words
+from thermofit.report.html.gather import DIAGNOSE, LOOP, channel_words, report_of, unlisted_words
 from thermofit.report.html.methods import methods_text, references
-from thermofit.report.html.run_folder import read_run
+from thermofit.report.html.run_folder import RunFolder, read_run
 from thermofit.report.html.views import views_of
+from thermofit.report.local_words import balance_lines, drift_line
 from thermofit.study.study import Study
 
 HTML, JSON, METHODS, REFERENCES = "report.html", "report.json", "methods.md", "methods.bib"
@@ -49,7 +53,7 @@ def write_report(run_dir: Path, study: Study | None = None, *, failure: str = ""
     entries = references(text, run)
     views = views_of(run, study)
     texts = {
-        HTML: rendered(content, views, text),
+        HTML: rendered(content, views, text, _significance_map(run)),
         JSON: json.dumps(jsonable(content.model_dump()), indent=1, allow_nan=False) + "\n",
         METHODS: text,
         REFERENCES: entries,
@@ -63,8 +67,21 @@ def write_report(run_dir: Path, study: Study | None = None, *, failure: str = ""
     return Written(run_dir / HTML, run_dir / JSON, run_dir / METHODS, run_dir / REFERENCES, content)
 
 
-def rendered(content: Report, views: dict[str, Any], methods: str) -> str:
-    """The page as one text. All that comes from data is escaped, and the policy of the page runs no script but the viewer itself."""
+def _significance_map(run: RunFolder) -> str:
+    """The figure of the local balances of the last diagnosis as base64 of a PNG; empty where there is none."""
+    record = next((run.records[stage] for stage in (LOOP, DIAGNOSE) if run.has(stage)), None)
+    maps = [] if record is None else maps_of({name: record[name] for name in record.names if name.startswith(f"{GROUP}/")})
+    if not maps:
+        return ""
+    with rc_context(STYLE):
+        return base64.b64encode(png(significance_figure(maps))).decode("ascii")
+
+
+def rendered(content: Report, views: dict[str, Any], methods: str, significance_map: str = "") -> str:
+    """The page as one text; `significance_map`: base64 of a PNG.
+
+    All that comes from data is escaped, and the policy of the page runs no script but the viewer itself.
+    """
     viewer, style = _source("viewer.js"), _source("page.css")
     environment = Environment(
         loader=DictLoader({"page": _source("page.html.j2")}),
@@ -84,6 +101,9 @@ def rendered(content: Report, views: dict[str, Any], methods: str) -> str:
         reach=_reach(content),
         views=Markup(_data({**views, "profiles": [p.model_dump() for p in content.profiles], "unlisted": _over_time(content)})),
         unlisted=None if content.unlisted is None else unlisted_words(content.unlisted),
+        balances=[] if content.local_balances is None else balance_lines(content.local_balances),
+        drifts=[drift_line(row) for row in (content.drift or {}).get("found", ())],
+        significance_map=significance_map,
         methods=methods.partition("\n\n")[2].strip().split("\n\n"),
         has_fields=bool(views["tests"]),
         has_maps=any(t["maps"] or t["fields"] for t in views["tests"]),

@@ -1,0 +1,47 @@
+"""Local balances and drifting parameters of a result in words, for a terminal and for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+_BALANCES = {"force": "force through sections", "heat": "heat of pieces"}
+_WHERE = {
+    "inside": "something is missing inside the observed field",
+    "outside": "what is left comes from outside the observed field",
+    "none": "nothing is missing there",
+}
+_ALIKE = 4
+"""Drifts that are alike and are named."""
+
+
+def balance_lines(said: Mapping[str, Any]) -> list[str]:
+    """One line for each local balance: chi-square, where it comes from, and the block of place and time that misses most."""
+    return [_line(row) for row in said["maps"]] + [str(text) for text in said["without"]]
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    lead = f"{row['experiment']}: " if row["experiment"] else ""
+    line = f"{lead}{_BALANCES[row['balance']]}: chi2 {row['chi2']:.3g} of {row['degrees']:.3g}, {_WHERE[row['where']]}"
+    if row["block"] is not None:
+        b = row["block"]
+        (y0, y1), (t0, t1) = b["y_mm"], b["when_s"]
+        line += f": {_value(b['value'], b['sigma'])} {row['unit']} at y = {y0:.3g} to {y1:.3g} mm from {t0:.3g} to {t1:.3g} s"
+    if row["closes_with"] is not None:
+        c = row["closes_with"]
+        line += f"; the balance closes with {c['parameter']} = {_value(c['value'], c['sigma'])}, where the fit has {c['fitted']:.3g}"
+    return line
+
+
+def drift_line(row: Mapping[str, Any]) -> str:
+    """A drifting parameter in one line, and what these data do not tell from it."""
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    line = f"{row['words']}: {_value(row['slope'], row['sigma'])}{unit} (z {row['z']:.1f})"
+    others = [f"{a['parameter']} with {a['variable']}" for a in row["alike"]]
+    if not others:
+        return line
+    return f"{line}; not told from {', '.join(others[:_ALIKE])}" + (" and others" if len(others) > _ALIKE else "")
+
+
+def _value(value: float, sigma: float | None) -> str:
+    return f"{value:.3g}" if sigma is None else f"{value:.3g} +- {sigma:.2g}"

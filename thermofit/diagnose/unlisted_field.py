@@ -111,7 +111,10 @@ def likeliest(known: LinearModel, basis: Basis) -> float:
 
     def wanted(weight: float) -> float:
         whole, scale = _scaled(system.gram, system.rough, weight, system.p)
-        factor = cho_factor(whole)
+        try:
+            factor = cho_factor(whole)
+        except LinAlgError:  # so little held that rounding decides: another weight is likelier
+            return np.inf
         left = square - float((scale * system.right) @ cho_solve(factor, scale * system.right))
         det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
         return n * float(np.log(max(left, 1e-300))) + det - m * float(np.log(weight))

@@ -502,3 +502,18 @@ def test_new_refuses_a_folder_without_experiment(tmp_path: Path) -> None:
     assert result.exit_code == 2 and "experiment.yaml" in result.stderr
     assert not (tmp_path / "study.yaml").exists()
     assert call("new", tmp_path / "missing" / "study.yaml").exit_code == 2
+
+
+@pytest.mark.parametrize("command", ["diagnose", "close-loop"])
+def test_a_joint_fit_that_is_there_is_made_anew_with_what_it_rests_on(study: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    """Else it would be refused as stale as soon as a stage before it was made anew, by a later version for example."""
+
+    def chain(study: Study, links: Any, selection: Any, report: Any = None) -> None:
+        raise StudyError(f"until {selection.last}")
+
+    monkeypatch.setattr("thermofit.stages.run.chain", chain)
+    run_dir = study.parent / "runs" / "tiny"
+    assert "until identify-thermal" in call(command, study, "--run-dir", run_dir).output
+    run_dir.mkdir(parents=True, exist_ok=True)
+    (run_dir / "refine.h5").write_bytes(b"")
+    assert "until refine" in call(command, study, "--run-dir", run_dir).output

@@ -278,12 +278,17 @@ def _page_so_far(study: Study, as_json: bool, failure: str = "") -> None:
 
 
 def _chain_before(name: str, study: Study, report: Callable[[dict[str, Any]], None] | None) -> None:
-    """The chain up to the last identification, where a command rests on it; what is fresh is not run again."""
+    """The chain up to the last identification, where a command rests on it; what is fresh is not run again.
+
+    A joint fit that is there rests on stages that may be made anew: then it is made anew as well, else it would be refused as stale.
+    """
     if name in ON_CHAIN:
         from thermofit.records.executor import SERIAL
-        from thermofit.stages.run import Link, Selection, chain
+        from thermofit.records.staging import artefact_path
+        from thermofit.stages.run import REFINE, Link, Selection, chain
 
-        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in CHAIN], Selection(last="identify-thermal"), report=report)
+        last = REFINE if artefact_path(study.run_dir, REFINE).exists() else "identify-thermal"
+        chain(study, [Link(stage, _lazy(stage, SERIAL)) for stage in CHAIN], Selection(last=last), report=report)
 
 
 def _announce(command: str, study: Study, silent: bool) -> None:

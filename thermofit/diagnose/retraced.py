@@ -215,8 +215,8 @@ def _refitted(
     here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
-    of the first one, told there where it was not felt before, or where `begin` says where the fit starts, with the effects in it, and from
-    there alone: the optimum without the effect may lie where nothing is felt of it."""
+    of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone.
+    The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well."""
     score, start = scores[0], here.case.parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
@@ -238,6 +238,10 @@ def _refitted(
     proof = compared(before, after, here.rows, len(here.split.held_out), here.problem.model.noise, left)
     if len(scores) == 1 and (score.vetoed or score.z == 0.0 or begin is not None):
         score = _scored_there(here, score, parameters, warm, mine)
+    if len(scores) == 1 and begin is not None:
+        # A drift acts through a film: the data know the product, and its quotient has no standard error that says how far it is from nothing.
+        fall = max(float(np.sum(here.columns.residual[mine] ** 2)) - warm.f, 0.0)
+        score = replace(score, z=max(score.z, float(np.sqrt(fall * len(warm.residual) / warm.f))), predicted_drop=fall)
     return _End(score, parameters, left, after, proof)
 
 

@@ -114,6 +114,7 @@ def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
     step, refitted = trace_of(problem(**{"clamp_drift.rate": 0.05}))
     first = refitted.promising()[0]
     assert first.effect == "clamp_drift" and first.estimate["clamp_drift.rate"] == pytest.approx(0.05, rel=0.1)
+    assert first.z > 300.0, "the root of what the square sum falls by"
     assert "clamp_drift" in refitted.warmed and refitted.proofs["clamp_drift"].convinces
     assert step.beyond_floor(float(step.columns.residual @ step.columns.residual)) > 0.0
 

@@ -239,7 +239,8 @@ def _refitted(
     if len(scores) == 1 and (score.vetoed or score.z == 0.0 or begin is not None):
         score = _scored_there(here, score, parameters, warm, mine)
     if len(scores) == 1 and begin is not None:
-        # A drift acts through a film: the data know the product, and its quotient has no standard error that says how far it is from nothing.
+        # A drift acts through a film: the data know the product, and the quotient has no standard error that says how far it is from
+        # nothing.
         fall = max(float(np.sum(here.columns.residual[mine] ** 2)) - warm.f, 0.0)
         score = replace(score, z=max(score.z, float(np.sqrt(fall * len(warm.residual) / warm.f))), predicted_drop=fall)
     return _End(score, parameters, left, after, proof)

@@ -190,13 +190,19 @@ def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None
     assert any(NAME not in free for _, free, _ in fits)
 
 
-def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both starts of the temperatures; fits of all together end by their own rule."""
+@pytest.mark.parametrize(("converged", "square", "starts"), [(False, 1.0, 2), (True, 1.1, 2), (True, 1.001, 1)])
+def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
+    monkeypatch: pytest.MonkeyPatch, converged: bool, square: float, starts: int
+) -> None:
+    """Both starts of the temperatures, the second with what the first has reached to beat; the first alone where it began at an optimum.
+    Fits of all together end by their own rule."""
     asked: list[float] = []
+    beaten: list[float] = []
 
     def ended(problem: Any, method: str, options: Settings, hooks: Any) -> Any:
         asked.append(options.worth)
-        return SimpleNamespace(f=1.0, x=np.array([2.2]))
+        beaten.append(options.to_beat)
+        return SimpleNamespace(f=1.0, x=np.array([2.2]), converged=converged)
 
     same: Any = SimpleNamespace(converted=lambda fit: fit)
     monkeypatch.setattr(refit, "minimise", ended)
@@ -205,7 +211,7 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(monkeyp
     monkeypatch.setattr(refit, "evaluation_key", lambda job, start: {})
     monkeypatch.setattr(refit, "checkpoint_folder", lambda job, name: name)
     monkeypatch.setattr(refit, "Checkpoint", lambda *_: None)
-    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=1000)], one_way=True)
+    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=1000)], one_way=True, residual=lambda _: np.array([np.sqrt(square)]))
     study: Any = SimpleNamespace(setting=lambda name: None)
     settings: Any = SimpleNamespace(tolerance=1e-4, method="least-squares", free=("c0",), model_copy=lambda update: settings)
     parts: Any = SimpleNamespace(heat=lambda parameters: warm)
@@ -216,4 +222,5 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(monkeyp
     assert heated is not None
     assert heated.minimised(at, "lamp on the known motion")["c0"] == 2.2
     fitting.minimised_on(at, warm, "all together", 12)
-    assert asked == [WORTH, WORTH, 0.0]
+    assert asked == [*[WORTH] * starts, 0.0]
+    assert beaten == [np.inf, *[1.0] * (starts - 1), np.inf]

@@ -11,7 +11,7 @@ from thermofit.core.jsonable import jsonable
 from thermofit.diagnose.balances import Witness, Witnesses, where_of
 from thermofit.diagnose.significance import significance
 from thermofit.experiment.local_balance import LocalBalance
-from thermofit.report.balances import _balances, balance_datasets, maps_of, significance_figure
+from thermofit.report.balances import balance_datasets, balance_entry, maps_of, significance_figure
 from thermofit.report.local_words import balance_lines
 
 N_T, N_Y = 8, 4
@@ -58,7 +58,7 @@ def test_the_word_says_where_a_residual_comes_from(planted: float, whole: bool, 
 
 def test_a_result_holds_all_of_a_map(tmp_path: object) -> None:
     seen = Witnesses((witness(0.2, True, "second"),), ("heat of pieces: a reason",))
-    said = json.loads(json.dumps(jsonable(_balances(seen, None)), allow_nan=False))
+    said = json.loads(json.dumps(jsonable(balance_entry(seen, None)), allow_nan=False))
     (row,) = said["maps"]
     assert row["where"] == said["where"] == "inside" and row["experiment"] == "second" and row["dropped"] == 1 and row["cells"] == 31
     block = row["block"]

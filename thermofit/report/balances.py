@@ -50,10 +50,10 @@ def locally_told(study: Study, here: Traced, parts: JointParts | None, numerical
     if datasets:
         with matplotlib.rc_context(STYLE):
             figure = save_figures(study.run_dir / "figures", {FIGURE: significance_figure(maps_of(datasets))})[0]
-    return Told({"local_balances": _balances(seen, figure), "drift": _drift(here, parts)}, datasets)
+    return Told({"local_balances": balance_entry(seen, figure), "drift": _drift(here, parts)}, datasets)
 
 
-def _balances(seen: Witnesses | None, figure: Path | None) -> dict[str, Any] | None:
+def balance_entry(seen: Witnesses | None, figure: Path | None) -> dict[str, Any] | None:
     """The entry `local_balances`."""
     if seen is None:
         return None

@@ -151,7 +151,7 @@ def test_tutorial_runs_as_written(tmp_path: Path) -> None:
         assert done.returncode == expected, f"{text}: exit {done.returncode}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
         told.append(done.stdout)
     said = "\n".join(told)
-    for words_of_page in ("ready for a study", "not verified: dtheta is 1.3 times its noise", "added clamp_drift", "or its like (lamp)"):
+    for words_of_page in ("ready for a study", "not verified: dtheta is 1.3 times its noise", "added clamp_drift", "heat of pieces"):
         assert words_of_page in said
     loop = thermofit.open_run(folder / "runs" / "study").record("close-loop")
     jaws, kappa = loop.parameters["clamp_drift.rate"], loop.parameters["kappa"]

@@ -137,3 +137,5 @@ def test_two_that_act_at_once_begin_together(problem: Made) -> None:
     assert "clamp_drift" in best.effects and best.effects != ("clamp_drift",)
     n = len(found.linear.residual)
     assert best.f - n < 0.7 * (singles[0].f - n) and best.f <= min(b.f for b in others)
+    own = {n: v for b in singles if b.effects[0] in best.effects for n, v in b.values.items()}
+    assert own and all(best.parameters[n] == v for n, v in own.items()), "at the times and exponents of each"

@@ -222,6 +222,8 @@ def _refitted(
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
         own = {**one.estimate, **chosen} if begin is None else {n: begin[n] for n in effect(one.effect).names}
         start = with_effect(start, one.effect, own)
+    if begin is not None:  # held at scanned values, between which the truth may lie, an effect would explain too little of what it is
+        start = start.with_free(tuple(dict.fromkeys((*start.free, *(p.name for one in scores for p in effect(one.effect).exponents)))))
     minimised = fit.minimised if begin is None or fit.from_here is None else fit.from_here
     try:
         parameters = minimised(start, f"{' '.join(s.effect for s in scores)} on the known motion")

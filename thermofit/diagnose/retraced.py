@@ -123,6 +123,12 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
         return _Shielded(ends, {}, ())
     shares = {name: (now - float(np.sum(end.left[mine] ** 2))) / whole for name, end in ends.items()}
+    for score, start in scores:
+        if shares.get(score.effect, 1.0) < EXPLAINED and effect(score.effect).exponents:
+            end = _refitted(here, (score,), fit, {}, start, freed=True)
+            share = -np.inf if end is None else (now - float(np.sum(end.left[mine] ** 2))) / whole
+            if end is not None and share > shares[score.effect]:
+                ends[score.effect], shares[score.effect] = end, share
     refused = {
         name: f"explains {100.0 * max(share, 0.0):.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
         for name, share in shares.items()
@@ -212,7 +218,7 @@ def shown_from(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Score, .
 
 
 def _refitted(
-    here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None
+    here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None, freed: bool = False
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
     of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone.
@@ -222,7 +228,7 @@ def _refitted(
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
         own = {**one.estimate, **chosen} if begin is None else {n: begin[n] for n in effect(one.effect).names}
         start = with_effect(start, one.effect, own)
-    if begin is not None:  # held at scanned values, between which the truth may lie, an effect would explain too little of what it is
+    if freed:  # held at scanned values, between which the truth may lie, an effect would explain too little of what it is
         start = start.with_free(tuple(dict.fromkeys((*start.free, *(p.name for one in scores for p in effect(one.effect).exponents)))))
     minimised = fit.minimised if begin is None or fit.from_here is None else fit.from_here
     try:

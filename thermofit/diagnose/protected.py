@@ -6,8 +6,8 @@ of the optimum, together with
 
     q(y, t) = sum q_ij N_i(y) N_j(t)    and    h(Lambda) d Lambda/dt,  h = sum h_k w_k(Lambda),
 
-a power per volume over the whole specimen and a heat per plastic strain, both held by a roughness whose weight predicts held-out data best
-(`unlisted_field`). The first is any source over place and time, at the ends of the specimen any history of the jaws; the second is what
+a power per volume over the whole specimen and a heat per plastic strain, both held by a roughness whose weight is the likeliest one
+(`unlisted_field.likeliest`). The first is any source over place and time, at the ends of the specimen any history of the jaws; the second is what
 goes with the flow, in which a few knots in time are too coarse. What neither can imitate determines the parameters. From there one step of
 an effect says what it explains: candidates are ranked by it, and refitted from its end.
 """
@@ -37,12 +37,12 @@ WEAK = 0.5
 """Standard error, as a part of it, of the study's first value of a parameter: where the data say nothing beside the source, that stands."""
 WINDOWS = 12
 """Windows of the plastic strain, over the largest of the test, in each of which a heat per strain is free."""
-FARTHEST = 0.5
-"""Part of its value by which a parameter may change in one of them."""
-NO_FURTHER = 3e-3
-"""Fall of the square sum beside the source below which no further step is made: what moves then is not determined."""
 SWEEPS = 6
 """Steps of the parameters beside the broad source at most."""
+FARTHEST = 0.5
+"""Part of its value by which a parameter may change in one of these steps."""
+NO_FURTHER = 3e-3
+"""Fall of the square sum beside the source below which no further step is made: what moves then is not determined."""
 
 
 @dataclass(frozen=True)

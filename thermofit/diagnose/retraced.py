@@ -55,8 +55,9 @@ class _End:
 
 
 def retraced(here: Traced) -> Traced:
-    """The trace with proofs, estimates and families of refits on the known motion; the same where one step is enough, or where no two
-    effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
+    """The trace with proofs, estimates and families of refits on the known motion; the same where nothing is missing, or where one step of
+    an effect that displacements show is enough. Where no broad source is known, also where one step of any is, or where no two effects
+    that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
     asked = asked_of(here)
     best = max((s for s in here.ranking.scores if not s.vetoed), key=lambda s: s.predicted_drop, default=None)
     if here.case.heated is None or (enough(here) and (best is None or not _judged_here(here, best.effect))):
@@ -221,8 +222,7 @@ def _refitted(
     here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None, freed: bool = False
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
-    of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone.
-    The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well."""
+    of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone; `freed`: with its exponents free. The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well."""
     score, start = scores[0], here.case.parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}

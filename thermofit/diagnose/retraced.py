@@ -222,7 +222,11 @@ def _refitted(
     here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None, freed: bool = False
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
-    of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone; `freed`: with its exponents free. The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well."""
+    of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone;
+    `freed`: with their exponents free.
+
+    The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well.
+    """
     score, start = scores[0], here.case.parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}

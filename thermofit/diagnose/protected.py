@@ -7,9 +7,9 @@ of the optimum, together with
     q(y, t) = sum q_ij N_i(y) N_j(t)    and    h(Lambda) d Lambda/dt,  h = sum h_k w_k(Lambda),
 
 a power per volume over the whole specimen and a heat per plastic strain, both held by a roughness whose weight is the likeliest one
-(`unlisted_field.likeliest`). The first is any source over place and time, at the ends of the specimen any history of the jaws; the second is what
-goes with the flow, in which a few knots in time are too coarse. What neither can imitate determines the parameters. From there one step of
-an effect says what it explains: candidates are ranked by it, and refitted from its end.
+(`unlisted_field.likeliest`). The first is any source over place and time, at the ends of the specimen any history of the jaws. The second
+is what goes with the flow, in which a few knots in time are too coarse. What neither can imitate determines the parameters. From there one
+step of an effect says what it explains: candidates are ranked by it, and refitted from its end.
 """
 
 from __future__ import annotations

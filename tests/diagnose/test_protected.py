@@ -115,6 +115,14 @@ def test_what_explains_less_than_half_of_the_broad_source_is_no_name(problem: Ma
     assert any("of what a heat source over place, time and plastic strain explains: not the cause" in w for w in why.values()), why
 
 
+def test_a_cause_between_the_scanned_values_is_named(problem: Made) -> None:
+    """Held at the nearest scanned window the heat explains less than a name has to; with the window free it explains all."""
+    _, refitted = trace_of(problem(**{"latent_heat.heat": 200.0, "latent_heat.centre": 0.012, "latent_heat.width": 0.002}))
+    first = refitted.promising()[0]
+    assert first.effect == "latent_heat" and first.vetoed == ""
+    assert refitted.settings["latent_heat"]["latent_heat.centre"] == pytest.approx(0.012, abs=1e-3)
+
+
 def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
     step, refitted = trace_of(problem(**{"clamp_drift.rate": 0.05}))
     first = refitted.promising()[0]

@@ -134,6 +134,7 @@ def here_of(cheap: bool = True, heated: Any = None) -> Any:
         problem=SimpleNamespace(model=SimpleNamespace(noise=None)),
         columns=SimpleNamespace(residual=None),
         together=(),
+        against_source=False,
     )
 
 

@@ -19,7 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.backward import Means, held_out_of
 from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.retraced import shown_alone, shown_from, shown_together
+from thermofit.diagnose.retraced import shown_alone, shown_together
 from thermofit.diagnose.score import LEVEL, Score
 from thermofit.diagnose.trace import Scan, Traced
 from thermofit.diagnose.trial import Accepted, Trial, tried_together
@@ -55,8 +55,9 @@ def leaves_more_than_it_takes(here: Traced, fit: FitResult, trials: Sequence[Tri
 
 
 def partners(here: Traced) -> tuple[Score, ...]:
-    """Effects of which pairs are made: above the threshold, and those of their families; the strongest first."""
-    above = [s for s in here.ranking.scores if s.z > here.ranking.threshold]
+    """Effects of which pairs are made: above the threshold and above what the error of mesh and steps alone would take, and those of their
+    families; the strongest first."""
+    above = [s for s in here.ranking.scores if s.z > here.ranking.threshold and s.predicted_drop >= s.numerical_drop]
     alike = {member for s in above for member in s.family}
     found = [s for s in here.ranking.scores if s in above or s.effect in alike]
     return tuple(sorted(found, key=lambda s: -s.z)[:PARTNERS])
@@ -108,7 +109,8 @@ def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: M
     best: tuple[Trial, Accepted] | None = None
     found_pairs = pairs_of(here)
     protected = from_protected(here)
-    for pair, ends in [protected] if protected is not None else [(p, {}) for p in worth_a_refit(here, found_pairs)]:
+    plain = [] if here.against_source else worth_a_refit(here, found_pairs)
+    for pair, ends in [protected] if protected is not None else [(p, {}) for p in plain]:
         there = replace(here, shown={**here.shown, **ends}) if ends else here
         trial, found = tried_together(there, fit, pair.scores, pair.settings, means)
         if found is not None and trial.achieved_drop <= by_chance(found_pairs, found[1], fit):
@@ -124,17 +126,14 @@ def best_pair(here: Traced, fit: FitResult, singles: dict[str, Traced], means: M
 
 
 def from_protected(here: Traced) -> tuple[Pair, dict[str, Any]] | None:
-    """Of pairs that begin at parameters which the missing heat has not driven off the one whose refit on the known motion predicts best,
-    and where it ends, by both names; None where there are none, or none can be run."""
-    heat = here.case.heated(here.case.parameters) if here.together and here.case.heated is not None else None
-    if heat is None:
+    """Of pairs that explain on the known motion what a broad source explains the one that predicts best, and where its refit there ends, by
+    both names; None where there are none."""
+    if not here.together:
         return None
-    ends = [(begin, found) for begin in here.together if (found := shown_from(here, heat, begin)) is not None]
-    if not ends:
-        return None
-    begin, (scores, end) = max(ends, key=lambda e: e[1][1].proof.gain)
-    settings = {p.name: end.parameters[p.name] for name in begin.effects for p in effect(name).exponents}
-    return Pair((scores[0], scores[1]), settings, 0.0), {" ".join(begin.effects): end}
+    scores, end = max(here.together, key=lambda found: found[1].proof.gain)
+    names = [s.effect for s in scores]
+    settings = {p.name: end.parameters[p.name] for name in names for p in effect(name).exponents}
+    return Pair((scores[0], scores[1]), settings, 0.0), {" ".join(names): end}
 
 
 def by_chance(pairs: Sequence[Pair], after: FitResult, before: FitResult) -> float:

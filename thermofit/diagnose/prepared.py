@@ -110,7 +110,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
     if known is None:
         _refuse_one_family(study, joint)
         _refuse_few(joint.model.residual(joint.base), joint)
-        parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS)(joint.base, "joint")
+        parameters, fit = replace(refit, at_most=JOINT_EVALUATIONS, both_starts=True)(joint.base, "joint")
     else:
         parameters, fit = known.parameters, known.fit
         refit.failures.extend(known.failures)

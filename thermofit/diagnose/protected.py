@@ -24,8 +24,7 @@ from scipy.linalg import block_diag
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, HeatFit, scans
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted import SETTLED
-from thermofit.diagnose.unlisted_field import Basis, Field, field_of, likeliest, roughness
+from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, field_of, likeliest, roughness
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acts_in_heat, felt_by_temperatures
 from thermofit.experiment.missing import Missing

@@ -190,6 +190,9 @@ class JointFit:
     ends: Ends = field(default_factory=dict)
     """Refits on known motions that are done: the same one is not made twice, and `close-loop` takes over those of `diagnose`."""
 
+    both_starts: bool = False
+    """Whether temperatures are fitted from the study's first values as well where the first fit begins at an optimum: that of the stages
+    held declared readings, and may have ended with a contact that conducts nothing, through which no reading of the jaws is felt."""
     told: set[tuple[str, float]] = field(default_factory=set)
     """Exponents and the values at which a fit with them free has ended: from there they are not looked for again."""
 
@@ -261,7 +264,7 @@ class JointFit:
     def _warmed(self, start: Parameters, model: StageModel, label: str, alone: bool = False) -> Parameters | None:
         """Parameters after the better of two fits of the thermal ones to the temperatures, from where they are and from the study's first
         values; None where neither can be run. The second is left out where `alone` says so, and where the first one begins at an optimum:
-        that of an earlier fit on nearly the same motion."""
+        that of an earlier fit on nearly the same motion (but for `both_starts`)."""
         thermal = felt_by_temperatures(start.free)
         ends: list[tuple[float, int, Parameters]] = []
         for turn, begin in enumerate((start, start.replace(**self._first_values(thermal)))):
@@ -275,7 +278,8 @@ class JointFit:
                 self.failures.append(f"{name}: the start failed ({error})")
                 continue
             ends.append((fit.f, turn, there))
-            if alone or (fit.converged and model.residual(start) @ model.residual(start) <= (1.0 + WORTH) * fit.f):
+            at_optimum = fit.converged and model.residual(start) @ model.residual(start) <= (1.0 + WORTH) * fit.f
+            if alone or (at_optimum and not self.both_starts):
                 break
         return min(ends)[2].with_free(start.free) if ends else None
 

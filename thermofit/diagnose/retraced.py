@@ -18,13 +18,14 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import HeatFit
 from thermofit.diagnose.held_out import SURE, Proof, Rows, compared, restricted
-from thermofit.diagnose.protected import Begin, begins, pairs, protected
+from thermofit.diagnose.protected import Begin, Protected, begins, pairs, protected
 from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
 from thermofit.diagnose.trace import PLAIN, PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.priors import beyond_error
 from thermofit.fit.linear_model import LinearModel, projection
 from thermofit.fit.result import FitResult
 
@@ -89,58 +90,115 @@ def retraced(here: Traced) -> Traced:
     own = {name: {p.name: end.parameters[p.name] for p in effect(name).exponents} for name, end in ends.items()}
     settings = {**here.settings, **{name: values for name, values in own.items() if values}}
     both = () if shielded is None else shielded.pairs
-    return replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings, together=both)
+    found = replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings, together=both)
+    return found if shielded is None else replace(found, against_source=shielded.told, protected=shielded.protected)
 
 
 @dataclass(frozen=True)
 class _Shielded:
-    """What refits from protected parameters have shown: ends by effect, why effects are no name for what is missing, and where the best
-    pairs begin."""
+    """What refits from protected parameters have shown: ends by effect, why effects are no name for what is missing, and the scores and
+    ends of pairs that are; the protected parameters. `told`: whether the broad source takes more than noise, so that names were held against it."""
 
     ends: Mapping[str, _End]
     refused: Mapping[str, str]
-    pairs: tuple[Begin, ...]
+    pairs: tuple[tuple[tuple[Score, ...], _End], ...]
+    protected: Protected
+    told: bool = False
 
 
 def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     """Refits of effects on the known motion from parameters that the missing heat has not driven off, those first that explain most there;
     None where the model knows of no broad source.
 
-    A name has to explain the broad source: it leaves no more than half of what it takes of it, noise and the error of mesh and steps apart.
+    A name has to explain the broad source: it leaves no more than half of what it takes of it, noise and the error of mesh and steps apart,
+    and with the declared readings as they are.
     """
-    mine = shown_rows(here)
-    found = protected(here.case, fit, _only(here.rows, mine), restricted(here.split, mine))
+    mine, found = shown_rows(here), protected_at(here, fit)
     names = [e.name for e in here.case.dormant() if _judged_here(here, e.name)]
     if found is None or not names:
         return None
     first = begins(here.case, fit, found, names)
     ranked_here = {s.effect: s for s in here.ranking.scores}
-    now = float(np.sum(here.columns.residual[mine] ** 2))
+    now = _without_effects(here, fit, found, mine)
     worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
     scores = [(ranked_here.get(b.effects[0]) or _hidden(b.effects[0]), b.parameters) for b in worth]
     ends = {s.effect: end for s, start in scores if (end := _refitted(here, (s,), fit, {}, start)) is not None}
     numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
     whole = now - found.with_source - numerical
     if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
-        return _Shielded(ends, {}, ())
-    shares = {name: (now - float(np.sum(end.left[mine] ** 2))) / whole for name, end in ends.items()}
-    for score, start in scores:
-        if shares.get(score.effect, 1.0) < EXPLAINED and effect(score.effect).exponents:
-            end = _refitted(here, (score,), fit, {}, start, freed=True)
-            share = -np.inf if end is None else (now - float(np.sum(end.left[mine] ** 2))) / whole
-            if end is not None and share > shares[score.effect]:
-                ends[score.effect], shares[score.effect] = end, share
-    refused = {
-        name: f"explains {100.0 * max(share, 0.0):.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
-        for name, share in shares.items()
-        if share < EXPLAINED
-    }
+        return _Shielded(ends, {}, (), found)
+
+    def share_of(end: _End) -> float:
+        return (now - float(np.sum(end.left[mine] ** 2))) / whole
+
+    def judged(these: Sequence[Score], start: Parameters, end: _End) -> tuple[_End, str]:
+        """The better end with exponents held or free, with declared readings where they were read, and why it is no name for what is
+        missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect would explain too little."""
+        freed = share_of(end) < EXPLAINED and any(effect(s.effect).exponents for s in these)
+        more = _refitted(here, these, fit, {}, start, freed=True) if freed else None
+        if more is not None and share_of(more) > share_of(end):
+            end = more
+        held = _with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
+        end, words = (end, "") if held is None else (held, ", declared readings held,")
+        part = 100.0 * max(share_of(end), 0.0)
+        why = f"explains{words} {part:.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
+        return end, why if share_of(end) < EXPLAINED else ""
+
+    refused = {}
+    for score, start in ((s, start) for s, start in scores if s.effect in ends):
+        ends[score.effect], why = judged((score,), start, ends[score.effect])
+        if why:
+            refused[score.effect] = why
     far = {n: "explains far less than others once the missing heat no longer drives the parameters off" for n in names if n not in ends}
     if displacements_hold_nothing(here):
         words = "the fitted parameters explain the displacements; what is missing shows in the temperatures alone"
         far |= {e.name: words for e in here.case.dormant() if e.name not in names}
     both = pairs(here.case, found, first[:PARTNERS]) if len(refused) == len(ends) else ()
-    return _Shielded(ends, refused | far, tuple(p for p in both if now - p.f > EXPLAINED * whole)[:PAIRS])
+    worth_both = [p for p in both if now - p.f > EXPLAINED * whole][:PAIRS]
+    tried = [(p.parameters, *t) for p in worth_both if (t := _both_refitted(here, fit, p)) is not None]
+    told = [(these, *judged(these, start, end)) for start, these, end in tried]
+    return _Shielded(ends, refused | far, tuple((these, end) for these, end, why in told if not why), found, told=True)
+
+
+def protected_at(here: Traced, fit: HeatFit) -> Protected | None:
+    """The protected parameters of a traced case, those of an earlier round where that has told them there; None where the model knows of no
+    broad source. NumericsError where a run fails."""
+    mine = shown_rows(here)
+    return here.protected or protected(here.case, fit, _only(here.rows, mine), restricted(here.split, mine))
+
+
+def _without_effects(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
+    """Square sum in the rows that are `mine` that no effect is credited with: at the optimum, or where the same parameters end from the
+    protected ones if that is less. The optimum may lie in another valley, and whatever leaves it would seem to explain what is missing."""
+    now = float(np.sum(here.columns.residual[mine] ** 2))
+    start = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(here.case.parameters.free)})
+    try:
+        end = (fit.from_here or fit.minimised)(start, "nothing added on the known motion")
+    except NumericsError:
+        return now
+    return min(now, float(np.sum(fit.model.residual(end) ** 2)))
+
+
+def _both_refitted(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Score, ...], _End] | None:
+    """The effects of a beginning refitted together on the known motion, and their scores with the estimates of that; None where it cannot
+    be run."""
+    known = {s.effect: s for s in here.ranking.scores}
+    scores = [known.get(name) or _hidden(name) for name in begin.effects]
+    end = _refitted(here, scores, fit, {}, begin.parameters)
+    if end is None:
+        return None
+    told = [replace(s, estimate={p.name: end.parameters[p.name] for p in effect(s.effect).amplitudes}, vetoed="") for s in scores]
+    return tuple(told), end
+
+
+def _with_readings(here: Traced, scores: Sequence[Score], fit: HeatFit, end: _End, found: Protected, freed: bool) -> _End | None:
+    """The refit of effects with those declared readings held that its end has driven beyond their errors, from that end; None where it has
+    driven none, or they are the effects' own. A reading that has to give way stands in for something that the effects are not."""
+    gone = {p.name: p.value for p in beyond_error(fit.model.priors, end.parameters, found.parameters)}
+    if not gone or set(gone) & {n for s in scores for n in effect(s.effect).names}:
+        return None
+    start = end.parameters.replace(**gone).with_free(tuple(n for n in end.parameters.free if n not in gone))
+    return _refitted(here, scores, fit, {}, start, freed)
 
 
 def displacements_hold_nothing(here: Traced) -> bool:
@@ -206,18 +264,6 @@ def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings
     return _refitted(here, scores, fit, settings)
 
 
-def shown_from(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Score, ...], _End] | None:
-    """The effects of a beginning refitted together on the known motion, and their scores with the estimates of that; None where it cannot
-    be run."""
-    known = {s.effect: s for s in here.ranking.scores}
-    scores = [known.get(name) or _hidden(name) for name in begin.effects]
-    end = _refitted(here, scores, fit, {}, begin.parameters)
-    if end is None:
-        return None
-    told = [replace(s, estimate={p.name: end.parameters[p.name] for p in effect(s.effect).amplitudes}, vetoed="") for s in scores]
-    return tuple(told), end
-
-
 def _refitted(
     here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None, freed: bool = False
 ) -> _End | None:
@@ -232,7 +278,7 @@ def _refitted(
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
         own = {**one.estimate, **chosen} if begin is None else {n: begin[n] for n in effect(one.effect).names}
         start = with_effect(start, one.effect, own)
-    if freed:  # held at scanned values, between which the truth may lie, an effect would explain too little of what it is
+    if freed:
         start = start.with_free(tuple(dict.fromkeys((*start.free, *(p.name for one in scores for p in effect(one.effect).exponents)))))
     minimised = fit.minimised if begin is None or fit.from_here is None else fit.from_here
     try:

@@ -59,7 +59,11 @@ class Traced:
     shown: Mapping[str, Any] = field(default_factory=dict)
     """Where the refits of `warmed` effects on the known motion end; that of a pair by both names."""
     together: tuple[Any, ...] = ()
-    """Where refits of pairs begin, from parameters that the missing heat has not driven off."""
+    """Scores and ends of pairs that explain on the known motion what a broad source explains."""
+    against_source: bool = False
+    """Whether effects that temperatures show were held against a broad source: then no further pairs of them are made."""
+    protected: Any = None
+    """The parameters beside that source, and the source (`protected.Protected`)."""
     whole: bool = True
     """False where no dormant effect was asked: the end of a refit, whose own parameters are all that judges it."""
 
@@ -161,7 +165,7 @@ def traced(
     noise = case.model.noise if noisy else None
     room = room_of(case.parameters, case.parameters.free)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
-    columns = Columns(model, found.dormant, groups, numerical)
+    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel)
     scanned, unjudged = _scanned(case, columns, found)
     settings = {name: tried[0][0] for name, tried in scanned.items()}
     dormant = dict(columns.dormant)
@@ -193,7 +197,7 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     parameters, rows = case.parameters, before.rows
     residual, fitted = at_its_end(case, fit) or case.model.linearised(parameters, parameters.free)
     model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free))
-    columns = Columns(model, {}, before.problem.groups, before.problem.numerical)
+    columns = Columns(model, {}, before.problem.groups, before.problem.numerical, channel=rows.channel)
     found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
     beyond, unpredicted = beyond_of(case, (), {})
     return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)

@@ -16,13 +16,15 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.retraced import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
-from thermofit.diagnose.unlisted_field import Basis, Field, basis_of, field_of, proved
+from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, basis_of, field_of, proved
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
+from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.missing import Grid
 from thermofit.fit.linear_model import LinearModel
 
@@ -35,8 +37,8 @@ COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement"
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
-SETTLING, SETTLED = 3, 0.02
-"""Steps of the fitted parameters beside a term at most, and the last of them in units of their scale."""
+SETTLING = 3
+"""Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
 MOST_HATS = 320
@@ -73,21 +75,42 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     for structure in standing(here, numerical):
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
-        term = term_of(here, structure)
+        there = undriven(here, structure)
+        term = term_of(there, structure)
         if term is not None or not kind_of(here.case, structure):
-            found.append((structure, best_listed(here, structure, every), term))
+            found.append((structure, best_listed(here, structure, every), term, there))
     if not found:
         return None
-    structure, listed, term = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
-    others = tuple(s.blocks.channel for s, _, _ in found if s is not structure)
+    structure, listed, term, there = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
+    others = tuple(s.blocks.channel for s, *_ in found if s is not structure)
     if term is None:
         return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
-    term, parameters, remark = settled(here, structure, term)
+    term, parameters, remark = settled(here, there, structure, term)
     place = place_of(term, volumes(here.case, term.basis))
     inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
     if inside.sum() < LEAST_ROWS:
         return None
     return Unlisted(structure.blocks.channel, structure, listed, term, place, hints_of(here, term), others, parameters, remark=remark)
+
+
+def undriven(here: Traced, structure: Structure) -> Traced:
+    """The problem at parameters that a missing heat of a body has not driven off (`protected`), from which its place is sought; as it is
+    where another kind of term is missing, or where a run there fails."""
+    heated = here.case.heated if kind_of(here.case, structure) == "heat" and here.case.model.segments is None else None
+    fit = None if heated is None else heated(here.case.parameters)
+    if fit is None:
+        return here
+    free = here.case.parameters.free
+    try:
+        found = protected_at(here, fit)
+        if found is None:
+            return here
+        parameters = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(free)})
+        residual, columns = here.case.model.linearised(parameters, free)
+    except NumericsError:
+        return here
+    model = replace(here.problem.model, residual=residual, columns=columns, bounds=room_of(parameters, free))
+    return replace(here, case=replace(here.case, parameters=parameters), problem=replace(here.problem, model=model))
 
 
 def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
@@ -176,30 +199,32 @@ def _lasting(whole: Field) -> np.ndarray:
     return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
 
 
-def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
+def settled(here: Traced, there: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
-    hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum."""
-    case, first = here.case, term
+    hats with them; then why they have not, where they have not. The term was sought at the parameters of `there`. Held-out data without it
+    are those of the optimum, `here`."""
+    case, folds = there.case, len(here.split.held_out)
+    before = term.before if there is here else replace(here.problem.model, bounds=None).predicted(here.split.folds)
+    first = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), folds))
     room = room_of(case.parameters, case.parameters.free)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
     for _ in range(SETTLING):
         x = np.clip(moved + term.step, *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
-        there = replace(case, parameters=parameters)
+        now = replace(case, parameters=parameters)
         try:
-            known = LinearModel(*there.model.linearised(parameters, parameters.free))
+            known = LinearModel(*now.model.linearised(parameters, parameters.free))
         except NumericsError as error:
-            return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
-        hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
+            return first, case.parameters, f"the parameters beside the term are those where it was sought: a run after their step failed ({error})"
+        hat = basis(now, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = field_of(known, hat, here.rows, here.split)
         if change.max(initial=0.0) < SETTLED:
             break
-    folds = len(here.split.held_out)
-    term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
+    term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), folds))
     if believed(term):
         return term, parameters, ""
-    return first, case.parameters, "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
+    return first, case.parameters, "the parameters beside the term are those where it was sought: after a further step of theirs held-out data ask for none"
 
 
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:

@@ -21,6 +21,8 @@ from thermofit.fit.linear_model import LinearModel
 
 WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""
+SETTLED = 0.02
+"""Largest of the steps of parameters beside a term, in units of their scale, with which they have settled."""
 SIZE = 0.002
 """Weight of q itself among the differences."""
 VALLEY = 1e-8

@@ -22,7 +22,7 @@ from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
 from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
-from thermofit.experiment.known_motion import Direction, along, freely_expanding, keeping_points
+from thermofit.experiment.known_motion import Direction, along, felt_by_temperatures, freely_expanding, keeping_points
 from thermofit.experiment.missing_body import BodyMissing
 from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
@@ -277,17 +277,26 @@ class Joint:
         """Mean square of what the residual shows of the modes of the force's error, over what their noise and that of the cameras would
         make: about one where the model is right; `known`: its fields at these parameters. NumericsError where the run fails.
 
-        The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error.
+        The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error. Where
+        displacements show the error they alone are asked: they tell most of it, and a heat that is missing is none of it.
         """
         model, shown = self.model, []
         names = parameters.free or self.settings.free
-        found = model.linearised(parameters, names) if known is None else model.assembled(parameters, names, *known[""])
-        residual = LinearModel(*found).left
+        residual, columns = model.linearised(parameters, names) if known is None else model.assembled(parameters, names, *known[""])
         ends = np.cumsum([c.n for c in model.comparisons])
-        for common in model.common:
-            for place, one in common.shown.items():
-                own = residual[ends[place] - model.comparisons[place].n : ends[place]]
-                shown.append((one.basis.T @ own)[one.left > 1.0] ** 2)
+        rows = {k: slice(ends[k] - c.n, ends[k]) for k, c in enumerate(model.comparisons)}
+        telling = {place: one for common in model.common for place, one in common.shown.items()}
+        moving = [place for place in telling if field_of(model.comparisons[place]) == "u"]
+        if moving:
+            warm = felt_by_temperatures(names)
+            telling = {place: telling[place] for place in moving}
+            residual, columns = (np.concatenate([of[rows[place]] for place in moving]) for of in (residual, columns))
+            columns = columns[:, [k for k, n in enumerate(names) if n not in warm]]
+            ends = np.cumsum([model.comparisons[place].n for place in moving])
+            rows = {place: slice(end - model.comparisons[place].n, end) for place, end in zip(moving, ends, strict=True)}
+        left = LinearModel(residual, columns).left
+        for place, one in telling.items():
+            shown.append((one.basis.T @ left[rows[place]])[one.left > 1.0] ** 2)
         every = np.concatenate([*shown, np.zeros(0)])
         return float(every.mean()) if len(every) else 0.0
 

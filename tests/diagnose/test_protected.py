@@ -18,6 +18,7 @@ from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
 from thermofit.diagnose.protected import Protected, begins, pairs, protected
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import unlisted
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import effects, load_effect
 from thermofit.experiment.joint import Joint, joint_settings
@@ -152,3 +153,14 @@ def test_two_that_act_at_once_begin_together(problem: Made) -> None:
     assert best.f - n < 0.7 * (singles[0].f - n) and best.f <= min(b.f for b in others)
     own = {n: v for b in singles if b.effects[0] in best.effects for n, v in b.values.items()}
     assert own and all(best.parameters[n] == v for n, v in own.items()), "at the times and exponents of each"
+
+
+def test_an_unlisted_heat_is_sought_where_it_has_not_driven_the_parameters_off(problem: Made) -> None:
+    """The parameters beside a spot of 0.05 mW/mm3 that no effect has, and when it begins."""
+    case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
+    found = unlisted(traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain"))), None, ())
+    assert found is not None and found.field is not None and found.place is not None and not found.remark
+    off = {n: abs(found.parameters[n] / TRUTH[n] - 1.0) for n in ("kappa", "c0", "beta")}
+    print(off, found.place.centroid, found.place.when, found.place.size)
+    assert max(off.values()) < 0.15, off
+    assert abs(found.place.when[0] - 20.0) < 4.0 and found.place.when[1] == 120.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -58,6 +59,17 @@ def test_parts_lead_to_the_optimum_of_all_together(tmp_path: Path) -> None:
     assert fit.f == pytest.approx(straight.f, rel=2e-4) and fit.counts.forward <= straight.counts.forward
     for name, sigma in zip(BASIC, fit.sigma, strict=True):
         assert abs(there[name] - plain[name]) < 0.3 * sigma and abs(there[name] - TRUTH[name]) < 4.0 * sigma, name
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_the_first_fit_of_temperatures_begins_twice(tmp_path: Path, both: bool) -> None:
+    """From an optimum one start is enough, but where that may be the wrong one of two."""
+    joint = replace(fit_of(tmp_path, BASIC), both_starts=both)
+    there, _ = joint(start(BASIC, **RATE), "joint")
+    joint(there, "again")
+    folders = [p.name for p in tmp_path.glob(".close-loop*")]
+    assert any("again_temperatures_0" in name for name in folders)
+    assert any("again_temperatures_1" in name for name in folders) is both
 
 
 def test_an_exponent_is_looked_for_before_all_are_fitted(tmp_path: Path) -> None:

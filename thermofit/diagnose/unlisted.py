@@ -201,11 +201,17 @@ def _lasting(whole: Field) -> np.ndarray:
 
 def settled(here: Traced, there: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
-    hats with them; then why they have not, where they have not. The term was sought at the parameters of `there`. Held-out data without it
-    are those of the optimum, `here`."""
+    hats with them; then why they have not, where they have not. Held-out data without it stay those of the optimum, `here`.
+
+    A heat that was sought at protected parameters (`there`) stays with these: a term of few hats is not all that is missing, and would
+    drive them off again.
+    """
     case, folds = there.case, len(here.split.held_out)
-    before = term.before if there is here else replace(here.problem.model, bounds=None).predicted(here.split.folds)
-    first = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), folds))
+    if there is not here:
+        before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
+        term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), folds))
+        return term, case.parameters, ""
+    first = term
     room = room_of(case.parameters, case.parameters.free)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
     for _ in range(SETTLING):
@@ -216,15 +222,15 @@ def settled(here: Traced, there: Traced, structure: Structure, term: Field) -> t
         try:
             known = LinearModel(*now.model.linearised(parameters, parameters.free))
         except NumericsError as error:
-            return first, case.parameters, f"the parameters beside the term are those where it was sought: a run after their step failed ({error})"
+            return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(now, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = field_of(known, hat, here.rows, here.split)
         if change.max(initial=0.0) < SETTLED:
             break
-    term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), folds))
+    term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
     if believed(term):
         return term, parameters, ""
-    return first, case.parameters, "the parameters beside the term are those where it was sought: after a further step of theirs held-out data ask for none"
+    return first, case.parameters, "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
 
 
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from virtual_pulls import SIZE, TRUTH, study
 
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose import retraced as module
 from thermofit.diagnose.case import Case, HeatFit, rows_of
 from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
 from thermofit.diagnose.protected import Protected, begins, pairs, protected
@@ -23,6 +26,7 @@ from thermofit.effects import catalogue
 from thermofit.effects.catalogue import effects, load_effect
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.model import Prior
 from thermofit.experiment.residuals import Span
 
 THERMAL = ("kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
@@ -164,3 +168,35 @@ def test_an_unlisted_heat_is_sought_where_it_has_not_driven_the_parameters_off(p
     print(off, found.place.centroid, found.place.when, found.place.size)
     assert max(off.values()) < 0.15, off
     assert abs(found.place.when[0] - 20.0) < 4.0 and found.place.when[1] == 120.0
+
+
+def test_a_refit_that_has_driven_a_reading_is_made_again_with_it_held(monkeypatch: pytest.MonkeyPatch, problem: Made) -> None:
+    """Jaws read to 0.1 K that a lamp needs 2 K warmer; not those of an effect that says the jaws differ, and none that stayed."""
+    case, *_ = problem()
+    asked: list[Parameters] = []
+    monkeypatch.setattr(module, "_refitted", lambda here, scores, fit, settings, begin, freed: asked.append(begin))
+    fit: Any = SimpleNamespace(model=SimpleNamespace(priors=(Prior("theta_clamp", TRUTH["theta_clamp"], 0.1),)))
+    beside: Any = SimpleNamespace(parameters=case.parameters)
+
+    def held(name: str, off: float) -> int:
+        there = case.parameters.replace(theta_clamp=TRUTH["theta_clamp"] + off)
+        end, scores = cast(Any, SimpleNamespace(parameters=there)), cast(Any, (SimpleNamespace(effect=name),))
+        before = len(asked)
+        module._with_readings(cast(Any, None), scores, fit, end, beside, False)
+        return len(asked) - before
+
+    assert held("lamp", 2.0) == 1 and held("lamp", 0.3) == 0
+    assert asked[0]["theta_clamp"] == TRUTH["theta_clamp"] and "theta_clamp" not in asked[0].free and "kappa" in asked[0].free
+
+
+def test_what_has_to_be_explained_counts_from_the_best_fit_without_an_effect(problem: Made) -> None:
+    """An optimum in another valley is no credit to whatever leaves it; one that is lower stays."""
+    case, fit, rows, split = problem()
+    mine = np.ones(len(rows.time), dtype=bool)
+    right = float(np.sum(fit.model.residual(case.parameters) ** 2))
+    beside: Any = SimpleNamespace(parameters=case.parameters)
+    same = replace(fit, from_here=lambda start, label: start)
+    for optimum in (3.0 * right, 0.5 * right):
+        residual = np.full(len(mine), np.sqrt(optimum / len(mine)))
+        here: Any = SimpleNamespace(case=case, columns=SimpleNamespace(residual=residual))
+        assert module._without_effects(here, same, beside, mine) == pytest.approx(min(right, optimum))

@@ -59,7 +59,9 @@ def test_the_correlation_length_of_the_noise_reaches_the_case(monkeypatch: pytes
 
 
 @pytest.mark.parametrize("lower", [True, False])
-def test_a_fit_that_has_not_settled_is_traced_where_it_stopped_unless_it_stopped_higher(monkeypatch: pytest.MonkeyPatch, lower: bool) -> None:
+def test_a_fit_that_has_not_settled_is_traced_where_it_stopped_unless_it_stopped_higher(
+    monkeypatch: pytest.MonkeyPatch, lower: bool
+) -> None:
     case, fit = fitted(case_of(1))
     moved = case.parameters.with_vector(case.parameters.vector() * 1.01)
     begun, stopped = (moved, case.parameters) if lower else (case.parameters, moved)

@@ -191,7 +191,7 @@ def test_a_refit_that_has_driven_a_reading_is_made_again_with_it_held(monkeypatc
 
 def test_what_has_to_be_explained_counts_from_the_best_fit_without_an_effect(problem: Made) -> None:
     """An optimum in another valley is no credit to whatever leaves it; one that is lower stays."""
-    case, fit, rows, split = problem()
+    case, fit, rows, _ = problem()
     mine = np.ones(len(rows.time), dtype=bool)
     right = float(np.sum(fit.model.residual(case.parameters) ** 2))
     beside: Any = SimpleNamespace(parameters=case.parameters)

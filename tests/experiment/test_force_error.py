@@ -123,14 +123,15 @@ def test_misfit_of_the_force(scale: float, low: float, high: float) -> None:
 
 
 def test_a_heat_that_is_missing_is_no_misfit_of_the_force() -> None:
-    """Displacements at their noise say that the force is right, however far the temperatures are off; beside them it is not asked of these."""
+    """Displacements at their noise say that the force is right, however far the temperatures are off; these are not asked."""
     here, random = joint(COURSE, 20.0 * MODES), np.random.default_rng(11)
     _, right = here.shown(PARAMETERS)
     found = with_force_error(here, PARAMETERS)
     data = found.data
     assert data.temperature is not None
     u, theta = (
-        replace(o, value=o.value + right[o.name] + o.sigma * random.normal(size=o.value.shape)) for o in (data.displacement, data.temperature)
+        replace(o, value=o.value + right[o.name] + o.sigma * random.normal(size=o.value.shape))
+        for o in (data.displacement, data.temperature)
     )
     warm = replace(theta, value=theta.value + 30.0 * theta.sigma * np.linspace(0.0, 1.0, len(theta.value))[:, None, None] ** 2)
     both = [replace(found, data=replace(data, displacement=u, temperature=seen)).force_misfit(PARAMETERS) for seen in (theta, warm)]

@@ -39,6 +39,13 @@ def test_floor_of_a_channel_and_of_a_phase(over: float, n: int, phase: str, abov
     assert not above or found == [f"theta is {over:.2g} times its noise{' in loading' if phase else ''}: more than noise is left"]
 
 
+@pytest.mark.parametrize(("off", "single"), [(14.0, True), (5.0, False)])
+def test_one_value_that_makes_it_is_told(off: float, single: bool) -> None:
+    """136 values of 1.46 times their noise: without one at 14 times they are within it, without one at 5 times they are not."""
+    (found,) = doubts([Level("force", 1.46, 136, largest=(45.64, off))])
+    assert ("one value makes that, at 45.64 s" in found) is single and "more than noise is left" in found
+
+
 def test_the_error_of_mesh_and_steps_belongs_to_the_floor() -> None:
     assert level("theta", 4.0, 0.0, MANY).over == 2.0 and level("theta", 4.0, 3.0, MANY).over == 1.0
     assert level("theta", 4.0, 3.0, 7, "loading") == Level("theta", 1.0, 7, "loading")

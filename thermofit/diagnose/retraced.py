@@ -97,7 +97,8 @@ def retraced(here: Traced) -> Traced:
 @dataclass(frozen=True)
 class _Shielded:
     """What refits from protected parameters have shown: ends by effect, why effects are no name for what is missing, and the scores and
-    ends of pairs that are; the protected parameters. `told`: whether the broad source takes more than noise, so that names were held against it."""
+    ends of pairs that are; the protected parameters. `told`: whether the broad source takes more than noise, so that names were held
+    against it."""
 
     ends: Mapping[str, _End]
     refused: Mapping[str, str]

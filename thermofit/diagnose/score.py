@@ -50,8 +50,8 @@ class Columns:
     channel: np.ndarray | None = None
 
     def of_mesh(self, s: np.ndarray) -> tuple[float, bool]:
-        """What the error of mesh and steps may leave of r.r in the channel where columns s (n, k) act most, and whether that channel holds no
-        more beyond noise and chance: then nothing that acts there can be told from this error."""
+        """What the error of mesh and steps may leave of r.r in the channel where columns s (n, k) act most, and whether it holds no more
+        beyond noise and chance: then nothing that acts there can be told from this error."""
         if self.numerical is None or self.channel is None:
             return 0.0, False
         acts = np.sum(projection(s).basis ** 2, axis=1)
@@ -67,8 +67,8 @@ class Score:
     """What the residual says of one effect.
 
     `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
-    r.r, `numerical_drop` that of the discretisation error alone, all of what it may leave in a channel that holds no more; `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is
-    named with even odds, see `named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
+    r.r, `numerical_drop` that of the discretisation error alone, all of what it may leave in a channel that holds no more;
+    `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is named with even odds, see `named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
     """
 
     effect: str

@@ -9,7 +9,7 @@ is known.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,12 +35,14 @@ Bounds = Callable[[str], tuple[float, float]]
 
 @dataclass(frozen=True)
 class Level:
-    """Rms of a channel over its floor, in the whole test or in one phase of `n` values."""
+    """Rms of a channel over its floor, in the whole test or in one phase of `n` values; `largest`: time in s of the value that is farthest
+    off, and how far it is, in units of its noise."""
 
     channel: str
     over: float
     n: int
     phase: str = ""
+    largest: tuple[float, float] | None = None
 
     @property
     def above(self) -> bool:
@@ -49,13 +51,19 @@ class Level:
 
     @property
     def words(self) -> str:
-        """How far it is above its floor, and where."""
-        return f"{self.channel} is {self.over:.2g} times its noise" + (f" in {self.phase}" if self.phase else "")
+        """How far it is above its floor, and where; whether a single value makes that, which is then a wild one or a moment that is not
+        resolved, and no effect."""
+        where, single = f" in {self.phase}" if self.phase else "", ""
+        if self.largest is not None and self.n > 1:
+            time, off = self.largest
+            rest = replace(self, over=float(np.sqrt(max(self.n * self.over**2 - off**2, 0.0) / (self.n - 1))), n=self.n - 1)
+            single = f" (one value makes that, at {time:.4g} s, {off:.2g} times its noise)" if self.above and not rest.above else ""
+        return f"{self.channel} is {self.over:.2g} times its noise{where}{single}"
 
 
-def level(channel: str, chi2: float, numerical: float, n: int, phase: str = "") -> Level:
+def level(channel: str, chi2: float, numerical: float, n: int, phase: str = "", largest: tuple[float, float] | None = None) -> Level:
     """Level from the mean square of whitened rows and that of what the error of mesh and steps would make of them."""
-    return Level(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase)
+    return Level(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase, largest)
 
 
 def above_floor(levels: Iterable[Level]) -> list[Level]:

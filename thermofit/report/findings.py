@@ -139,7 +139,10 @@ def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
     for k, c in enumerate(here.case.model.comparisons):
         own = here.rows.channel == k
         square, error = (float(np.mean(v[own] ** 2)) for v in (here.columns.residual, numerical))
-        whole.append(level(c.channel, square, error, c.n))
+        places = np.flatnonzero(own)
+        far = places[int(np.argmax(np.abs(here.columns.residual[places])))]
+        farthest = float(here.rows.time[far]), float(abs(here.columns.residual[far]))
+        whole.append(level(c.channel, square, error, c.n, largest=farthest))
     rows = lack_of_fit(here, numerical)
     return whole + [level(r["channel"], r["chi2_reduced"], r["numerical"], r["n"], r["phase"]) for r in rows]
 

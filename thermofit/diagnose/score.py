@@ -68,7 +68,8 @@ class Score:
 
     `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
     r.r, `numerical_drop` that of the discretisation error alone, all of what it may leave in a channel that holds no more;
-    `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is named with even odds, see `named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
+    `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is named with even odds, see `named_from`; `vetoed` says in words why
+    the estimate cannot be, empty where it can.
     """
 
     effect: str

@@ -165,7 +165,7 @@ def traced(
     noise = case.model.noise if noisy else None
     room = room_of(case.parameters, case.parameters.free)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
-    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel)
+    columns = Columns(model, found.dormant, groups, numerical)
     scanned, unjudged = _scanned(case, columns, found)
     settings = {name: tried[0][0] for name, tried in scanned.items()}
     dormant = dict(columns.dormant)
@@ -197,7 +197,7 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     parameters, rows = case.parameters, before.rows
     residual, fitted = at_its_end(case, fit) or case.model.linearised(parameters, parameters.free)
     model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free))
-    columns = Columns(model, {}, before.problem.groups, before.problem.numerical, channel=rows.channel)
+    columns = Columns(model, {}, before.problem.groups, before.problem.numerical)
     found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
     beyond, unpredicted = beyond_of(case, (), {})
     return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)

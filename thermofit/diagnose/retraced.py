@@ -91,20 +91,18 @@ def retraced(here: Traced) -> Traced:
     settings = {**here.settings, **{name: values for name, values in own.items() if values}}
     both = () if shielded is None else shielded.pairs
     found = replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings, together=both)
-    return found if shielded is None else replace(found, against_source=shielded.told, protected=shielded.protected)
+    return found if shielded is None else replace(found, against_source=True, protected=shielded.protected)
 
 
 @dataclass(frozen=True)
 class _Shielded:
     """What refits from protected parameters have shown: ends by effect, why effects are no name for what is missing, and the scores and
-    ends of pairs that are; the protected parameters. `told`: whether the broad source takes more than noise, so that names were held
-    against it."""
+    ends of pairs that are; the protected parameters."""
 
     ends: Mapping[str, _End]
     refused: Mapping[str, str]
     pairs: tuple[tuple[tuple[Score, ...], _End], ...]
     protected: Protected
-    told: bool = False
 
 
 def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
@@ -158,7 +156,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     worth_both = [p for p in both if now - p.f > EXPLAINED * whole][:PAIRS]
     tried = [(p.parameters, *t) for p in worth_both if (t := _both_refitted(here, fit, p)) is not None]
     told = [(these, *judged(these, start, end)) for start, these, end in tried]
-    return _Shielded(ends, refused | far, tuple((these, end) for these, end, why in told if not why), found, told=True)
+    return _Shielded(ends, refused | far, tuple((these, end) for these, end, why in told if not why), found)
 
 
 def protected_at(here: Traced, fit: HeatFit) -> Protected | None:

@@ -61,7 +61,8 @@ class Traced:
     together: tuple[Any, ...] = ()
     """Scores and ends of pairs that explain on the known motion what a broad source explains."""
     against_source: bool = False
-    """Whether effects that temperatures show were held against a broad source: then no further pairs of them are made."""
+    """Whether effects that temperatures show were held against a broad source: then no further pairs of them are made. Where the source
+    takes no more than noise, two effects of heat take no more either."""
     protected: Any = None
     """The parameters beside that source, and the source (`protected.Protected`)."""
     whole: bool = True

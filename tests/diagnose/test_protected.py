@@ -174,7 +174,7 @@ def test_a_refit_that_has_driven_a_reading_is_made_again_with_it_held(monkeypatc
     """Jaws read to 0.1 K that a lamp needs 2 K warmer; not those of an effect that says the jaws differ, and none that stayed."""
     case, *_ = problem()
     asked: list[Parameters] = []
-    monkeypatch.setattr(module, "_refitted", lambda here, scores, fit, settings, begin, freed: asked.append(begin))
+    monkeypatch.setattr(module, "refitted", lambda here, scores, fit, settings, begin, freed: asked.append(begin))
     fit: Any = SimpleNamespace(model=SimpleNamespace(priors=(Prior("theta_clamp", TRUTH["theta_clamp"], 0.1),)))
     beside: Any = SimpleNamespace(parameters=case.parameters)
 
@@ -182,7 +182,7 @@ def test_a_refit_that_has_driven_a_reading_is_made_again_with_it_held(monkeypatc
         there = case.parameters.replace(theta_clamp=TRUTH["theta_clamp"] + off)
         end, scores = cast(Any, SimpleNamespace(parameters=there)), cast(Any, (SimpleNamespace(effect=name),))
         before = len(asked)
-        module._with_readings(cast(Any, None), scores, fit, end, beside, False)
+        module.with_readings(cast(Any, None), scores, fit, end, beside, False)
         return len(asked) - before
 
     assert held("lamp", 2.0) == 1 and held("lamp", 0.3) == 0
@@ -199,4 +199,4 @@ def test_what_has_to_be_explained_counts_from_the_best_fit_without_an_effect(pro
     for optimum in (3.0 * right, 0.5 * right):
         residual = np.full(len(mine), np.sqrt(optimum / len(mine)))
         here: Any = SimpleNamespace(case=case, columns=SimpleNamespace(residual=residual))
-        assert module._without_effects(here, same, beside, mine) == pytest.approx(min(right, optimum))
+        assert module.nothing_added(here, same, beside, mine) == pytest.approx(min(right, optimum))

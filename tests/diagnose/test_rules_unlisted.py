@@ -73,6 +73,7 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeyp
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
+    monkeypatch.setattr(module, "undriven", lambda here, _: here)
     assert unlisted(here, None, []) is None
 
 
@@ -89,6 +90,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)
     monkeypatch.setattr(module, "settled", lambda *_: (term, None, ""))
+    monkeypatch.setattr(module, "undriven", lambda here, _: here)
     monkeypatch.setattr(module, "volumes", lambda *_: None)
     monkeypatch.setattr(module, "hints_of", lambda *_: ())
     monkeypatch.setattr(module, "place_of", lambda *_: SimpleNamespace(when=(4.0, 4.0 + 2.0 * (rows - 1))))

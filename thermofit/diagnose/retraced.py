@@ -76,7 +76,7 @@ def retraced(here: Traced) -> Traced:
     else:
         if len(asked) < 2 or enough(here):
             return here
-        ends = {s.effect: end for s in asked if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
+        ends = {s.effect: end for s in asked if (end := refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
     if not ends and not refused:
         return here
     alike = _alike(here, ends, fit) if ends else {}
@@ -118,10 +118,10 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
         return None
     first = begins(here.case, fit, found, names)
     ranked_here = {s.effect: s for s in here.ranking.scores}
-    now = _without_effects(here, fit, found, mine)
+    now = nothing_added(here, fit, found, mine)
     worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
     scores = [(ranked_here.get(b.effects[0]) or _hidden(b.effects[0]), b.parameters) for b in worth]
-    ends = {s.effect: end for s, start in scores if (end := _refitted(here, (s,), fit, {}, start)) is not None}
+    ends = {s.effect: end for s, start in scores if (end := refitted(here, (s,), fit, {}, start)) is not None}
     numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
     whole = now - found.with_source - numerical
     if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
@@ -134,10 +134,10 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
         """The better end with exponents held or free, with declared readings where they were read, and why it is no name for what is
         missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect would explain too little."""
         freed = share_of(end) < EXPLAINED and any(effect(s.effect).exponents for s in these)
-        more = _refitted(here, these, fit, {}, start, freed=True) if freed else None
+        more = refitted(here, these, fit, {}, start, freed=True) if freed else None
         if more is not None and share_of(more) > share_of(end):
             end = more
-        held = _with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
+        held = with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
         end, words = (end, "") if held is None else (held, ", declared readings held,")
         part = 100.0 * max(share_of(end), 0.0)
         why = f"explains{words} {part:.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
@@ -166,7 +166,7 @@ def protected_at(here: Traced, fit: HeatFit) -> Protected | None:
     return here.protected or protected(here.case, fit, _only(here.rows, mine), restricted(here.split, mine))
 
 
-def _without_effects(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
+def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
     """Square sum in the rows that are `mine` that no effect is credited with: at the optimum, or where the same parameters end from the
     protected ones if that is less. The optimum may lie in another valley, and whatever leaves it would seem to explain what is missing."""
     now = float(np.sum(here.columns.residual[mine] ** 2))
@@ -183,21 +183,21 @@ def _both_refitted(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Scor
     be run."""
     known = {s.effect: s for s in here.ranking.scores}
     scores = [known.get(name) or _hidden(name) for name in begin.effects]
-    end = _refitted(here, scores, fit, {}, begin.parameters)
+    end = refitted(here, scores, fit, {}, begin.parameters)
     if end is None:
         return None
     told = [replace(s, estimate={p.name: end.parameters[p.name] for p in effect(s.effect).amplitudes}, vetoed="") for s in scores]
     return tuple(told), end
 
 
-def _with_readings(here: Traced, scores: Sequence[Score], fit: HeatFit, end: _End, found: Protected, freed: bool) -> _End | None:
+def with_readings(here: Traced, scores: Sequence[Score], fit: HeatFit, end: _End, found: Protected, freed: bool) -> _End | None:
     """The refit of effects with those declared readings held that its end has driven beyond their errors, from that end; None where it has
     driven none, or they are the effects' own. A reading that has to give way stands in for something that the effects are not."""
     gone = {p.name: p.value for p in beyond_error(fit.model.priors, end.parameters, found.parameters)}
     if not gone or set(gone) & {n for s in scores for n in effect(s.effect).names}:
         return None
     start = end.parameters.replace(**gone).with_free(tuple(n for n in end.parameters.free if n not in gone))
-    return _refitted(here, scores, fit, {}, start, freed)
+    return refitted(here, scores, fit, {}, start, freed)
 
 
 def displacements_hold_nothing(here: Traced) -> bool:
@@ -255,15 +255,15 @@ def shown_alone(here: Traced, fit: HeatFit) -> dict[str, _End]:
     """Effects that temperatures show, each refitted on the known motion, as `retraced` has done it where it was asked."""
     if here.shown:
         return dict(here.shown)
-    return {s.effect: end for s in asked_of(here) if (end := _refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
+    return {s.effect: end for s in asked_of(here) if (end := refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
 
 
 def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings: Mapping[str, float]) -> _End | None:
     """Several effects refitted together on the known motion; None where no start can be run."""
-    return _refitted(here, scores, fit, settings)
+    return refitted(here, scores, fit, settings)
 
 
-def _refitted(
+def refitted(
     here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None, freed: bool = False
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score

@@ -184,8 +184,8 @@ command that they do not exercise:
 
 * **From raw files to the stages.** No files are read, no camera is calibrated, nothing is interpolated; parameters come from the study's
   start values and not from `identify-elastic`, `identify-plastic` and `identify-thermal`. For fields a first joint fit takes the place of
-  the stages, and the loop starts from the last fit whether it settled or not. So does the command,
-  unless the stages ended lower.
+  the stages, and the loop starts from the last fit whether it settled or not. The command starts from the optimum of the stages where it
+  did not.
 * **When the error of the force counts.** The command takes the force of a body as exact as long as the model misses more than that error
   could explain. It estimates that error again at later parameters, and then changes to the residual that contains it
   ([diagnosis.md](diagnosis.md), Find). Here that error counts as noise from the first fit on.

@@ -58,18 +58,6 @@ def test_the_correlation_length_of_the_noise_reaches_the_case(monkeypatch: pytes
     assert replace(found.case, correlation_length=0.0).cheap is False
 
 
-@pytest.mark.parametrize("lower", [True, False])
-def test_a_fit_that_has_not_settled_is_traced_where_it_stopped_unless_it_stopped_higher(
-    monkeypatch: pytest.MonkeyPatch, lower: bool
-) -> None:
-    case, fit = fitted(case_of(1))
-    moved = case.parameters.with_vector(case.parameters.vector() * 1.01)
-    begun, stopped = (moved, case.parameters) if lower else (case.parameters, moved)
-    square = float(np.sum(case.model.residual(stopped) ** 2))
-    found = prepared_from(monkeypatch, joint_of(case.model, begun), (stopped, replace(fit, converged=False, f=square)))
-    assert dict(found.case.parameters.values) == dict((stopped if lower else begun).values)
-
-
 def test_where_the_force_cannot_be_carried_the_diagnosis_is_driven_by_sections(monkeypatch: pytest.MonkeyPatch) -> None:
     case, fit = fitted(case_of(1))
     joint = joint_of(case.model, case.parameters)

@@ -89,8 +89,8 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
 def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None = None) -> Prepared:
     """Joint fit of everything that the stages identified, from where they ended; `known`: that fit, where it has been made.
 
-    A model that lacks something large moves its parameters far before it settles. It is then traced where the fit stopped: scores are those
-    after a joint step of all fitted parameters in any case. Where the model cannot carry the measured force, the motion of
+    A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
+    scores are those after a joint step of all fitted parameters in any case. Where the model cannot carry the measured force, the motion of
     sections drives it.
     """
     experiment = experiment_after(study, stages if known is None else (*stages, DIAGNOSE))
@@ -115,7 +115,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         parameters, fit = known.parameters, known.fit
         refit.failures.extend(known.failures)
         refit.ends.update(known.ends)
-    if not fit.converged and float(np.sum(joint.model.residual(joint.base) ** 2)) <= fit.f:
+    if not fit.converged:
         parameters = joint.base
     case = Case(
         model=joint.model,

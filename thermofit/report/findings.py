@@ -150,7 +150,7 @@ def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
 def _common(found: Prepared, here: Traced, against: Sequence[str]) -> dict[str, Any]:
     """What both commands say; `against`: what speaks against the answer (`trust`)."""
     size, counts, failures = found.size, merged_counts(found.fit), list(dict.fromkeys(found.refit.failures))
-    settled = [] if found.fit.converged else ["the joint fit has not settled: traced from where it stopped"]
+    settled = [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"]
     return {
         "trustworthy": found.fit.converged and not against,
         "doubts": [*settled, *against],

@@ -165,7 +165,6 @@ def test_an_unlisted_heat_is_sought_where_it_has_not_driven_the_parameters_off(p
     found = unlisted(traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain"))), None, ())
     assert found is not None and found.field is not None and found.place is not None and not found.remark
     off = {n: abs(found.parameters[n] / TRUTH[n] - 1.0) for n in ("kappa", "c0", "beta")}
-    print(off, found.place.centroid, found.place.when, found.place.size)
     assert max(off.values()) < 0.15, off
     assert abs(found.place.when[0] - 20.0) < 4.0 and found.place.when[1] == 120.0
 

@@ -169,6 +169,15 @@ def test_of_pairs_the_one_with_the_largest_gain_is_accepted(monkeypatch: pytest.
     assert best[0].gain == 0.4 and len(trials) == 4
 
 
+def test_beside_a_broad_source_no_further_pairs_of_heat_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "pairs_of", lambda _: PAIRS[:2])
+    monkeypatch.setattr(module, "tried_together", lambda *_: (trial(0.4, names=("a0", "b0")), None))
+    here = here_of()
+    assert len(best_pair(here, FIT, {}, MEANS)[0]) == 2
+    here.against_source = True
+    assert best_pair(here, FIT, {}, MEANS) == ([], None)
+
+
 def test_a_pair_has_to_predict_better_than_each_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     singles: Any = ("a1", "b1", "a0")
     trials, best = of_pairs(monkeypatch, [0.2, 0.4], singles, ("a0", "a1"))

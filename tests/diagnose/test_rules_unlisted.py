@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ import pytest
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Proof
-from thermofit.diagnose.unlisted import believed, closer_grid, unlisted
+from thermofit.diagnose.unlisted import believed, closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_loop import in_their_stead, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
 from thermofit.diagnose.unlisted_structure import Blocks, Structure, noise_of
@@ -73,7 +73,7 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeyp
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
-    monkeypatch.setattr(module, "undriven", lambda here, _: here)
+    monkeypatch.setattr(module, "undriven", lambda here, _: (here, ""))
     assert unlisted(here, None, []) is None
 
 
@@ -90,11 +90,45 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)
     monkeypatch.setattr(module, "settled", lambda *_: (term, None, ""))
-    monkeypatch.setattr(module, "undriven", lambda here, _: here)
+    monkeypatch.setattr(module, "undriven", lambda here, _: (here, ""))
     monkeypatch.setattr(module, "volumes", lambda *_: None)
     monkeypatch.setattr(module, "hints_of", lambda *_: ())
     monkeypatch.setattr(module, "place_of", lambda *_: SimpleNamespace(when=(4.0, 4.0 + 2.0 * (rows - 1))))
     assert (unlisted(here, None, []) is not None) is there
+
+
+@dataclass(frozen=True)
+class Model:
+    """Predicts nothing; its bounds do not matter."""
+
+    bounds: Any = None
+
+    def predicted(self, _: Any) -> np.ndarray:
+        return np.zeros(2)
+
+
+@dataclass(frozen=True)
+class Term:
+    """What is compared of a term."""
+
+    name: str
+    basis: Any = None
+    before: Any = None
+    after: Any = None
+    proof: Proof = GOOD
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_a_heat_at_protected_parameters_has_to_predict_better_than_the_optimum(monkeypatch: pytest.MonkeyPatch, better: bool) -> None:
+    """Beside protected parameters a fit without it is no rival: held-out data are compared with the optimum's, else it is sought there."""
+    here: Any = SimpleNamespace(problem=SimpleNamespace(model=Model()), split=SimpleNamespace(folds=[], held_out=(None,) * 5), rows=None)
+    there: Any = SimpleNamespace()
+    terms = {id(here): Term("optimum"), id(there): Term("protected")}
+    monkeypatch.setattr(module, "undriven", lambda *_: (there, ""))
+    monkeypatch.setattr(module, "term_of", lambda where, _: terms[id(where)])
+    monkeypatch.setattr(module, "proved", lambda *_: GOOD if better else replace(GOOD, gain=0.001))
+    term, where, failed = sought(here, cast(Any, None))
+    assert (where is there) is better and cast(Any, term).name == ("protected" if better else "optimum") and failed == ""
 
 
 @pytest.mark.parametrize(("worse", "closer"), [(0.09, True), (0.11, False)])

@@ -49,6 +49,7 @@ def test_one_value_that_makes_it_is_told(off: float, single: bool) -> None:
 def test_the_error_of_mesh_and_steps_belongs_to_the_floor() -> None:
     assert level("theta", 4.0, 0.0, MANY).over == 2.0 and level("theta", 4.0, 3.0, MANY).over == 1.0
     assert level("theta", 4.0, 3.0, 7, "loading") == Level("theta", 1.0, 7, "loading")
+    assert level("theta", 4.0, 3.0, 7, largest=(5.0, 8.0)).largest == (5.0, 4.0)
 
 
 def test_a_channel_is_named_once_as_a_whole_or_by_its_worst_phase() -> None:

@@ -154,6 +154,7 @@ def _sharper(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], Sha
         return None
 
     def sharp(parameters: Parameters) -> Sharper | None:
+        """The sharper problem told at parameters; None while the model misses more there than the error of the force could explain."""
         found = first
         if too_far(first.whole, parameters):
             return None

@@ -240,6 +240,7 @@ class JointFit:
             return None
 
         def minimised(start: Parameters, label: str, alone: bool = False) -> Parameters:
+            """The optimum on that motion, remembered by where it starts; `alone`: from there and from nowhere else."""
             key = json_text([label, dict(parameters.values), dict(start.values), start.free])
             if key in self.ends:
                 found, said = self.ends[key]

@@ -168,7 +168,8 @@ def protected_at(here: Traced, fit: HeatFit) -> Protected | None:
 
 def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
     """Square sum in the rows that are `mine` that no effect is credited with: at the optimum, or where the same parameters end from the
-    protected ones if that is less. The optimum may lie in another valley, and whatever leaves it would seem to explain what is missing."""
+    protected ones if that is less. The optimum may lie in another valley, and whatever leaves it would seem to explain what is missing. A
+    fit that cannot be run is noted among its failures."""
     now = float(np.sum(here.columns.residual[mine] ** 2))
     start = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(here.case.parameters.free)})
     try:

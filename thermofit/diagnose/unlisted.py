@@ -75,17 +75,17 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     for structure in standing(here, numerical):
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
-        there = undriven(here, structure)
-        term = term_of(there, structure)
+        term, there, failed = sought(here, structure)
         if term is not None or not kind_of(here.case, structure):
-            found.append((structure, best_listed(here, structure, every), term, there))
+            found.append((structure, best_listed(here, structure, every), term, there, failed))
     if not found:
         return None
-    structure, listed, term, there = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
+    structure, listed, term, there, failed = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
     others = tuple(s.blocks.channel for s, *_ in found if s is not structure)
     if term is None:
         return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
-    term, parameters, remark = settled(here, there, structure, term)
+    term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
+    remark = "; ".join(words for words in (failed, remark) if words)
     place = place_of(term, volumes(here.case, term.basis))
     inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
     if inside.sum() < LEAST_ROWS:
@@ -93,24 +93,43 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     return Unlisted(structure.blocks.channel, structure, listed, term, place, hints_of(here, term), others, parameters, remark=remark)
 
 
-def undriven(here: Traced, structure: Structure) -> Traced:
-    """The problem at parameters that a missing heat of a body has not driven off (`protected`), from which its place is sought; as it is
-    where another kind of term is missing, or where a run there fails."""
+def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, str]:
+    """The term of a channel, None where held-out data do not ask for one; where it was sought; and why not at protected parameters, where a
+    run there failed.
+
+    A heat of a body is sought at protected parameters, and stays with these: a term of few hats is not all that is missing, and a fit
+    beside it would drive them off again. It has to predict held-out data better than the optimum without it does; else it is sought there.
+    """
+    there, failed = undriven(here, structure)
+    term = term_of(there, structure)
+    if there is here:
+        return term, here, failed
+    if term is not None:
+        before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
+        term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
+        if believed(term):
+            return term, there, failed
+    return term_of(here, structure), here, failed
+
+
+def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
+    """The problem at parameters that a missing heat of a body has not driven off (`protected`); as it is where another kind of term is
+    missing, or where a run there fails, and then why."""
     heated = here.case.heated if kind_of(here.case, structure) == "heat" and here.case.model.segments is None else None
     fit = None if heated is None else heated(here.case.parameters)
     if fit is None:
-        return here
+        return here, ""
     free = here.case.parameters.free
     try:
         found = protected_at(here, fit)
         if found is None:
-            return here
+            return here, ""
         parameters = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(free)})
         residual, columns = here.case.model.linearised(parameters, free)
-    except NumericsError:
-        return here
+    except NumericsError as error:
+        return here, f"the term was sought at the optimum without it: parameters beside a broad source are not known ({error})"
     model = replace(here.problem.model, residual=residual, columns=columns, bounds=room_of(parameters, free))
-    return replace(here, case=replace(here.case, parameters=parameters), problem=replace(here.problem, model=model))
+    return replace(here, case=replace(here.case, parameters=parameters), problem=replace(here.problem, model=model)), ""
 
 
 def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
@@ -199,34 +218,26 @@ def _lasting(whole: Field) -> np.ndarray:
     return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
 
 
-def settled(here: Traced, there: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
+def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
-    hats with them; then why they have not, where they have not. Held-out data without it stay those of the optimum, `here`.
-
-    A heat that was sought at protected parameters (`there`) stays with these: a term of few hats is not all that is missing, and would
-    drive them off again.
-    """
-    case, folds = there.case, len(here.split.held_out)
-    if there is not here:
-        before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
-        term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), folds))
-        return term, case.parameters, ""
-    first = term
+    hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum."""
+    case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
     for _ in range(SETTLING):
         x = np.clip(moved + term.step, *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
-        now = replace(case, parameters=parameters)
+        there = replace(case, parameters=parameters)
         try:
-            known = LinearModel(*now.model.linearised(parameters, parameters.free))
+            known = LinearModel(*there.model.linearised(parameters, parameters.free))
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
-        hat = basis(now, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
+        hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = field_of(known, hat, here.rows, here.split)
         if change.max(initial=0.0) < SETTLED:
             break
+    folds = len(here.split.held_out)
     term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
     if believed(term):
         return term, parameters, ""

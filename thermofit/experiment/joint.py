@@ -286,15 +286,15 @@ class Joint:
         ends = np.cumsum([c.n for c in model.comparisons])
         rows = {k: slice(ends[k] - c.n, ends[k]) for k, c in enumerate(model.comparisons)}
         telling = {place: one for common in model.common for place, one in common.shown.items()}
-        moving = [place for place in telling if field_of(model.comparisons[place]) == "u"]
+        moving = {place: one for place, one in telling.items() if field_of(model.comparisons[place]) == "u"}
+        seen, moved = np.ones(len(residual), dtype=bool), np.ones(len(names), dtype=bool)
         if moving:
-            warm = felt_by_temperatures(names)
-            telling = {place: telling[place] for place in moving}
-            residual, columns = (np.concatenate([of[rows[place]] for place in moving]) for of in (residual, columns))
-            columns = columns[:, [k for k, n in enumerate(names) if n not in warm]]
-            ends = np.cumsum([model.comparisons[place].n for place in moving])
-            rows = {place: slice(end - model.comparisons[place].n, end) for place, end in zip(moving, ends, strict=True)}
-        left = LinearModel(residual, columns).left
+            telling, warm = moving, felt_by_temperatures(names)
+            seen[:], moved = False, np.array([n not in warm for n in names], dtype=bool)
+            for place in moving:
+                seen[rows[place]] = True
+        left = np.zeros(len(residual))
+        left[seen] = LinearModel(residual[seen], columns[np.ix_(seen, moved)]).left
         for place, one in telling.items():
             shown.append((one.basis.T @ left[rows[place]])[one.left > 1.0] ** 2)
         every = np.concatenate([*shown, np.zeros(0)])

@@ -36,7 +36,7 @@ Bounds = Callable[[str], tuple[float, float]]
 @dataclass(frozen=True)
 class Level:
     """Rms of a channel over its floor, in the whole test or in one phase of `n` values; `largest`: time in s of the value that is farthest
-    off, and how far it is, in units of its noise."""
+    off, and how far it is, over the same floor."""
 
     channel: str
     over: float
@@ -51,8 +51,7 @@ class Level:
 
     @property
     def words(self) -> str:
-        """How far it is above its floor, and where; whether a single value makes that, which is then a wild one or a moment that is not
-        resolved, and no effect."""
+        """How far it is above its floor, and where; whether a single value makes that, which is to be looked at before any effect."""
         where, single = f" in {self.phase}" if self.phase else "", ""
         if self.largest is not None and self.n > 1:
             time, off = self.largest
@@ -62,8 +61,10 @@ class Level:
 
 
 def level(channel: str, chi2: float, numerical: float, n: int, phase: str = "", largest: tuple[float, float] | None = None) -> Level:
-    """Level from the mean square of whitened rows and that of what the error of mesh and steps would make of them."""
-    return Level(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase, largest)
+    """Level from the mean square of whitened rows and that of what the error of mesh and steps would make of them; `largest`: time in s and
+    size of the whitened row that is farthest off."""
+    farthest = None if largest is None else (largest[0], largest[1] / float(np.sqrt(1.0 + numerical)))
+    return Level(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase, farthest)
 
 
 def above_floor(levels: Iterable[Level]) -> list[Level]:

@@ -231,7 +231,8 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         here.unpredicted,
     )
     if closed.stand_ins is not None:
-        against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in like_of(closed).items() if others]
+        alike = causes_of(closed)
+        against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in alike.items() if others]
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
     common = _common(found, here, against)
@@ -243,9 +244,10 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         "unjudged": dict(closed.unjudged),
         "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),
-        "grade": grade(like_of(closed), bool(above_floor(_levels(here, found.numerical))), None),
+        "grade": grade(causes_of(closed), bool(above_floor(_levels(here, found.numerical))), None),
         "could_show": could_show(here),
-        "accepted": list(closed.accepted),
+        "accepted": list(closed.causes),
+        "corrected": list(closed.corrections),
         "stand_ins": {name: list(others) for name, others in like_of(closed).items()},
         "dropped": list(closed.dropped),
         "rounds": [round_row(r) for r in closed.rounds],
@@ -271,13 +273,19 @@ def _with_doubts(line: str, against: Sequence[str]) -> str:
 
 
 def _verdict(closed: Closed, table: dict[str, Any]) -> str:
-    errors = error_rows(table)
-    if not closed.accepted:
+    within = "; ".join(f"{name} corrected within the error of its calibration ({_estimates(closed, name)})" for name in closed.corrections)
+    errors = "; ".join(filter(None, (within, error_rows(table))))
+    if not closed.causes:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
     names = []
-    for name, others in like_of(closed).items():
+    for name, others in causes_of(closed).items():
         names.append(f"{name} ({_estimates(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
     return f"added {', '.join(names)}; {errors}"
+
+
+def causes_of(closed: Closed) -> dict[str, tuple[str, ...]]:
+    """The effects that an answer names, each with those that the data do not tell from it."""
+    return {name: others for name, others in like_of(closed).items() if name in closed.causes}
 
 
 def _estimates(closed: Closed, name: str) -> str:

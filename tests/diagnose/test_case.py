@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import seen_field
 from coupon_sets import TRUTH, pulled_record
 
 from thermofit.core.parameters import Parameters, param
@@ -78,6 +79,23 @@ def test_scans_are_shares_of_the_largest_strain_of_the_test() -> None:
     centres, widths = param("latent_heat.centre").scan, param("latent_heat.width").scan
     expected = {(0.4 * c, 0.4 * w) for c in centres for w in widths}
     assert {(s["latent_heat.centre"], s["latent_heat.width"]) for s in tried} == expected and len(tried) == 20
+
+
+def test_places_are_shares_of_the_observed_height() -> None:
+    """Of its own experiment where a Param is of one."""
+    case = seen_field.case_of(1)
+    tried = scans(effect("local_source"), case)[1:]
+    places, widths, starts = (sorted({s[f"local_source.{n}"] for s in tried}) for n in ("place", "width", "start"))
+    assert places == pytest.approx([-20.0 + 40.0 * share for share in param("local_source.place").scan])
+    assert widths == pytest.approx([40.0 * share for share in param("local_source.width").scan])
+    assert starts == pytest.approx([120.0 * share for share in param("local_source.start").scan])
+    assert len(tried) == len(places) * len(widths) * len(starts)
+    rows = case.rows
+    above = replace(rows, phase=np.where(rows.xy[:, 1] > 0.0, 1, 0))
+    two = (Span("a", 0.0, 120.0, "low"), Span("b", 0.0, 120.0, "high"))
+    of_one = scans(effect("local_source@high"), replace(case, placed=above, spans=two))[1:]
+    lowest = float(rows.xy[rows.xy[:, 1] > 0.0, 1].min())
+    assert min(s["local_source.place@high"] for s in of_one) == pytest.approx(lowest + 0.05 * (20.0 - lowest))
 
 
 def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:

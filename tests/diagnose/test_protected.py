@@ -21,9 +21,10 @@ from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
 from thermofit.diagnose.protected import Protected, begins, pairs, protected
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trial import freed_from_the_start
 from thermofit.diagnose.unlisted import unlisted
 from thermofit.effects import catalogue
-from thermofit.effects.catalogue import effects, load_effect
+from thermofit.effects.catalogue import effect, effects, load_effect
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.model import Prior
@@ -126,6 +127,20 @@ def test_a_cause_between_the_scanned_values_is_named(problem: Made) -> None:
     first = refitted.promising()[0]
     assert first.effect == "latent_heat" and first.vetoed == ""
     assert refitted.settings["latent_heat"]["latent_heat.centre"] == pytest.approx(0.012, abs=1e-3)
+
+
+def test_what_explains_enough_at_a_scanned_value_is_fitted_with_its_exponents_free(problem: Made) -> None:
+    """A cause near a scanned value is no reason to hold it there: the others would make up for the rest. The coupled refit begins with all
+    of them free."""
+    planted = {"latent_heat.heat": 200.0, "latent_heat.centre": 0.0137, "latent_heat.width": 0.008}
+    _, refitted = trace_of(problem(**planted))
+    end = refitted.shown["latent_heat"]
+    assert set(planted) <= set(end.parameters.free)
+    assert end.parameters["latent_heat.centre"] == pytest.approx(0.0137, abs=2e-4)
+    (score,) = (s for s in refitted.ranking.scores if s.effect == "latent_heat")
+    exponents = tuple(p.name for p in effect("latent_heat").exponents)
+    assert freed_from_the_start(refitted, (score,)) == exponents
+    assert freed_from_the_start(replace(refitted, shown={}), (score,)) == ()
 
 
 def test_what_explains_the_broad_source_is_named(problem: Made) -> None:

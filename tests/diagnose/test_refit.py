@@ -103,9 +103,11 @@ def test_an_exponent_that_the_data_hardly_determine_is_held(name: str, value: fl
 def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a run costs something: at the values that they have come to, with all others fitted once more."""
     fits: list[tuple[tuple[str, ...], str]] = []
+    worths: list[float] = []
 
-    def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, **_: Any) -> tuple[Parameters, Any]:
+    def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, worth: float = 0.0) -> tuple[Parameters, Any]:
         fits.append((start.free, name))
+        worths.append(worth)
         end = start.replace(**{NAME: 2e-5}) if NAME in start.free else start
         return end, SimpleNamespace(converged=settles or NAME not in start.free, sigma=None)
 
@@ -116,6 +118,7 @@ def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles:
     start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4}, ("E", "rate_logarithmic.C", NAME))
     found, fit = fitting(start, label)
     assert found[NAME] == 2e-5
+    assert worths == [0.0 if cheap else WORTH, 0.0][: len(worths)], "a crawl along the valley of an exponent ends, others do not"
     if cheap or settles:
         assert fits == [(start.free, label)] and found.free == start.free
     else:
@@ -155,7 +158,7 @@ def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None
     fits: list[tuple[str, tuple[str, ...], float]] = []
     best = 3e-6
 
-    def minimised(self: JointFit, start: Parameters, model: Any, name: str, *_: Any) -> tuple[Parameters, Any]:
+    def minimised(self: JointFit, start: Parameters, model: Any, name: str, *_: Any, **__: Any) -> tuple[Parameters, Any]:
         fits.append((name, start.free, start[NAME]))
         there = start.replace(**{NAME: best}) if NAME in start.free else start
         way = float(np.log(best / there[NAME]))

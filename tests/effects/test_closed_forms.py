@@ -263,6 +263,15 @@ ROWS: dict[str, Row] = {
         ),
     ),
     "linear_hardening": Row("yield_stress", (((0.03, 200.0), 6.0), ((0.5, 1000.0), 500.0))),
+    # exp(-x^2 / 2) = 1/2 at x = sqrt(2 ln 2) widths from its middle, 3/4 of the power ln 3 / 2 seconds after the start, 1/4 as long before.
+    "local_source": Row(
+        "heat_source",
+        (
+            ((a(290.0), a(0.1), a(1.0), 60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), 0.8, -4.0, 2.0, 60.0), a(0.3)),
+            ((a(290.0), a(0.0), a(0.0), 60.0 - 0.5 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), -0.8, -4.0, 5.0, 60.0), a(-0.1)),
+            ((a(300.0, 1.0), a(0.0, 0.0), a(0.0, 0.0), 5.0, a(0.0, 1.0), a(7.0, 7.0), 0.4, 7.0, 3.0, 5.0), a(0.2, 0.2)),
+        ),
+    ),
     "machine_compliance": Row(
         "load",
         (

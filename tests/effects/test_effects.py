@@ -123,7 +123,7 @@ def test_declaration(name: str) -> None:
     for p in e.params:
         assert param(p.name) is p and p.name.startswith(f"{name}.") and p.unit and p.meaning
         assert p.lower < p.upper and p.scale > 0.0 and inside(p, p.neutral)
-        assert p.scan_of in ("", "time", "duration", "strain")
+        assert p.scan_of in ("", "time", "duration", "strain", "place", "length")
         assert all(value > 0.0 if p.scan_of else inside(p, value) for value in p.scan)
         assert p.probe is None or (inside(p, p.probe) and p.probe != p.neutral)
         assert not (p.probe is not None and p.scan), "an amplitude is felt at neutral and needs no scan"

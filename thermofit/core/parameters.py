@@ -30,7 +30,8 @@ class Param:
     """Values tried for a Param that cannot be felt while its effect is off (an exponent, a time); empty for an amplitude."""
     scan_of: str = ""
     """What the values of `scan` are shares of: "time" of the time between begin and end of the test (a moment), "duration" of its length,
-    "strain" of the largest plastic strain Lambda; empty: they are values."""
+    "strain" of the largest plastic strain Lambda, "place" of the observed height between its lower and upper end (a y), "length" of that
+    height; empty: they are values."""
     follows: bool = False
     """True for a Param of which one value is tried, and which is fitted as soon as the amplitude is known; else one value is kept."""
     logarithmic: bool = False

@@ -172,11 +172,24 @@ def _tried_of(p: Param, case: Case) -> tuple[float, ...]:
     """Values to try for one Param: those of its scan, or the shares of the test that they are."""
     if not p.scan_of:
         return p.scan
-    own = [s for s in case.spans if s.experiment == p.name.partition(AT)[2]] or case.spans
-    first, last = min(s.t0 for s in own), max(s.t1 for s in own)
-    begin = first if p.scan_of == "time" else 0.0
-    whole = case.largest_strain if p.scan_of == "strain" else last - first
+    if p.scan_of == "strain":
+        first, last = 0.0, case.largest_strain
+    elif p.scan_of in ("place", "length"):
+        first, last = _height(p, case)
+    else:
+        own = [s for s in case.spans if s.experiment == p.name.partition(AT)[2]] or case.spans
+        first, last = min(s.t0 for s in own), max(s.t1 for s in own)
+    begin, whole = first if p.scan_of in ("time", "place") else 0.0, last - first
     return tuple(float(np.clip(begin + share * whole, p.lower, p.upper)) for share in p.scan)
+
+
+def _height(p: Param, case: Case) -> tuple[float, float]:
+    """The lowest and the highest y in mm that is observed, by the experiment of a Param where it has one."""
+    own = [k for k, s in enumerate(case.spans) if s.experiment == p.name.partition(AT)[2]]
+    rows = case.rows
+    seen = np.isin(rows.phase, own) & (rows.channel >= 0)
+    y = rows.xy[seen if seen.any() else rows.channel >= 0, 1]
+    return float(y.min()), float(y.max())
 
 
 def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:

@@ -201,7 +201,9 @@ class JointFit:
         most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
         most *= OFTEN if self.model.cheap else 1
         start = self.approached(start, label)
-        parameters, fit = self._with_errors(*self.minimised_on(start, self.model, label, most))
+        # Along the valley of an exponent that is hardly determined a coupled fit may crawl for as long as it is let; it is then held.
+        worth = WORTH if not self.model.cheap and any(param(n).scan for n in start.free) else 0.0
+        parameters, fit = self._with_errors(*self.minimised_on(start, self.model, label, most, worth=worth))
         vague = () if self.model.cheap else undetermined_exponents(parameters, fit)
         self.told.update((n, parameters[n]) for n in parameters.free if param(n).scan)
         if vague:

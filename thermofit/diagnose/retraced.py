@@ -132,8 +132,9 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
 
     def judged(these: Sequence[Score], start: Parameters, end: _End) -> tuple[_End, str]:
         """The better end with exponents held or free, with declared readings where they were read, and why it is no name for what is
-        missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect would explain too little."""
-        freed = share_of(end) < EXPLAINED and any(effect(s.effect).exponents for s in these)
+        missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect explains too little, and a coupled
+        refit that begins there crawls along the valley into which that drives the others."""
+        freed = any(effect(s.effect).exponents for s in these)
         more = refitted(here, these, fit, {}, start, freed=True) if freed else None
         if more is not None and share_of(more) > share_of(end):
             end = more

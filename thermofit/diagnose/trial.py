@@ -198,9 +198,14 @@ def warmed_start(here: Traced, scores: Sequence[Score]) -> Parameters:
 
 def freed_from_the_start(here: Traced, scores: Sequence[Score]) -> tuple[str, ...]:
     """Exponents that are fitted with the first refit of effects already: of a body those that displacements show, where a refit with them
-    held first costs as much as the one with them free. What the data do not determine of them is held by that refit."""
+    held first costs as much as the one with them free, and those that the refit on the known motion has fitted. What the data do not
+    determine of them is held by that refit."""
+    if here.case.cheap:
+        return ()
     every = tuple(p.name for s in scores for p in effect(s.effect).exponents)
-    return () if here.case.cheap else tuple(n for n in every if n not in felt_by_temperatures(every))
+    shown = here.shown.get(" ".join(s.effect for s in scores))
+    fitted = () if shown is None else shown.parameters.free
+    return tuple(n for n in every if n in fitted or n not in felt_by_temperatures(every))
 
 
 def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:

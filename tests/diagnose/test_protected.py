@@ -143,6 +143,25 @@ def test_what_explains_enough_at_a_scanned_value_is_fitted_with_its_exponents_fr
     assert freed_from_the_start(replace(refitted, shown={}), (score,)) == ()
 
 
+def test_a_refit_with_exponents_free_is_given_up_where_it_would_be_no_name(problem: Made) -> None:
+    """It has to come below what a name may leave; refits with exponents held are asked for families too, and end by their own rule."""
+    case, fit, *_ = problem(**{"latent_heat.heat": 200.0, "latent_heat.centre": 0.0137, "latent_heat.width": 0.008})
+    asked: list[tuple[bool, float, float]] = []
+
+    def from_here(start: Parameters, label: str, to_beat: float) -> Parameters:
+        end = fit.minimised(start, label)
+        asked.append(("latent_heat.centre" in start.free, to_beat, float(np.sum(fit.model.residual(end) ** 2))))
+        return end
+
+    telling = replace(fit, from_here=from_here)
+    there = replace(case, heated=lambda _: telling, known=tuple(e for e in case.known if e.name == "latent_heat"))
+    here = traced(replace(there, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
+    retraced(here)
+    assert {beaten for freed, beaten, _ in asked if not freed} == {np.inf}
+    ((_, limit, end),) = (one for one in asked if one[0])
+    assert len(here.columns.residual) < limit < float(here.columns.residual @ here.columns.residual) and end < limit
+
+
 def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
     step, refitted = trace_of(problem(**{"clamp_drift.rate": 0.05}))
     first = refitted.promising()[0]
@@ -209,7 +228,7 @@ def test_what_has_to_be_explained_counts_from_the_best_fit_without_an_effect(pro
     mine = np.ones(len(rows.time), dtype=bool)
     right = float(np.sum(fit.model.residual(case.parameters) ** 2))
     beside: Any = SimpleNamespace(parameters=case.parameters)
-    same = replace(fit, from_here=lambda start, label: start)
+    same = replace(fit, from_here=lambda start, label, _: start)
     for optimum in (3.0 * right, 0.5 * right):
         residual = np.full(len(mine), np.sqrt(optimum / len(mine)))
         here: Any = SimpleNamespace(case=case, columns=SimpleNamespace(residual=residual))

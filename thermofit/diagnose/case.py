@@ -47,11 +47,12 @@ class HeatFit:
     """The model of the temperatures alone on a motion that is known, and its optimum from given parameters, by all that temperatures feel;
     the text names the fit, NumericsError where no start can be run.
 
-    `first`: the study's first values of the parameters that temperatures feel. `minimised` begins there as well, `from_here` does not."""
+    `first`: the study's first values of the parameters that temperatures feel. `minimised` begins there as well, `from_here` does not; its
+    number is a square sum, and it is given up where at its pace it would not come below that."""
 
     model: StageModel
     minimised: Callable[[Parameters, str], Parameters]
-    from_here: Callable[[Parameters, str], Parameters] | None = None
+    from_here: Callable[[Parameters, str, float], Parameters] | None = None
     first: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -241,7 +241,7 @@ class JointFit:
         if model is None:
             return None
 
-        def minimised(start: Parameters, label: str, alone: bool = False) -> Parameters:
+        def minimised(start: Parameters, label: str, alone: bool = False, to_beat: float = np.inf) -> Parameters:
             """The optimum on that motion, remembered by where it starts; `alone`: from there and from nowhere else."""
             key = json_text([label, dict(parameters.values), dict(start.values), start.free])
             if key in self.ends:
@@ -249,14 +249,14 @@ class JointFit:
                 self.failures.extend(said)
                 return found
             before = len(self.failures)
-            there = self._warmed(start, model, label, alone)
+            there = self._warmed(start, model, label, alone, to_beat)
             if there is None:
                 raise NumericsError(f"{label}: none of its starts can be run: {self.failures[-1]}")
             self.ends[key] = (there, tuple(self.failures[before:]))
             return there
 
-        def from_here(start: Parameters, label: str) -> Parameters:
-            return minimised(start, label, alone=True)
+        def from_here(start: Parameters, label: str, to_beat: float) -> Parameters:
+            return minimised(start, label, alone=True, to_beat=to_beat)
 
         return HeatFit(model, minimised, from_here, self._first_values(felt_by_temperatures(parameters.free)))
 
@@ -264,10 +264,10 @@ class JointFit:
         """Where the study starts parameters, of those for which it says so."""
         return {name: start_of(given) for name in names if (given := self.study.setting(name)) is not None}
 
-    def _warmed(self, start: Parameters, model: StageModel, label: str, alone: bool = False) -> Parameters | None:
+    def _warmed(self, start: Parameters, model: StageModel, label: str, alone: bool = False, to_beat: float = np.inf) -> Parameters | None:
         """Parameters after the better of two fits of the thermal ones to the temperatures, from where they are and from the study's first
         values; None where neither can be run. The second is left out where `alone` says so, and where the first one begins at an optimum:
-        that of an earlier fit on nearly the same motion (but for `both_starts`)."""
+        that of an earlier fit on nearly the same motion (but for `both_starts`). `to_beat`: see `Settings`."""
         thermal = felt_by_temperatures(start.free)
         ends: list[tuple[float, int, Parameters]] = []
         for turn, begin in enumerate((start, start.replace(**self._first_values(thermal)))):
@@ -275,7 +275,7 @@ class JointFit:
             most = NEAR_EVALUATIONS if alone else HEAT_EVALUATIONS
             try:
                 there, fit = self.minimised_on(
-                    begin.with_free(thermal), model, name, most, NEGLIGIBLE, WORTH, min((f for f, *_ in ends), default=np.inf)
+                    begin.with_free(thermal), model, name, most, NEGLIGIBLE, WORTH, min((f for f, *_ in ends), default=to_beat)
                 )
             except NumericsError as error:
                 self.failures.append(f"{name}: the start failed ({error})")

@@ -135,7 +135,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
         missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect explains too little, and a coupled
         refit that begins there crawls along the valley into which that drives the others."""
         freed = any(effect(s.effect).exponents for s in these)
-        more = refitted(here, these, fit, {}, start, freed=True) if freed else None
+        more = refitted(here, these, fit, {}, start, True, now - EXPLAINED * whole) if freed else None
         if more is not None and share_of(more) > share_of(end):
             end = more
         held = with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
@@ -174,10 +174,15 @@ def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray
     now = float(np.sum(here.columns.residual[mine] ** 2))
     start = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(here.case.parameters.free)})
     try:
-        end = (fit.from_here or fit.minimised)(start, "nothing added on the known motion")
+        end = _minimised(fit, start, "nothing added on the known motion")
     except NumericsError:
         return now
     return min(now, float(np.sum(fit.model.residual(end) ** 2)))
+
+
+def _minimised(fit: HeatFit, start: Parameters, label: str, to_beat: float = np.inf) -> Parameters:
+    """The optimum from a start and, where the fit can, from there alone; `to_beat` as `HeatFit.from_here` has it."""
+    return fit.minimised(start, label) if fit.from_here is None else fit.from_here(start, label, to_beat)
 
 
 def _both_refitted(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Score, ...], _End] | None:
@@ -266,11 +271,17 @@ def shown_together(here: Traced, fit: HeatFit, scores: Sequence[Score], settings
 
 
 def refitted(
-    here: Traced, scores: Sequence[Score], fit: HeatFit, settings: Mapping[str, float], begin: Parameters | None = None, freed: bool = False
+    here: Traced,
+    scores: Sequence[Score],
+    fit: HeatFit,
+    settings: Mapping[str, float],
+    begin: Parameters | None = None,
+    freed: bool = False,
+    to_beat: float = np.inf,
 ) -> _End | None:
     """Effects refitted on the known motion; None where no start can be run, which the fit notes among its failures. The end bears the score
     of the first one, told there where it was not felt before. `begin`: where the fit starts, with the effects in it, and from there alone;
-    `freed`: with their exponents free.
+    `freed`: with their exponents free; `to_beat`: the square sum of its rows above which a refit is given up.
 
     The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well.
     """
@@ -281,9 +292,9 @@ def refitted(
         start = with_effect(start, one.effect, own)
     if freed:
         start = start.with_free(tuple(dict.fromkeys((*start.free, *(p.name for one in scores for p in effect(one.effect).exponents)))))
-    minimised = fit.minimised if begin is None or fit.from_here is None else fit.from_here
+    label = f"{' '.join(s.effect for s in scores)} on the known motion"
     try:
-        parameters = minimised(start, f"{' '.join(s.effect for s in scores)} on the known motion")
+        parameters = fit.minimised(start, label) if begin is None else _minimised(fit, start, label, to_beat)
     except NumericsError:
         return None
     before = here.problem.model.predicted(here.split.folds)

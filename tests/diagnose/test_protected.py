@@ -159,7 +159,7 @@ def test_a_refit_with_exponents_free_is_given_up_where_it_would_be_no_name(probl
     retraced(here)
     assert {beaten for freed, beaten, _ in asked if not freed} == {np.inf}
     ((_, limit, end),) = (one for one in asked if one[0])
-    assert len(here.columns.residual) < limit < float(here.columns.residual @ here.columns.residual) and end < limit
+    assert end < limit < float(here.columns.residual @ here.columns.residual)
 
 
 def test_what_explains_the_broad_source_is_named(problem: Made) -> None:

@@ -24,7 +24,6 @@ from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.priors import within_calibration
-from thermofit.experiment.trust import READING
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -102,7 +101,7 @@ def corrections_of(here: Traced, accepted: Sequence[str]) -> tuple[str, ...]:
     """Those of accepted effects all of whose amplitudes lie within the error of a calibration (`within_calibration`)."""
     case = here.case
     own = {name: [p.name for p in effect(name).amplitudes] for name in accepted}
-    return tuple(name for name, names in own.items() if within_calibration(case.model.priors, case.parameters, names, READING))
+    return tuple(name for name, names in own.items() if within_calibration(case.model.priors, case.parameters, names))
 
 
 def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numerical: np.ndarray | None, how: str = "auto") -> Closed:

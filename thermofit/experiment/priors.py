@@ -68,12 +68,12 @@ def in_words(prior: Prior, value: float) -> str:
     return f"{prior.name} would be {_off(prior, value)}: that is no error of a reading (a larger one is given under diagnosis.priors)"
 
 
-def within_calibration(priors: Sequence[Prior], parameters: Parameters, names: Sequence[str], times: float) -> bool:
-    """Whether amplitudes of an effect are no more than an error of the calibration: each has a standard error that a calibration gave it,
-    and lies within so many of them. A camera that was pointed by hand-picked landmarks lies beside the specimen by their error in any test.
+def within_calibration(priors: Sequence[Prior], parameters: Parameters, names: Sequence[str]) -> bool:
+    """Whether amplitudes of an effect may be an error of the calibration: each has a standard error that a calibration gave it, and lies
+    within UNLIKELY of them. A camera that was pointed by hand-picked landmarks lies beside the specimen by their error in any test.
     """
     known = {prior.name: prior for prior in priors if not prior.firm}
-    return bool(names) and all(n in known and abs(parameters[n] - known[n].value) <= times * known[n].sigma for n in names)
+    return bool(names) and all(n in known and abs(parameters[n] - known[n].value) <= UNLIKELY * known[n].sigma for n in names)
 
 
 def off_declared(priors: Sequence[Prior], parameters: Parameters, times: float) -> list[str]:

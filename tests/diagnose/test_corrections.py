@@ -14,6 +14,8 @@ from thermofit.experiment.model import Prior
 from thermofit.report.findings import causes_of
 
 DRIFT, RATE = "ir_drift.rate", 0.02
+CASES = ((RATE, False, False), (RATE / 4.0, False, False), (RATE / 8.0, False, True), (RATE, True, True))
+"""Standard error of the drift, whether an error of the reading alone explains another value, and whether the drift is then a cause."""
 
 
 def with_prior(case: Case, sigma: float, firm: bool = False) -> Case:

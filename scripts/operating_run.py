@@ -123,9 +123,9 @@ def _found(world: World, found: Closed, missing: Unlisted | None) -> dict[str, A
     return {
         "first": promising[0].effect if promising else None,
         "first_family": list(promising[0].family) if promising else [],
-        "accepted": list(found.causes),
-        "families": {name: list(families.get(name, (name,))) for name in found.causes},
-        "estimates": {name: {p.name: last[p.name] for p in effect(name).params} for name in found.causes},
+        "accepted": list(found.accepted),
+        "families": {name: list(families.get(name, (name,))) for name in found.accepted},
+        "estimates": {name: {p.name: last[p.name] for p in effect(name).params} for name in found.accepted},
         "dropped": list(found.dropped),
         "unjudged": list(found.unjudged),
         "unlisted": None if missing is None else missing.channel,

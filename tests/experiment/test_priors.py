@@ -15,8 +15,9 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment import body
 from thermofit.experiment.interpolated import registration_sigma
 from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.many import SeveralExperiments
 from thermofit.experiment.model import Prior
-from thermofit.experiment.priors import effect_priors, improbable, off_declared, prior_sigma
+from thermofit.experiment.priors import effect_priors, improbable, off_declared, pose_bounds, prior_sigma
 
 JAWS = "clamp_difference.difference"
 OWN = "diagnosis: {priors: {theta_clamp: 0.3, clamp_difference.difference: 2.0, ir_drift.rate: 1.0e-4}}\n"
@@ -119,6 +120,31 @@ def test_a_diagnosis_of_fields_knows_the_error_of_the_pose(monkeypatch: pytest.M
     with pytest.raises(InterruptedError):
         body.BodyExperiment(case, given=replace(data(), registration=POSE)).diagnosed(Parameters.of(TRUTH, ("c0",)))
     assert {p.name for p in seen[0].beside} == {JAWS, *POSE}
+    assert seen[0].settings.free[-4:] == tuple(pose_bounds(case, POSE)), "and fits it with everything else"
+    with pytest.raises(InterruptedError):
+        body.BodyExperiment(case, given=replace(data(), registration=POSE)).diagnosed(Parameters.of(TRUTH, ("c0",)), ("c0",))
+    assert seen[1].settings.free == ("c0",), "but where names are given"
+
+
+def test_the_pose_is_fitted_within_what_an_error_of_its_landmarks_can_reach() -> None:
+    """Five standard errors, the study's own where it gives one; not at all where a number of it has none, or is given."""
+    shift = "ir_registration.shift_x"
+    assert pose_bounds(study(), POSE) == {n: (-5.0 * s, 5.0 * s) for n, s in POSE.items()}
+    own = pose_bounds(study("diagnosis: {priors: {ir_registration.shift_x: 0.3}}\n"), POSE)
+    assert own[shift] == (-1.5, 1.5) and own["ir_registration.scale"] == (-0.01, 0.01)
+    assert pose_bounds(study("diagnosis: {priors: {ir_registration.scale: null}}\n"), POSE) == {}
+    assert pose_bounds(study(), {n: s for n, s in POSE.items() if n != shift}) == {} == pose_bounds(study(), {})
+    given = study()
+    assert pose_bounds(given.model_copy(update={"parameters": {**given.parameters, shift: 0.4}}), POSE) == {}
+
+
+def test_every_test_has_a_camera_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of several experiments; one without landmarks has no pose that could be fitted."""
+    starts = {name: value for name, value in TRUTH.items() if not name.startswith("theta")}
+    whole = study("experiments:\n  first: {experiment: a}\n  second: {experiment: b}\n", starts, raw="")
+    seen = {"first": replace(data(), registration=POSE), "second": data()}
+    monkeypatch.setattr(body, "measured", lambda one: seen[one.run_dir.name])
+    assert set(SeveralExperiments(whole)._poses()) == {f"{n}@first" for n in POSE}
 
 
 def test_errors_of_the_pose_are_those_of_its_axes() -> None:

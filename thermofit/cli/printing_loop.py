@@ -33,6 +33,8 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
             console.print(f"balance   {text}", soft_wrap=True)
     for row in (result.get("drift") or {}).get("found", ()):
         console.print(f"drift     {drift_line(row)}", soft_wrap=True)
+    if result.get("pose"):
+        console.print(f"pose      {_pose(result['pose'])}", soft_wrap=True)
     if result.get("could_show"):
         console.print(f"could show {_could_show(result['could_show'])}", soft_wrap=True)
     if result.get("grade"):
@@ -51,6 +53,17 @@ def _could_show(rows: Mapping[str, Mapping[str, Any]]) -> str:
             unit = "" if row["unit"] == "1" else f" {row['unit']}"
             shown.append(f"{row['parameter']} from {number(row['detectable'], 2)}{unit}")
     return ", ".join(shown) + (f"; nothing of {', '.join(unfelt)}" if unfelt else "")
+
+
+def _pose(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """The pose of the infrared camera as fitted, beside the error of its landmarks."""
+    said = []
+    for name, row in rows.items():
+        unit = "" if row["unit"] == "1" else f" {row['unit']}"
+        sigma = "" if row["sigma"] is None else f" +- {number(row['sigma'], 2)}"
+        by = "" if row["landmarks"] is None else f" (landmarks +- {number(row['landmarks'], 2)})"
+        said.append(f"{name} {number(row['value'], 2)}{sigma}{unit}{by}")
+    return ", ".join(said)
 
 
 def _table(title: str, columns: tuple[str, ...]) -> Table:

@@ -110,6 +110,12 @@ class Case:
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
     bounds: Bounds = physical
     """Bounds of every fitted parameter: the study's, or else the physical ones."""
+    pose: frozenset[str] = frozenset()
+    """Fitted parameters that stand for an error of a camera's landmarks: no effect, as long as they stay within these bounds."""
+
+    def reach(self, name: str) -> tuple[float, float]:
+        """Bounds that a linear step keeps to: the physical ones, but those of an error of its landmarks for the pose of a camera."""
+        return self.bounds(name) if name in self.pose else physical(name)
 
     @property
     def rows(self) -> Rows:

@@ -125,6 +125,8 @@ def _asked(here: Traced, states: Mapping[str, np.ndarray]) -> list[_Asked]:
     """Pairs of which these data tell something beside the fitted parameters."""
     model, out = here.problem.model, []
     for k, name in enumerate(here.case.parameters.free):
+        if name in here.case.pose:
+            continue
         column = model.columns[:, k]
         for variable in VARIABLES:
             v = states[variable]

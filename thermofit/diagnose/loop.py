@@ -14,6 +14,7 @@ from thermofit.diagnose.backward import Means, Refit, held_out_of, made_up_for, 
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
+from thermofit.diagnose.pose import released
 from thermofit.diagnose.proof_elsewhere import proof_of_refit
 from thermofit.diagnose.refit import has_size
 from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
@@ -21,9 +22,7 @@ from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
-from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import felt_by_temperatures
-from thermofit.experiment.priors import within_calibration
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -80,16 +79,6 @@ class Closed:
     stand_ins: Mapping[str, tuple[str, ...]] | None = None
     """Effects that the data do not tell from an accepted one at the end, by its name; None where that was not asked."""
 
-    @property
-    def corrections(self) -> tuple[str, ...]:
-        """Accepted effects that are no more than an error of a calibration: needed, and no cause."""
-        return corrections_of(self.last, self.accepted)
-
-    @property
-    def causes(self) -> tuple[str, ...]:
-        """The other accepted effects."""
-        return tuple(n for n in self.accepted if n not in self.corrections)
-
     def as_base(self) -> Closed:
         """The base model at its optimum where nothing is added in the end: a refit without what was taken back may stop short of it."""
         if self.accepted or self.base is None or self.fit.f < self.base.f:
@@ -97,15 +86,8 @@ class Closed:
         return replace(self, last=self.first, fit=self.base)
 
 
-def corrections_of(here: Traced, accepted: Sequence[str]) -> tuple[str, ...]:
-    """Those of accepted effects all of whose amplitudes lie within the error of a calibration (`within_calibration`)."""
-    case = here.case
-    own = {name: [p.name for p in effect(name).amplitudes] for name in accepted}
-    return tuple(name for name, names in own.items() if within_calibration(case.model.priors, case.parameters, names))
-
-
 def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numerical: np.ndarray | None, how: str = "auto") -> Closed:
-    """Rounds until nothing is accepted, at most `max_effects` effects besides errors of a calibration; `case` is at its optimum `fit`."""
+    """Rounds until nothing is accepted, at most `max_effects` effects; `case` is at its optimum `fit`."""
     rounds: list[Round] = []
     accepted: list[str] = []
     dropped: list[str] = []
@@ -140,8 +122,11 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
         first = first if rounds else here
         here = _without_scores(here, dropped)
-        room = max_effects - len(accepted) + len(corrections_of(here, accepted))
-        trials, winner = next_round(here, fit, Means(refit, numerical, how), room)
+        trials, winner = next_round(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
+        if winner is None and len(accepted) < max_effects and (moved := released(here, fit, Means(refit, numerical, how))) is not None:
+            trials.append(moved.trial)
+            if moved.accepted is not None:
+                winner, refit = (moved.trial, moved.accepted), moved.refit
         if winner is None:
             rounds.append(Round(here, tuple(trials), ()))
             break
@@ -158,7 +143,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         remarks += again.remarks
     untried = {n: t.refused for t in rounds[-1].trials if t.unjudged for n in t.effects if len(t.effects) == 1}
     unjudged = unasked | dict(here.unjudged) | untried
-    full = len(accepted) - len(corrections_of(here, accepted)) >= max_effects
+    full = len(accepted) >= max_effects
     still = tuple(s.effect for s in here.promising()) if full else ()
     names = tuple(accepted)
     closed = Closed(tuple(rounds), first, here, fit, names, tuple(dropped), refit, numerical, tuple(remarks), unjudged, still, base)

@@ -103,7 +103,10 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
     base, _ = with_identified(study, experiment.start(), stages)
     joint = experiment.diagnosed(base)
     shown, said = (joint.known, ()) if joint.flow is None else untold(joint.known, joint.base, joint.flow)
-    elsewhere = tuple(elsewhere_of(test, joint.settings, joint.base, shown) for test in experiment.unseen)
+    pose = frozenset(n for n in joint.told if is_of_effect(n))
+    # A camera stands where it stands in its own test alone.
+    shared = joint.settings.model_copy(update={"free": tuple(n for n in joint.settings.free if n not in pose)})
+    elsewhere = tuple(elsewhere_of(test, shared, joint.base, shown) for test in experiment.unseen)
     fitting = within(study, joint.base, joint.told)
     task = replace(task, config={**task.config, DRIVE: experiment.drive}) if experiment.drive == BY_SECTIONS else task
     refit = JointFit(fitting, joint.settings, joint.model, task, parts=joint.parts)
@@ -132,6 +135,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         heated=refit.heated,
         correlation_length=joint.correlation_length,
         bounds=fitting.bounds,
+        pose=pose,
     )
     assert joint.numerical is not None
     remarks = (*said, *_unknown_force(experiment, joint))
@@ -188,7 +192,7 @@ def _refuse_few(residual: np.ndarray, joint: JointProblem) -> None:
 
 def _refuse_one_family(study: Study, joint: JointProblem) -> None:
     """UntrustworthyError where the study frees two effects that the test cannot tell apart."""
-    own = freed_effects(joint.base.free)
+    own = freed_effects([n for n in joint.base.free if n not in joint.told])
     if len(own) < 2:
         return
     _, fitted = joint.model.linearised(joint.base, joint.base.free)

@@ -33,8 +33,9 @@ class Rejudged:
 
 
 def ends_of_fit(here: Traced, fit: FitResult) -> dict[str, str]:
-    """Fitted parameters of a trace without a value of their own, and why."""
-    return undetermined(here.case.parameters, fit, here.case.bounds)
+    """Fitted parameters of a trace without a value of their own, and why; the pose of a camera is no part of an answer."""
+    found = undetermined(here.case.parameters, fit, here.case.bounds)
+    return {name: why for name, why in found.items() if name not in here.case.pose}
 
 
 def rejudged(here: Traced, fit: FitResult, accepted: Sequence[str], before: Mapping[str, str], means: Means) -> Rejudged:

@@ -120,7 +120,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     ranked_here = {s.effect: s for s in here.ranking.scores}
     now = nothing_added(here, fit, found, mine)
     worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
-    scores = [(ranked_here.get(b.effects[0]) or _hidden(b.effects[0]), b.parameters) for b in worth]
+    scores = [(ranked_here.get(b.effects[0]) or hidden(b.effects[0]), b.parameters) for b in worth]
     ends = {s.effect: end for s, start in scores if (end := refitted(here, (s,), fit, {}, start)) is not None}
     numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
     whole = now - found.with_source - numerical
@@ -189,7 +189,7 @@ def _both_refitted(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Scor
     """The effects of a beginning refitted together on the known motion, and their scores with the estimates of that; None where it cannot
     be run."""
     known = {s.effect: s for s in here.ranking.scores}
-    scores = [known.get(name) or _hidden(name) for name in begin.effects]
+    scores = [known.get(name) or hidden(name) for name in begin.effects]
     end = refitted(here, scores, fit, {}, begin.parameters)
     if end is None:
         return None
@@ -229,8 +229,8 @@ def asked_of(here: Traced) -> tuple[Score, ...]:
     every = [s for s in here.ranking.scores if _judged_here(here, s.effect)]
     found = [s for s in every if s.z > here.ranking.threshold]
     faint = (s.effect for s in every if s.vetoed and s not in found)
-    hidden = [_hidden(name) for name in (*faint, *(n for n in here.ranking.unfelt if _judged_here(here, n)))]
-    return tuple([*sorted(found, key=lambda s: bool(s.vetoed)), *hidden][:PROVED_AT_MOST])
+    faintest = [hidden(name) for name in (*faint, *(n for n in here.ranking.unfelt if _judged_here(here, n)))]
+    return tuple([*sorted(found, key=lambda s: bool(s.vetoed)), *faintest][:PROVED_AT_MOST])
 
 
 def _judged_here(here: Traced, name: str) -> bool:
@@ -239,7 +239,7 @@ def _judged_here(here: Traced, name: str) -> bool:
     return len(felt_by_temperatures(names)) == len(names) and not (name in here.proofs and here.proofs[name].on)
 
 
-def _hidden(name: str) -> Score:
+def hidden(name: str) -> Score:
     """An effect that is not felt where the parameters are: what it acts through is fitted to nothing there."""
     probes = {p.name: p.neutral + float(p.probe or 0.0) for p in effect(name).amplitudes}
     return Score(name, 0.0, 0.0, 0.0, probes, dict.fromkeys(probes, float("inf")), 0.0, float("inf"), "", (name,))
@@ -301,7 +301,7 @@ def refitted(
     thermal = felt_by_temperatures(parameters.free)
     mine = shown_rows(here)
     noise = None if here.problem.model.noise is None else fit.model.noise
-    warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal))
+    warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal, here.case.reach))
     predicted = warm.predicted(restricted(here.split, mine).folds)
     left, after = here.columns.residual.copy(), before.copy()
     left[mine], after[mine] = warm.residual, predicted

@@ -16,6 +16,7 @@ from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, sp
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.priors import improbable
+from thermofit.experiment.trust import Bounds, physical
 from thermofit.fit.linear_model import LinearModel, Room, projection
 from thermofit.fit.result import FitResult
 
@@ -164,7 +165,7 @@ def traced(
     noisy = any(c.noise is not None for c in case.model.comparisons)
     groups = groups_of(_clocked(case, rows), np.ones(len(rows.time), dtype=bool))
     noise = case.model.noise if noisy else None
-    room = room_of(case.parameters, case.parameters.free)
+    room = room_of(case.parameters, case.parameters.free, case.reach)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
     columns = Columns(model, found.dormant, groups, numerical)
     scanned, unjudged = _scanned(case, columns, found)
@@ -197,7 +198,7 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     """
     parameters, rows = case.parameters, before.rows
     residual, fitted = at_its_end(case, fit) or case.model.linearised(parameters, parameters.free)
-    model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free))
+    model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free, case.reach))
     columns = Columns(model, {}, before.problem.groups, before.problem.numerical)
     found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
     beyond, unpredicted = beyond_of(case, (), {})
@@ -217,10 +218,11 @@ def _probable(ranking: Ranking, case: Case) -> Ranking:
     return replace(ranking, scores=tuple(sorted(scores, key=lambda s: (bool(s.vetoed), -s.z))))
 
 
-def room_of(parameters: Parameters, names: Sequence[str]) -> Room:
-    """How far the named parameters may go to their physical bounds."""
+def room_of(parameters: Parameters, names: Sequence[str], bounds: Bounds = physical) -> Room:
+    """How far the named parameters may go to their bounds."""
     x = np.array([parameters[name] for name in names])
-    return np.array([param(name).lower for name in names]) - x, np.array([param(name).upper for name in names]) - x
+    ends = np.array([bounds(name) for name in names]).reshape(len(names), 2)
+    return ends[:, 0] - x, ends[:, 1] - x
 
 
 def _scanned(case: Case, columns: Columns, found: Linearised) -> tuple[dict[str, tuple[Scan, ...]], dict[str, str]]:

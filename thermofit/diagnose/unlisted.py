@@ -128,7 +128,7 @@ def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
         residual, columns = here.case.model.linearised(parameters, free)
     except NumericsError as error:
         return here, f"the term was sought at the optimum without it: parameters beside a broad source are not known ({error})"
-    model = replace(here.problem.model, residual=residual, columns=columns, bounds=room_of(parameters, free))
+    model = replace(here.problem.model, residual=residual, columns=columns, bounds=room_of(parameters, free, here.case.reach))
     return replace(here, case=replace(here.case, parameters=parameters), problem=replace(here.problem, model=model)), ""
 
 
@@ -222,7 +222,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
     hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum."""
     case, first = here.case, term
-    room = room_of(case.parameters, case.parameters.free)
+    room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
     for _ in range(SETTLING):
         x = np.clip(moved + term.step, *room)

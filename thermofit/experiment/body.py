@@ -22,7 +22,7 @@ from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
 from thermofit.experiment.prescribed import Moved, of_specimen
-from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
 from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
@@ -233,6 +233,8 @@ class BodyExperiment:
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the errors of mesh and steps at the optimum of the stages taken into the data."""
         settings = self.joint_settings(free)
+        pose = {} if free or not self.data.registration else pose_bounds(self.study, self.data.registration)
+        settings = settings.model_copy(update={"free": (*settings.free, *pose)})
         base, size = base.with_free(settings.free), diagnosis_mesh(self.study)
         plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study, self.data.registration))
         found = told(plain, base)
@@ -242,6 +244,7 @@ class BodyExperiment:
             errors=found,
             numerical=lambda _: found.left,
             largest_strain=found.largest_strain,
+            told=pose,
         )
 
     def _problem(self, settings: StageSettings, base: Parameters, parts: JointParts, size: MeshSize) -> JointProblem:

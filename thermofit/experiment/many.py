@@ -26,7 +26,7 @@ from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_m
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
 from thermofit.experiment.prescribed import Moved, of_test
-from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.protocol import JointProblem, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
@@ -253,6 +253,8 @@ class SeveralExperiments:
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the errors of every mesh and its steps at the optimum of the stages taken into the data."""
         settings, size = self.joint_settings(free), diagnosis_mesh(self.study)
+        pose = {} if free else self._poses()
+        settings = settings.model_copy(update={"free": (*settings.free, *pose)})
         base, priors = base.with_free(settings.free), self._priors_of_each()
         plain = self._joint(settings, size)
         plain = JointSeveral({name: replace(part, beside=priors[name]) for name, part in plain.each.items()})
@@ -263,7 +265,16 @@ class SeveralExperiments:
             errors=found,
             numerical=lambda _: found.left,
             largest_strain=found.largest_strain,
+            told=pose,
         )
+
+    def _poses(self) -> dict[str, tuple[float, float]]:
+        """Bounds of the pose of the infrared camera of every experiment, none of those that the study shares."""
+        found: dict[str, tuple[float, float]] = {}
+        for test in self.tests:
+            each = pose_bounds(test.study, test.data.registration) if test.data.registration else {}
+            found |= {f"{name}{AT}{test.name}": ends for name, ends in each.items() if name in self.own}
+        return found
 
     def _joint(self, settings: StageSettings, size: MeshSize) -> JointSeveral:
         needs_drive(self.study, settings.channels)

@@ -44,6 +44,19 @@ def effect_priors(study: Study, registration: Mapping[str, float] | None = None)
     return (*priors_of(study, told), *posed)
 
 
+def pose_bounds(study: Study, registration: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Bounds of the pose of the infrared camera by Param, within which it is fitted with everything else: UNLIKELY standard errors of its
+    calibration. Landmarks are picked by hand, so that a camera lies beside the specimen in any test, by their error.
+
+    Empty where a number of the pose has no standard error, or where the study gives one: then it is as given.
+    """
+    known = {p.name: p for p in effect_priors(study, registration)}
+    pose = [p.name for e in effects() for p in e.amplitudes if any(n in e.names for n in registration)]
+    if not all(n in known and study.setting(n) is None for n in pose):
+        return {}
+    return {n: (known[n].value - UNLIKELY * known[n].sigma, known[n].value + UNLIKELY * known[n].sigma) for n in pose}
+
+
 def beyond_error(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> tuple[Prior, ...]:
     """Declared values from which parameters lie so far off that no error of the reading explains it.
 
@@ -66,14 +79,6 @@ def improbable(priors: Sequence[Prior], parameters: Parameters, before: Paramete
 def in_words(prior: Prior, value: float) -> str:
     """That a value is no error of what was declared."""
     return f"{prior.name} would be {_off(prior, value)}: that is no error of a reading (a larger one is given under diagnosis.priors)"
-
-
-def within_calibration(priors: Sequence[Prior], parameters: Parameters, names: Sequence[str]) -> bool:
-    """Whether amplitudes of an effect may be an error of the calibration: each has a standard error that a calibration gave it, and lies
-    within UNLIKELY of them. A camera that was pointed by hand-picked landmarks lies beside the specimen by their error in any test.
-    """
-    known = {prior.name: prior for prior in priors if not prior.firm}
-    return bool(names) and all(n in known and abs(parameters[n] - known[n].value) <= UNLIKELY * known[n].sigma for n in names)
 
 
 def off_declared(priors: Sequence[Prior], parameters: Parameters, times: float) -> list[str]:

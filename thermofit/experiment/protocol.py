@@ -62,7 +62,8 @@ class JointProblem:
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
     told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Lower and upper end within which an earlier stage has told parameters: what is missing does not draw them farther off."""
+    """Lower and upper end within which an earlier stage, or the calibration of a camera, has told parameters: what is missing does not draw
+    them farther off."""
 
     @property
     def each(self) -> Mapping[str, StageModel]:

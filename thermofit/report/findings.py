@@ -147,8 +147,18 @@ def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
     return whole + [level(r["channel"], r["chi2_reduced"], r["numerical"], r["n"], r["phase"]) for r in rows]
 
 
-def _common(found: Prepared, here: Traced, against: Sequence[str]) -> dict[str, Any]:
-    """What both commands say; `against`: what speaks against the answer (`trust`)."""
+def pose_of(here: Traced, fit: FitResult) -> dict[str, dict[str, Any]]:
+    """The pose of the infrared camera as fitted, with its standard error, beside that of its landmarks; empty where it is as given."""
+    declared = {prior.name: prior.sigma for prior in here.case.model.priors}
+    sigma = {} if fit.sigma is None or fit.names != here.case.parameters.free else dict(zip(fit.names, fit.sigma.tolist(), strict=True))
+    return {
+        n: {"value": here.case.parameters[n], "sigma": sigma.get(n), "landmarks": declared.get(n), "unit": param(n).unit}
+        for n in sorted(here.case.pose)
+    }
+
+
+def _common(found: Prepared, here: Traced, against: Sequence[str], fit: FitResult | None = None) -> dict[str, Any]:
+    """What both commands say; `against`: what speaks against the answer (`trust`); `fit`: the one that ends here, None: the joint fit."""
     size, counts, failures = found.size, merged_counts(found.fit), list(dict.fromkeys(found.refit.failures))
     settled = [] if found.fit.converged else ["the joint fit has not settled: traced from the optimum of the stages"]
     return {
@@ -164,6 +174,7 @@ def _common(found: Prepared, here: Traced, against: Sequence[str]) -> dict[str, 
         "evaluations": {**counts, "failed": counts["failed"] + len(failures)},
         "failed_starts": failures,
         "unjudged": dict(here.unjudged),
+        "pose": pose_of(here, found.fit if fit is None else fit),
         "remarks": [*settled, *against, *found.remarks, *failed_in_words(failures)],
     }
 
@@ -231,11 +242,10 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         here.unpredicted,
     )
     if closed.stand_ins is not None:
-        alike = causes_of(closed)
-        against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in alike.items() if others]
+        against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in like_of(closed).items() if others]
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
-    common = _common(found, here, against)
+    common = _common(found, here, against, closed.fit)
     return {
         **common,
         "trustworthy": not against,
@@ -244,10 +254,9 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         "unjudged": dict(closed.unjudged),
         "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),
-        "grade": grade(causes_of(closed), bool(above_floor(_levels(here, found.numerical))), None),
+        "grade": grade(like_of(closed), bool(above_floor(_levels(here, found.numerical))), None),
         "could_show": could_show(here),
-        "accepted": list(closed.causes),
-        "corrected": list(closed.corrections),
+        "accepted": list(closed.accepted),
         "stand_ins": {name: list(others) for name, others in like_of(closed).items()},
         "dropped": list(closed.dropped),
         "rounds": [round_row(r) for r in closed.rounds],
@@ -273,19 +282,13 @@ def _with_doubts(line: str, against: Sequence[str]) -> str:
 
 
 def _verdict(closed: Closed, table: dict[str, Any]) -> str:
-    within = "; ".join(f"{name} corrected within the error of its calibration ({_estimates(closed, name)})" for name in closed.corrections)
-    errors = "; ".join(filter(None, (within, error_rows(table))))
-    if not closed.causes:
+    errors = error_rows(table)
+    if not closed.accepted:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
     names = []
-    for name, others in causes_of(closed).items():
+    for name, others in like_of(closed).items():
         names.append(f"{name} ({_estimates(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
     return f"added {', '.join(names)}; {errors}"
-
-
-def causes_of(closed: Closed) -> dict[str, tuple[str, ...]]:
-    """The effects that an answer names, each with those that the data do not tell from it."""
-    return {name: others for name, others in like_of(closed).items() if name in closed.causes}
 
 
 def _estimates(closed: Closed, name: str) -> str:

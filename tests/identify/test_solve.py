@@ -14,7 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.model import StageModel
 from thermofit.identify.outcome import made
-from thermofit.identify.solve import NotCarriedError, Solved, remembering, solve, stage_problem
+from thermofit.identify.solve import NotCarriedError, Solved, at_rounding, remembering, solve, stage_problem
 from thermofit.observe.comparison import Comparison, RelativeScheme, plain, relative_displacements, temperature_change
 from thermofit.records.staging import Job
 from thermofit.study.section import MeshSize
@@ -276,3 +276,11 @@ def test_a_fit_that_is_kept_from_its_minimum_may_be_given_up(tmp_path: Path) -> 
     assert begun(case, 120.0, starts=(110.0,)).fit.at_edge
     with pytest.raises(NotCarriedError, match="edge of a region"):
         begun(case, 120.0, starts=(110.0,), to_the_end=False)
+
+
+def test_a_start_that_a_step_has_left_at_its_bound_lies_there() -> None:
+    """A rounding error beyond is none; what lies farther off is left for the check that tells the user."""
+    lower, upper = np.array([-0.007, -np.inf, 1.0, -1.0]), np.array([0.007, np.inf, 2.0, 1.0])
+    y = np.array([0.007 * (1.0 + 1e-12), 1e300, 1.0 - 1e-12, 1.0 + 1e-6])
+    assert at_rounding(y, lower, upper).tolist() == [0.007, 1e300, 1.0, 1.0 + 1e-6]
+    assert at_rounding(-y[:1], lower[:1], upper[:1]).tolist() == [-0.007]

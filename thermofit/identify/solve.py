@@ -43,6 +43,8 @@ told from two optima. Steps of Gauss and Newton contract so fast at the end that
 
 TURNS = 4
 """Most often that a one-way stage solves its mechanics."""
+ROUNDING = 1e-9
+"""Part of a bound by which a value may lie beyond it that a bounded step has left there."""
 SETTLED = 0.1
 """Change of every parameter, in standard errors, below which the mechanics of a one-way stage need not be solved anew."""
 
@@ -217,6 +219,12 @@ def minimised(
     return model, change.converted(fit)
 
 
+def at_rounding(y: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Values y (n,) with those at their bounds that lie beyond them by a rounding error, where a bounded step has left them."""
+    inside = np.where((y < lower) & (y >= lower - ROUNDING * np.abs(lower)), lower, y)
+    return np.where((inside > upper) & (inside <= upper + ROUNDING * np.abs(upper)), upper, inside)
+
+
 def stage_problem(
     study: Study, settings: StageSettings, base: Parameters, model: StageModel, jacobian: np.ndarray | None = None
 ) -> tuple[Problem, Reciprocal]:
@@ -235,7 +243,7 @@ def stage_problem(
 
     problem = Problem(
         residual=lambda y: model.residual(base.with_vector(change.parameters(y))),
-        start=change.variables(base.vector()),
+        start=at_rounding(change.variables(base.vector()), lower, upper),
         lower=lower,
         upper=upper,
         scale=change.scales(np.array([study.scale(name) for name in names])),

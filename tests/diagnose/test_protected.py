@@ -162,6 +162,19 @@ def test_a_refit_with_exponents_free_is_given_up_where_it_would_be_no_name(probl
     assert end < limit < float(here.columns.residual @ here.columns.residual)
 
 
+def test_on_the_known_motion_the_camera_stands_where_its_landmarks_have_it(problem: Made) -> None:
+    """While much heat is missing the pose would stand in for it; here the drift of the camera is taken for that."""
+    case, fit, *_ = problem(**{"clamp_drift.rate": 0.05})
+    pose, plain = "ir_drift.rate", fit.minimised(case.parameters.replace(**fit.first), "plain")
+    known = tuple(e for e in case.known if e.name in ("clamp_drift", "lamp"))
+    there = plain.replace(**{pose: 0.01}).with_free((*plain.free, pose))
+    refitted = retraced(traced(replace(case, parameters=there, known=known, pose=frozenset((pose,)))))
+    assert refitted.case.parameters[pose] == 0.01 and pose in refitted.case.parameters.free
+    assert refitted.protected.parameters[pose] == 0.0 and pose not in refitted.protected.parameters.free
+    ends = [end.parameters for end in refitted.shown.values()]
+    assert ends and all(p[pose] == 0.0 and pose not in p.free for p in ends)
+
+
 def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
     step, refitted = trace_of(problem(**{"clamp_drift.rate": 0.05}))
     first = refitted.promising()[0]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import HeatFit
 from thermofit.diagnose.held_out import SURE, Proof, Rows, compared, restricted
 from thermofit.diagnose.protected import Begin, Protected, begins, pairs, protected
@@ -164,7 +164,7 @@ def protected_at(here: Traced, fit: HeatFit) -> Protected | None:
     """The protected parameters of a traced case, those of an earlier round where that has told them there; None where the model knows of no
     broad source. NumericsError where a run fails."""
     mine = shown_rows(here)
-    return here.protected or protected(here.case, fit, _only(here.rows, mine), restricted(here.split, mine))
+    return here.protected or protected(without_pose(here).case, fit, _only(here.rows, mine), restricted(here.split, mine))
 
 
 def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
@@ -172,12 +172,21 @@ def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray
     protected ones if that is less. The optimum may lie in another valley, and whatever leaves it would seem to explain what is missing. A
     fit that cannot be run is noted among its failures."""
     now = float(np.sum(here.columns.residual[mine] ** 2))
-    start = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(here.case.parameters.free)})
+    there = without_pose(here).case.parameters
+    start = there.replace(**{n: found.parameters[n] for n in felt_by_temperatures(there.free)})
     try:
         end = _minimised(fit, start, "nothing added on the known motion")
     except NumericsError:
         return now
     return min(now, float(np.sum(fit.model.residual(end) ** 2)))
+
+
+def without_pose(here: Traced) -> Traced:
+    """The trace with the pose of the camera as its landmarks have it, and held: what is missing is far more than their error, and the pose
+    would stand in for it. The coupled refit that follows has it free."""
+    case = here.case
+    there = case.parameters.replace(**{n: param(n).neutral for n in case.pose})
+    return replace(here, case=replace(case, parameters=there.with_free(tuple(n for n in there.free if n not in case.pose))))
 
 
 def _minimised(fit: HeatFit, start: Parameters, label: str, to_beat: float = np.inf) -> Parameters:
@@ -285,7 +294,7 @@ def refitted(
 
     The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well.
     """
-    score, start = scores[0], here.case.parameters if begin is None else begin
+    score, start = scores[0], without_pose(here).case.parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
         own = {**one.estimate, **chosen} if begin is None else {n: begin[n] for n in effect(one.effect).names}

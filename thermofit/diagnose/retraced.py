@@ -121,6 +121,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     now = nothing_added(here, fit, found, mine)
     worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
     scores = [(ranked_here.get(b.effects[0]) or hidden(b.effects[0]), b.parameters) for b in worth]
+    others = {b.effects[0]: b.elsewhere for b in worth}
     ends = {s.effect: end for s, start in scores if (end := refitted(here, (s,), fit, {}, start)) is not None}
     numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
     whole = now - found.with_source - numerical
@@ -130,14 +131,15 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     def share_of(end: _End) -> float:
         return (now - float(np.sum(end.left[mine] ** 2))) / whole
 
-    def judged(these: Sequence[Score], start: Parameters, end: _End) -> tuple[_End, str]:
+    def judged(these: Sequence[Score], starts: Sequence[Parameters], end: _End) -> tuple[_End, str]:
         """The better end with exponents held or free, with declared readings where they were read, and why it is no name for what is
         missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect explains too little, and a coupled
         refit that begins there crawls along the valley into which that drives the others."""
         freed = any(effect(s.effect).exponents for s in these)
-        more = refitted(here, these, fit, {}, start, True, now - EXPLAINED * whole) if freed else None
-        if more is not None and share_of(more) > share_of(end):
-            end = more
+        for start in starts if freed else ():
+            more = refitted(here, these, fit, {}, start, True, now - EXPLAINED * whole)
+            if more is not None and share_of(more) > share_of(end):
+                end = more
         held = with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
         end, words = (end, "") if held is None else (held, ", declared readings held,")
         part = 100.0 * max(share_of(end), 0.0)
@@ -146,7 +148,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
 
     refused = {}
     for score, start in ((s, start) for s, start in scores if s.effect in ends):
-        ends[score.effect], why = judged((score,), start, ends[score.effect])
+        ends[score.effect], why = judged((score,), (start, *others[score.effect]), ends[score.effect])
         if why:
             refused[score.effect] = why
     far = {n: "explains far less than others once the missing heat no longer drives the parameters off" for n in names if n not in ends}
@@ -156,7 +158,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     both = pairs(here.case, found, first[:PARTNERS]) if len(refused) == len(ends) else ()
     worth_both = [p for p in both if now - p.f > EXPLAINED * whole][:PAIRS]
     tried = [(p.parameters, *t) for p in worth_both if (t := _both_refitted(here, fit, p)) is not None]
-    told = [(these, *judged(these, start, end)) for start, these, end in tried]
+    told = [(these, *judged(these, (start,), end)) for start, these, end in tried]
     return _Shielded(ends, refused | far, tuple((these, end) for these, end, why in told if not why), found)
 
 

@@ -160,6 +160,8 @@ def test_a_refit_with_exponents_free_is_given_up_where_it_would_be_no_name(probl
     retraced(here)
     assert {beaten for freed, beaten, _ in asked if not freed} == {np.inf}
     ((_, limit, end),) = (one for one in asked if one[0])
+    held = min(left for freed, _, left in asked if not freed)
+    assert limit <= module.RIVAL * held, "nor is what leaves half more than the best"
     assert end < limit < float(here.columns.residual @ here.columns.residual)
 
 

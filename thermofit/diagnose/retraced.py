@@ -16,7 +16,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import HeatFit
+from thermofit.diagnose.case import Case, HeatFit
 from thermofit.diagnose.held_out import SURE, Proof, Rows, compared, restricted
 from thermofit.diagnose.protected import Begin, Protected, begins, pairs, protected
 from thermofit.diagnose.refit import with_effect
@@ -33,6 +33,8 @@ REFITTED = 6
 """Most effects that are refitted from protected parameters."""
 EXPLAINED = 2.0 / 3.0
 """Part of what a broad source explains that a name has to explain: it leaves half of what it takes at most."""
+RIVAL = 1.5
+"""Times the square sum that the best of them leaves: a refit that would leave more is neither a name nor of the family of one."""
 PARTNERS = 8
 """Effects of which pairs are made there, and..."""
 PAIRS = 3
@@ -128,8 +130,11 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
         return _Shielded(ends, {}, (), found)
 
+    def left_by(end: _End) -> float:
+        return float(np.sum(end.left[mine] ** 2))
+
     def share_of(end: _End) -> float:
-        return (now - float(np.sum(end.left[mine] ** 2))) / whole
+        return (now - left_by(end)) / whole
 
     def judged(these: Sequence[Score], starts: Sequence[Parameters], end: _End) -> tuple[_End, str]:
         """The better end with exponents held or free, with declared readings where they were read, and why it is no name for what is
@@ -137,7 +142,8 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
         refit that begins there crawls along the valley into which that drives the others."""
         freed = any(effect(s.effect).exponents for s in these)
         for start in starts if freed else ():
-            more = refitted(here, these, fit, {}, start, True, now - EXPLAINED * whole)
+            least = min(left_by(one) for one in (*ends.values(), end))
+            more = refitted(here, these, fit, {}, start, True, min(now - EXPLAINED * whole, RIVAL * least))
             if more is not None and share_of(more) > share_of(end):
                 end = more
         held = with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
@@ -166,7 +172,7 @@ def protected_at(here: Traced, fit: HeatFit) -> Protected | None:
     """The protected parameters of a traced case, those of an earlier round where that has told them there; None where the model knows of no
     broad source. NumericsError where a run fails."""
     mine = shown_rows(here)
-    return here.protected or protected(without_pose(here).case, fit, _only(here.rows, mine), restricted(here.split, mine))
+    return here.protected or protected(without_pose(here.case), fit, _only(here.rows, mine), restricted(here.split, mine))
 
 
 def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
@@ -174,7 +180,7 @@ def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray
     protected ones if that is less. The optimum may lie in another valley, and whatever leaves it would seem to explain what is missing. A
     fit that cannot be run is noted among its failures."""
     now = float(np.sum(here.columns.residual[mine] ** 2))
-    there = without_pose(here).case.parameters
+    there = without_pose(here.case).parameters
     start = there.replace(**{n: found.parameters[n] for n in felt_by_temperatures(there.free)})
     try:
         end = _minimised(fit, start, "nothing added on the known motion")
@@ -183,12 +189,11 @@ def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray
     return min(now, float(np.sum(fit.model.residual(end) ** 2)))
 
 
-def without_pose(here: Traced) -> Traced:
-    """The trace with the pose of the camera as its landmarks have it, and held: what is missing is far more than their error, and the pose
+def without_pose(case: Case) -> Case:
+    """The case with the pose of the camera as its landmarks have it, and held: what is missing is far more than their error, and the pose
     would stand in for it. The coupled refit that follows has it free."""
-    case = here.case
     there = case.parameters.replace(**{n: param(n).neutral for n in case.pose})
-    return replace(here, case=replace(case, parameters=there.with_free(tuple(n for n in there.free if n not in case.pose))))
+    return replace(case, parameters=there.with_free(tuple(n for n in there.free if n not in case.pose)))
 
 
 def _minimised(fit: HeatFit, start: Parameters, label: str, to_beat: float = np.inf) -> Parameters:
@@ -296,7 +301,7 @@ def refitted(
 
     The optimum without the effect may lie where nothing is felt of it, so that the fall of the square sum tells its score as well.
     """
-    score, start = scores[0], without_pose(here).case.parameters if begin is None else begin
+    score, start = scores[0], without_pose(here.case).parameters if begin is None else begin
     for one in scores:
         chosen = {n: v for n, v in settings.items() if n in effect(one.effect).names}
         own = {**one.estimate, **chosen} if begin is None else {n: begin[n] for n in effect(one.effect).names}

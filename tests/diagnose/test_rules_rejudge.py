@@ -31,7 +31,7 @@ def at(values: Mapping[str, float], sigma: float = 1e-3, accepted: tuple[str, ..
     parameters = Parameters.of({"E": 200e3, **ON, **values}, ("E", *amplitudes))
     fit = SimpleNamespace(names=parameters.free, sigma=np.abs(parameters.vector()) * sigma + 1e-9, at_bound=[False] * 3)
     bounds = {"E": (150e3, 250e3)}
-    case = SimpleNamespace(parameters=parameters, bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)))
+    case = SimpleNamespace(parameters=parameters, bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)), pose=frozenset())
     here = SimpleNamespace(
         case=case,
         rows=None,

@@ -105,7 +105,8 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
     shown, said = (joint.known, ()) if joint.flow is None else untold(joint.known, joint.base, joint.flow)
     pose = frozenset(n for n in joint.told if is_of_effect(n))
     # A camera stands where it stands in its own test alone.
-    shared = joint.settings.model_copy(update={"free": tuple(n for n in joint.settings.free if n not in pose)})
+    settings = joint.settings
+    shared = settings.model_copy(update={"free": tuple(n for n in settings.free if n not in pose)}) if pose else settings
     elsewhere = tuple(elsewhere_of(test, shared, joint.base, shown) for test in experiment.unseen)
     fitting = within(study, joint.base, joint.told)
     task = replace(task, config={**task.config, DRIVE: experiment.drive}) if experiment.drive == BY_SECTIONS else task

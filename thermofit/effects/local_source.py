@@ -7,8 +7,8 @@ import numpy as np
 from thermofit.core.parameters import Param
 
 SLOT = "heat_source"
-_PLACES = (0.05, 0.18, 0.31, 0.44, 0.56, 0.69, 0.82, 0.95)
-_STARTS = (0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85)
+_PLACES = (0.05, 0.23, 0.41, 0.59, 0.77, 0.95)
+_STARTS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 PARAMS = (
     Param("local_source.strength", "mW/mm^3", 0.0, -100.0, 100.0, 0.02, "power per volume in its middle once it is on", probe=0.05),
     Param("local_source.place", "mm", 0.0, -1e3, 1e3, 2.0, "height y of its middle", scan=_PLACES, scan_of="place"),

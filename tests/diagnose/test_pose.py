@@ -105,10 +105,10 @@ def test_all_fits_go_beyond_from_then_on() -> None:
     fitting: Any = JointFit(narrow, SimpleNamespace(), SimpleNamespace(cheap=False), SimpleNamespace())  # type: ignore[arg-type]
     sharp: Any = Sharper(SimpleNamespace(), None, fitting, fitting, np.zeros(1), fitting.heated)  # type: ignore[arg-type]
 
-    wide = module._wider(fitting, BASE, (name,))
+    wide = module.wider(fitting, BASE, (name,))
     assert isinstance(wide, JointFit) and wide.study.bounds(name) == physical(name)
     case = Case(SimpleNamespace(), BASE, (), (), frozenset(), sharper=lambda _: sharp, heated=fitting.heated, pose=frozenset((name,)))  # type: ignore[arg-type]
-    found = module._widened(replace(case, bounds=lambda _: (-0.2, 0.2)), (name,), wide)
+    found = module.widened(replace(case, bounds=lambda _: (-0.2, 0.2)), (name,), wide)
     assert found.bounds(name) == physical(name) and found.bounds("kappa") == (-0.2, 0.2) and not found.pose
     assert found.heated == wide.heated and found.sharper is not None
     told = found.sharper(BASE)

@@ -19,7 +19,7 @@ from thermofit.diagnose import retraced as module
 from thermofit.diagnose.case import Case, HeatFit, rows_of
 from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
 from thermofit.diagnose.protected import Begin, Protected, begins, pairs, protected
-from thermofit.diagnose.protected import _best as own_best
+from thermofit.diagnose.protected import best_by_place as own_best
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import freed_from_the_start

@@ -144,7 +144,7 @@ def test_every_test_has_a_camera_of_its_own(monkeypatch: pytest.MonkeyPatch) -> 
     whole = study("experiments:\n  first: {experiment: a}\n  second: {experiment: b}\n", starts, raw="")
     seen = {"first": replace(data(), registration=POSE), "second": data()}
     monkeypatch.setattr(body, "measured", lambda one: seen[one.run_dir.name])
-    assert set(SeveralExperiments(whole)._poses()) == {f"{n}@first" for n in POSE}
+    assert set(SeveralExperiments(whole).poses()) == {f"{n}@first" for n in POSE}
 
 
 def test_errors_of_the_pose_are_those_of_its_axes() -> None:

@@ -45,8 +45,8 @@ def released(here: Traced, fit: FitResult, means: Means) -> Released | None:
     A trial whose runs fail says so. `fit`: the one that ends here."""
     for name in beyond_landmarks(here.case):
         own = tuple(p.name for p in effect(name).amplitudes)
-        refit = _wider(means.refit, here.case.parameters, own)
-        wide = replace(here, case=_widened(here.case, own, refit))
+        refit = wider(means.refit, here.case.parameters, own)
+        wide = replace(here, case=widened(here.case, own, refit))
         score = hidden(name)
         try:
             end = refit(here.case.parameters, f"{name} beyond its landmarks")
@@ -57,14 +57,14 @@ def released(here: Traced, fit: FitResult, means: Means) -> Released | None:
     return None
 
 
-def _wider(refit: Refit, parameters: Parameters, names: Sequence[str]) -> Refit:
+def wider(refit: Refit, parameters: Parameters, names: Sequence[str]) -> Refit:
     """A fit within the physical bounds of some parameters."""
     if not isinstance(refit, JointFit):
         return refit
     return replace(refit, study=within(refit.study, parameters, {n: physical(n) for n in names}))
 
 
-def _widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
+def widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
     """The case within the physical bounds of some parameters, in all of its fits; `wide` is one."""
     bounds, sharper = case.bounds, case.sharper
 
@@ -72,7 +72,7 @@ def _widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
         found = None if sharper is None else sharper(parameters)
         if found is None:
             return None
-        refit, nearby = (_wider(f, parameters, names) for f in (found.refit, found.nearby))
+        refit, nearby = (wider(f, parameters, names) for f in (found.refit, found.nearby))
         return replace(found, refit=refit, nearby=nearby, heated=refit.heated if isinstance(refit, JointFit) else found.heated)
 
     return replace(

@@ -180,10 +180,10 @@ def begins(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> 
         else:
             block, m = seen[:, m : m + width], m + width
         every.setdefault(e.name, []).append(_begin(case, found, (e.name,), values, block))
-    return tuple(sorted((_best(tried) for tried in every.values()), key=lambda b: b.f))
+    return tuple(sorted((best_by_place(tried) for tried in every.values()), key=lambda b: b.f))
 
 
-def _best(tried: Sequence[Begin]) -> Begin:
+def best_by_place(tried: Sequence[Begin]) -> Begin:
     """The beginning of an effect that its step leaves least at, with the parameters of the best ones at other places."""
     places = tuple(p.name for p in effect(tried[0].effects[0]).params if p.scan_of == "place")
     by_place: dict[tuple[float, ...], Begin] = {}

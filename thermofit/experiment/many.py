@@ -253,7 +253,7 @@ class SeveralExperiments:
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the errors of every mesh and its steps at the optimum of the stages taken into the data."""
         settings, size = self.joint_settings(free), diagnosis_mesh(self.study)
-        pose = {} if free else self._poses()
+        pose = {} if free else self.poses()
         settings = settings.model_copy(update={"free": (*settings.free, *pose)})
         base, priors = base.with_free(settings.free), self._priors_of_each()
         plain = self._joint(settings, size)
@@ -268,7 +268,7 @@ class SeveralExperiments:
             told=pose,
         )
 
-    def _poses(self) -> dict[str, tuple[float, float]]:
+    def poses(self) -> dict[str, tuple[float, float]]:
         """Bounds of the pose of the infrared camera of every experiment, none of those that the study shares."""
         found: dict[str, tuple[float, float]] = {}
         for test in self.tests:

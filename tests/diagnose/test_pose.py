@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from refits import refitting
+from refits import fitted, refitting
 from seen_field import BASE, case_of
-from virtual_pulls import study
+from virtual_pulls import SIZE, TRUTH, data, study
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
@@ -23,9 +23,12 @@ from thermofit.diagnose.pose import beyond_landmarks, released
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rejudge import ends_of_fit
 from thermofit.diagnose.trace import traced
+from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.model import Prior
 from thermofit.experiment.row_states import VARIABLES
 from thermofit.experiment.trust import physical
 from thermofit.fit.result import FitResult
+from thermofit.identify.solve import within
 
 RATE = "ir_drift.rate"
 """Stands for the pose of a camera."""
@@ -90,7 +93,8 @@ def test_what_is_not_better_beyond_is_refused() -> None:
     assert beyond_landmarks(replace(case, parameters=case.parameters.replace(**{RATE: 1e-9}))) == ("ir_drift",)
     at_end = replace(here, case=replace(case, parameters=case.parameters.replace(**{RATE: 1e-9})))
     found = released(at_end, fit, Means(refit, None, "auto"))
-    assert found is not None and found.accepted is None and found.trial.refused
+    (trial,) = found.trials
+    assert found.accepted is None and trial.refused
 
 
 def test_a_run_that_fails_beyond_is_said() -> None:
@@ -98,23 +102,50 @@ def test_a_run_that_fails_beyond_is_said() -> None:
     assert found.accepted == () and "no run" in found.unjudged["ir_drift"]
 
 
-def test_all_fits_go_beyond_from_then_on() -> None:
-    """Those of the problem that knows the error of the force as well."""
-    name = "ir_registration.shift_y"
-    narrow = study().model_copy(update={"parameters": {}})
-    fitting: Any = JointFit(narrow, SimpleNamespace(), SimpleNamespace(cheap=False), SimpleNamespace())  # type: ignore[arg-type]
-    sharp: Any = Sharper(SimpleNamespace(), None, fitting, fitting, np.zeros(1), fitting.heated)  # type: ignore[arg-type]
+NAMES = ("ir_registration.shift_y", "ir_registration.shift_x", "ir_registration.rotation", "ir_registration.scale")
 
-    wide = module.wider(fitting, BASE, (name,))
-    assert isinstance(wide, JointFit) and wide.study.bounds(name) == physical(name)
-    case = Case(SimpleNamespace(), BASE, (), (), frozenset(), sharper=lambda _: sharp, heated=fitting.heated, pose=frozenset((name,)))  # type: ignore[arg-type]
-    found = module.widened(replace(case, bounds=lambda _: (-0.2, 0.2)), (name,), wide)
-    assert found.bounds(name) == physical(name) and found.bounds("kappa") == (-0.2, 0.2) and not found.pose
-    assert found.heated == wide.heated and found.sharper is not None
-    told = found.sharper(BASE)
-    assert told is not None
-    for one in (told.refit, told.nearby):
-        assert isinstance(one, JointFit) and one.study.bounds(name) == physical(name)
+
+def test_all_fits_go_beyond_from_then_on_and_the_landmarks_say_nothing() -> None:
+    """Coupled fit, temperatures alone, scores, and the problem that knows the error of the force; what else was declared stays."""
+    declared = tuple(Prior(n, 0.0, 0.05, firm=False) for n in NAMES)
+    jaws = Prior("clamp_difference.difference", 0.0, 0.5)
+    joint = Joint(study(), data(), joint_settings(study(), ("c0", *NAMES), data()), SIZE, beside=(*declared, jaws))
+    at = Parameters.of({**TRUTH, NAMES[0]: 1.0}, ("c0", *NAMES))
+    narrow = within(study(), at, dict.fromkeys(NAMES[:2], (-2.0, 2.0)))
+    job: Any = SimpleNamespace()
+    fitting = JointFit(narrow, joint.settings, joint.model, job, parts=joint)
+    bare = replace(fitting, parts=None)
+    sharp = Sharper(joint.model, joint.scored, fitting, bare, np.zeros(1), fitting.heated)
+    case = Case(
+        joint.model, at, (), (), frozenset(), scored=joint.scored, sharper=lambda _: sharp, heated=fitting.heated, bounds=narrow.bounds
+    )
+    wide = module.wider(fitting, at, NAMES)
+    found = module.widened(replace(case, pose=frozenset(NAMES)), NAMES, wide)
+    assert not found.pose and all(found.bounds(n) == physical(n) for n in NAMES) and found.bounds("kappa") == narrow.bounds("kappa")
+    told, heated = (None if of is None else of(at) for of in (found.sharper, found.heated))
+    assert told is not None and heated is not None and told.scored is not None and found.scored is not None and isinstance(wide, JointFit)
+    rows = len(NAMES) + 1
+    for fit in (wide, told.refit, told.nearby):
+        assert isinstance(fit, JointFit) and all(fit.study.bounds(n) == physical(n) for n in NAMES)
+        assert fit.model.residual(at)[-rows:].tolist() == [0.0] * rows
+    for model in (found.model, told.model, heated.model):
+        assert {p.name: p.sigma for p in model.priors} == {**dict.fromkeys(NAMES, np.inf), jaws.name: 0.5}
+    for scored in (found.scored, told.scored):
+        assert scored(at, (NAMES[0],), ())[1][-rows:].tolist() == [[0.0]] * rows
+    assert joint.model.residual(at)[-rows] == 20.0, "with the datum: twenty of its errors"
+
+
+def test_the_second_camera_is_asked_where_the_first_one_stays() -> None:
+    """Two at their ends; what is refused of one says nothing of the other."""
+    moved = "ir_emissivity.slope"
+    case, fit = fitted(case_of(5, **{moved: 1.0}))
+    ends = {RATE: 1e-9, moved: 1e-3}
+    there = case.parameters.replace(**ends).with_free((*case.parameters.free, *ends))
+    here = traced(replace(case, parameters=there, pose=frozenset(ends), bounds=lambda n: (-ends[n], ends[n]) if n in ends else physical(n)))
+    assert beyond_landmarks(here.case) == ("ir_drift", "ir_emissivity")
+    found = released(here, fit, Means(refitting(case.model), None, "auto"))
+    assert [t.effects for t in found.trials] == [("ir_drift",), ("ir_emissivity",)]
+    assert found.trials[0].refused and found.accepted is not None and not found.trials[1].refused
 
 
 def test_it_is_no_part_of_the_answer() -> None:

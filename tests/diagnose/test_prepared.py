@@ -73,3 +73,33 @@ def test_where_the_force_cannot_be_carried_the_diagnosis_is_driven_by_sections(m
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit((case.parameters, fit)))
     (said,) = prepared(STUDY, Job("diagnose", Path("diagnose.h5"), {}, {}), ()).remarks
     assert "the sections y = -23 and 23 mm" in said and "time step to t = 60 s failed" in said
+
+
+def test_the_pose_of_a_camera_is_of_its_own_test_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is fitted, marked in the case, and not carried to a held-out test; a family of effects that the user freed has no part of it."""
+    case, fit = fitted(case_of(1))
+    pose = "ir_drift.rate"
+    base = case.parameters.with_free((*case.parameters.free, pose, "ir_gain.gain"))
+    joint = replace(joint_of(case.model, base, told={pose: (-0.01, 0.01), "c0": (1.0, 3.0)}), settings=cast(Any, Settings(base.free)))
+    seen: list[tuple[str, ...]] = []
+    asked: list[dict[str, list[int]]] = []
+    experiment = SimpleNamespace(start=lambda: base, diagnosed=lambda _: joint, unseen=("third",), drive="force")
+    monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
+    monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit((base, fit)))
+    monkeypatch.setattr(module, "within", lambda study, *_: study)
+    monkeypatch.setattr(module, "elsewhere_of", lambda test, settings, *_: seen.append(settings.free))
+    families = module.freed_effects
+    monkeypatch.setattr(module, "freed_effects", lambda free: asked.append(families(free)) or families(free))
+    found = prepared(STUDY, cast(Any, None), ())
+    assert found.case.pose == {pose} and seen == [tuple(n for n in base.free if n != pose)]
+    assert [list(one) for one in asked] == [["ir_gain"]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Names that are fitted."""
+
+    free: tuple[str, ...]
+
+    def model_copy(self, update: Any) -> Settings:
+        return Settings(**update)

@@ -249,7 +249,7 @@ def looped(
     monkeypatch.setattr(module, "next_round", turn)
     monkeypatch.setattr(module, "rejudged", judged)
     monkeypatch.setattr(module, "exponents_again", lambda here, fit, earlier, means: said.append(("again", earlier)) or Rejudged(here, fit))
-    monkeypatch.setattr(module, "released", lambda *_: None)
+    monkeypatch.setattr(module, "released", lambda *_: SimpleNamespace(trials=(), accepted=None))
     monkeypatch.setattr(module, "ends_of_fit", lambda *_: {"E": "at its bound"})
     monkeypatch.setattr(module, "backward_check", lambda closed, _: replace(closed, remarks=("backward",)))
     monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))

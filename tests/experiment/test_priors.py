@@ -12,7 +12,7 @@ from virtual_pulls import SIZE, TRUTH, data, study
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.experiment import body
+from thermofit.experiment import body, many
 from thermofit.experiment.interpolated import registration_sigma
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.many import SeveralExperiments
@@ -144,7 +144,18 @@ def test_every_test_has_a_camera_of_its_own(monkeypatch: pytest.MonkeyPatch) -> 
     whole = study("experiments:\n  first: {experiment: a}\n  second: {experiment: b}\n", starts, raw="")
     seen = {"first": replace(data(), registration=POSE), "second": data()}
     monkeypatch.setattr(body, "measured", lambda one: seen[one.run_dir.name])
-    assert set(SeveralExperiments(whole).poses()) == {f"{n}@first" for n in POSE}
+    both = SeveralExperiments(whole)
+    assert set(both.poses()) == {f"{n}@first" for n in POSE}
+    free: list[tuple[str, ...]] = []
+
+    def told(joint: Any, base: Parameters) -> None:
+        free.extend((base.free, joint.each["first"].settings.free, joint.each["second"].settings.free))
+        raise InterruptedError
+
+    monkeypatch.setattr(many, "told", told)
+    with pytest.raises(InterruptedError):
+        both.diagnosed(both.start())
+    assert [set(POSE) & {n.partition("@")[0] for n in names} for names in free] == [set(POSE), set(POSE), set()]
 
 
 def test_errors_of_the_pose_are_those_of_its_axes() -> None:

@@ -123,10 +123,11 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         first = first if rounds else here
         here = _without_scores(here, dropped)
         trials, winner = next_round(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
-        if winner is None and len(accepted) < max_effects and (moved := released(here, fit, Means(refit, numerical, how))) is not None:
-            trials.append(moved.trial)
+        if winner is None and len(accepted) < max_effects:
+            moved = released(here, fit, Means(refit, numerical, how))
+            trials += moved.trials
             if moved.accepted is not None:
-                winner, refit = (moved.trial, moved.accepted), moved.refit
+                winner, refit = (moved.trials[-1], moved.accepted), moved.refit
         if winner is None:
             rounds.append(Round(here, tuple(trials), ()))
             break

@@ -8,28 +8,36 @@ these bounds, and judged as any effect is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means, Refit
-from thermofit.diagnose.case import Case, Sharper
+from thermofit.diagnose.case import Case, HeatFit, Scored, Sharper
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.retraced import hidden
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, Trial, judged_trial
 from thermofit.effects.catalogue import effect, effect_of_param
+from thermofit.experiment.model import Prior, StageModel
+from thermofit.experiment.several import free_in
 from thermofit.experiment.trust import at_bound, physical
 from thermofit.fit.result import FitResult
 from thermofit.identify.solve import within
 
+Heated = Callable[[Parameters], HeatFit | None]
+"""How the temperatures alone are fitted on the motion of given parameters."""
+
 
 @dataclass(frozen=True)
 class Released:
-    """The trial of a pose beyond the error of its landmarks, where it ends if it is accepted, and how to fit from there on."""
+    """The trials of poses beyond the error of their landmarks, where the last of them ends if it is accepted, and how to fit from there
+    on."""
 
-    trial: Trial
+    trials: tuple[Trial, ...]
     accepted: Accepted | None
     refit: Refit
 
@@ -40,32 +48,39 @@ def beyond_landmarks(case: Case) -> tuple[str, ...]:
     return tuple(dict.fromkeys(effect_of_param(n).name for n in ends))
 
 
-def released(here: Traced, fit: FitResult, means: Means) -> Released | None:
-    """The first pose that is `beyond_landmarks`, fitted within its physical bounds and judged against where it is; None: there is none.
-    A trial whose runs fail says so. `fit`: the one that ends here."""
+def released(here: Traced, fit: FitResult, means: Means) -> Released:
+    """Poses that are `beyond_landmarks`, each fitted within its physical bounds and without the datum of its landmarks, which do not speak
+    of a camera that was moved; judged against where it is, up to the first that is accepted. A trial whose runs fail says so. `fit`: the
+    one that ends here."""
+    trials: list[Trial] = []
     for name in beyond_landmarks(here.case):
         own = tuple(p.name for p in effect(name).amplitudes)
         refit = wider(means.refit, here.case.parameters, own)
-        wide = replace(here, case=widened(here.case, own, refit))
         score = hidden(name)
         try:
             end = refit(here.case.parameters, f"{name} beyond its landmarks")
-            trial, found = judged_trial(wide, fit, (score,), end, replace(means, refit=refit))
+            trial, found = judged_trial(replace(here, case=widened(here.case, own, refit)), fit, (score,), end, replace(means, refit=refit))
         except NumericsError as error:
             trial, found = Trial((score,), None, {}, {}, 0.0, f"a run that judges it failed: {error}", unjudged=True), None
-        return Released(trial, found, refit)
-    return None
+        trials.append(trial)
+        if found is not None:
+            return Released(tuple(trials), found, refit)
+    return Released(tuple(trials), None, means.refit)
 
 
 def wider(refit: Refit, parameters: Parameters, names: Sequence[str]) -> Refit:
-    """A fit within the physical bounds of some parameters."""
+    """A fit within the physical bounds of some parameters, without what was declared of them."""
     if not isinstance(refit, JointFit):
         return refit
-    return replace(refit, study=within(refit.study, parameters, {n: physical(n) for n in names}))
+    study, parts = within(refit.study, parameters, {n: physical(n) for n in names}), refit.parts
+    if parts is not None:
+        each = {test: replace(one, beside=_undeclared(one.beside, free_in(names, test).values())) for test, one in parts.each.items()}
+        parts = parts.rebuilt(each)
+    return replace(refit, study=study, model=_without_datum(refit.model, names), parts=parts)
 
 
 def widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
-    """The case within the physical bounds of some parameters, in all of its fits; `wide` is one."""
+    """The case within the physical bounds of some parameters, without what was declared of them, in all of its fits; `wide` is one."""
     bounds, sharper = case.bounds, case.sharper
 
     def sharp(parameters: Parameters) -> Sharper | None:
@@ -73,12 +88,39 @@ def widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
         if found is None:
             return None
         refit, nearby = (wider(f, parameters, names) for f in (found.refit, found.nearby))
-        return replace(found, refit=refit, nearby=nearby, heated=refit.heated if isinstance(refit, JointFit) else found.heated)
+        model = _without_datum(found.model, names)
+        return replace(
+            found, model=model, refit=refit, nearby=nearby, scored=_scored(refit, found.scored), heated=_heated(refit, found.heated)
+        )
 
     return replace(
         case,
+        model=_without_datum(case.model, names),
         bounds=lambda name: physical(name) if name in names else bounds(name),
         sharper=None if sharper is None else sharp,
-        heated=wide.heated if case.heated is not None and isinstance(wide, JointFit) else case.heated,
         pose=case.pose - set(names),
+        scored=_scored(wide, case.scored),
+        heated=_heated(wide, case.heated),
     )
+
+
+def _scored(wide: Refit, scored: Scored | None) -> Scored | None:
+    """Scores by the problem of a wider fit; as they are where that has none."""
+    parts = wide.parts if isinstance(wide, JointFit) else None
+    return scored if scored is None or parts is None else parts.scored
+
+
+def _heated(wide: Refit, heated: Heated | None) -> Heated | None:
+    """How that fits the temperatures alone; as it is where it does not."""
+    return wide.heated if heated is not None and isinstance(wide, JointFit) else heated
+
+
+def _undeclared(priors: Sequence[Prior], names: Iterable[str]) -> tuple[Prior, ...]:
+    """Priors of which those of some parameters say nothing; their rows stay."""
+    gone = frozenset(names)
+    return tuple(replace(p, sigma=np.inf) if p.name in gone else p for p in priors)
+
+
+def _without_datum(model: StageModel, names: Sequence[str]) -> StageModel:
+    """The model without what was declared of some parameters."""
+    return replace(model, priors=_undeclared(model.priors, names))

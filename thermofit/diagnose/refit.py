@@ -243,7 +243,7 @@ class JointFit:
 
         def minimised(start: Parameters, label: str, alone: bool = False, to_beat: float = np.inf) -> Parameters:
             """The optimum on that motion, remembered by where it starts; `alone`: from there and from nowhere else."""
-            key = json_text([label, dict(parameters.values), dict(start.values), start.free])
+            key = json_text([label, dict(parameters.values), dict(start.values), start.free, str(to_beat)])
             if key in self.ends:
                 found, said = self.ends[key]
                 self.failures.extend(said)

@@ -150,7 +150,8 @@ def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
 def pose_of(here: Traced, fit: FitResult) -> dict[str, dict[str, Any]]:
     """The pose of the infrared camera as fitted, with its standard error, beside that of its landmarks; empty where it is as given."""
     declared = {prior.name: prior.sigma for prior in here.case.model.priors}
-    sigma = {} if fit.sigma is None or fit.names != here.case.parameters.free else dict(zip(fit.names, fit.sigma.tolist(), strict=True))
+    known = fit.converged and fit.sigma is not None and fit.names == here.case.parameters.free
+    sigma = dict(zip(fit.names, fit.sigma.tolist(), strict=True)) if known and fit.sigma is not None else {}
     return {
         n: {"value": here.case.parameters[n], "sigma": sigma.get(n), "landmarks": declared.get(n), "unit": param(n).unit}
         for n in sorted(here.case.pose)

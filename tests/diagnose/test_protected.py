@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -18,8 +18,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose import retraced as module
 from thermofit.diagnose.case import Case, HeatFit, rows_of
 from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
-from thermofit.diagnose.protected import Begin, Protected, begins, pairs, protected
-from thermofit.diagnose.protected import best_by_place as own_best
+from thermofit.diagnose.protected import Protected, begins, pairs, protected
 from thermofit.diagnose.retraced import retraced
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import freed_from_the_start
@@ -165,35 +164,6 @@ def test_a_refit_with_exponents_free_is_given_up_where_it_would_be_no_name(probl
     assert end < limit < float(here.columns.residual @ here.columns.residual)
 
 
-def test_a_source_is_looked_for_at_other_places_too() -> None:
-    """The best step of each place, that which is best of all first; an effect without a place has one beginning."""
-
-    def begin(name: str, place: float, f: float) -> Begin:
-        values = {"local_source.place": place} if name == "local_source" else {"lamp.start": place}
-        return Begin((name,), Parameters.of({"kappa": f}), f, values, np.zeros((1, 1)))
-
-    tried = [begin("local_source", y, f) for y, f in ((-5.0, 4.0), (-5.0, 3.0), (5.0, 6.0), (9.0, 2.0), (0.0, 5.0))]
-    best = own_best(tried)
-    assert best.f == 2.0 and [p["kappa"] for p in best.elsewhere] == [3.0, 5.0]
-    assert own_best([begin("lamp", 5.0, 2.0), begin("lamp", 9.0, 1.0)]).elsewhere == ()
-
-
-def test_refits_begin_at_these_places(monkeypatch: pytest.MonkeyPatch, problem: Made) -> None:
-    """The second one ends at the cause; the first alone would not have."""
-    case, fit, *_ = problem(**{"latent_heat.heat": 200.0, "latent_heat.centre": 0.0137, "latent_heat.width": 0.008})
-    plain = begins
-
-    def begun(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> tuple[Begin, ...]:
-        (first,) = plain(case, fit, found, names)
-        wrong = first.parameters.replace(**{"latent_heat.centre": 0.5, "latent_heat.heat": 0.0})
-        return (replace(first, parameters=wrong, elsewhere=(first.parameters,)),)
-
-    monkeypatch.setattr(module, "begins", begun)
-    there = replace(case, known=tuple(e for e in case.known if e.name == "latent_heat"))
-    found = retraced(traced(replace(there, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain"))))
-    assert found.shown["latent_heat"].parameters["latent_heat.centre"] == pytest.approx(0.0137, abs=2e-4)
-
-
 def test_on_the_known_motion_the_camera_stands_where_its_landmarks_have_it(problem: Made) -> None:
     """While much heat is missing the pose would stand in for it; here the drift of the camera is taken for that."""
     case, fit, *_ = problem(**{"clamp_drift.rate": 0.05})
@@ -205,6 +175,22 @@ def test_on_the_known_motion_the_camera_stands_where_its_landmarks_have_it(probl
     assert refitted.protected.parameters[pose] == 0.0 and pose not in refitted.protected.parameters.free
     ends = [end.parameters for end in refitted.shown.values()]
     assert ends and all(p[pose] == 0.0 and pose not in p.free for p in ends)
+
+
+def test_effects_are_judged_on_the_motion_that_displacements_tell(monkeypatch: pytest.MonkeyPatch, problem: Made) -> None:
+    """A joint fit has bent the motion to what is missing; the case that is refitted is that of the displacements alone, and the trace stays
+    where it was."""
+    case, fit, *_ = problem(**{"clamp_drift.rate": 0.05})
+    heated: list[float] = []
+
+    def heat(parameters: Parameters) -> HeatFit:
+        heated.append(parameters["M_y0"])
+        return fit
+
+    plain = fit.minimised(case.parameters.replace(**fit.first), "plain")
+    found = retraced(traced(replace(case, parameters=plain, heated=heat, moved=lambda p: p.replace(M_y0=101.0))))
+    assert heated == [101.0] and found.case.parameters["M_y0"] == plain["M_y0"] != 101.0
+    assert {end.parameters["M_y0"] for end in found.shown.values()} == {101.0}
 
 
 def test_what_explains_the_broad_source_is_named(problem: Made) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import exp, log, sqrt
+from math import exp, log, pi, sqrt
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,6 +29,7 @@ from thermofit.law.page import hill, hill_gradient, law_of, pressure_factor, the
 
 FILES = sorted(p.stem for p in Path(thermofit.effects.__file__).parent.glob("*.py") if p.stem not in (*NO_EFFECTS, "__init__"))
 LN2, LN3, LN4 = log(2.0), log(3.0), log(4.0)
+ROOT = sqrt(2.0 * pi)
 NONE: Any = None
 """An argument that the effect must not look at."""
 
@@ -264,12 +265,13 @@ ROWS: dict[str, Row] = {
     ),
     "linear_hardening": Row("yield_stress", (((0.03, 200.0), 6.0), ((0.5, 1000.0), 500.0))),
     # exp(-x^2 / 2) = 1/2 at x = sqrt(2 ln 2) widths from its middle, 3/4 of the power ln 3 / 2 seconds after the start, 1/4 as long before.
+    # Powers are sqrt(2 pi) times a number: divided by the width that is the power per volume in the middle.
     "local_source": Row(
         "heat_source",
         (
-            ((a(290.0), a(0.1), a(1.0), 60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), 0.8, -4.0, 2.0, 60.0), a(0.3)),
-            ((a(290.0), a(0.0), a(0.0), 60.0 - 0.5 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), -0.8, -4.0, 5.0, 60.0), a(-0.1)),
-            ((a(300.0, 1.0), a(0.0, 0.0), a(0.0, 0.0), 5.0, a(0.0, 1.0), a(7.0, 7.0), 0.4, 7.0, 3.0, 5.0), a(0.2, 0.2)),
+            ((a(290.0), a(0.1), a(1.0), 60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), 1.6 * ROOT, -4.0, 2.0, 60.0), a(0.3)),
+            ((a(290.0), a(0.0), a(0.0), 60.0 - 0.5 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), -4.0 * ROOT, -4.0, 5.0, 60.0), a(-0.1)),
+            ((a(300.0, 1.0), a(0.0, 0.0), a(0.0, 0.0), 5.0, a(0.0, 1.0), a(7.0, 7.0), 1.2 * ROOT, 7.0, 3.0, 5.0), a(0.2, 0.2)),
         ),
     ),
     "machine_compliance": Row(

@@ -72,6 +72,21 @@ def test_the_first_fit_of_temperatures_begins_twice(tmp_path: Path, both: bool) 
     assert any("again_temperatures_1" in name for name in folders) is both
 
 
+def test_the_motion_is_that_of_the_displacements_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What temperatures feel stays, however wrong; the rest is the optimum of the displacements. The same is not fitted twice."""
+    fitting = fit_of(tmp_path, BASIC)
+    begin = start(BASIC, **RATE, beta=0.2)
+    found = fitting.moved(begin)
+    assert found["c0"] == 2.6 and found["beta"] == 0.2 and found.free == BASIC
+    model = fitting.parts.mechanics if fitting.parts is not None else None
+    assert model is not None and found["M_y0"] == pytest.approx(TRUTH["M_y0"], rel=2e-3)
+    rests, moved = (float(np.sum(model.residual(p) ** 2)) for p in (begin, found))
+    assert moved < 0.5 * rests and moved == pytest.approx(sum(c.n for c in model.comparisons), rel=0.1)
+    monkeypatch.setattr(JointFit, "minimised_on", None)
+    assert fitting.moved(begin) == found
+    assert fit_of(tmp_path / "whole", BASIC, by_parts=False).moved(begin) is begin
+
+
 def test_an_exponent_is_looked_for_before_all_are_fitted(tmp_path: Path) -> None:
     """From a reference rate two decades off the search over its scan comes to the planted one, and the amplitude with it."""
     free = (*BASIC, *RATE)

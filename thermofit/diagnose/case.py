@@ -42,6 +42,9 @@ _STRAINS = 201
 Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
+Moved = Callable[[Parameters], Parameters]
+
+
 @dataclass(frozen=True)
 class HeatFit:
     """The model of the temperatures alone on a motion that is known, and its optimum from given parameters, by all that temperatures feel;
@@ -59,7 +62,7 @@ class HeatFit:
 @dataclass(frozen=True)
 class Sharper:
     """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, also from
-    close to its optimum, the error (n,) of the mesh that is left in its residual, and how to fit the temperatures alone."""
+    close to its optimum, the error (n,) of the mesh that is left in its residual, and how to fit the temperatures alone and the motion."""
 
     model: StageModel
     scored: Scored | None
@@ -67,6 +70,7 @@ class Sharper:
     nearby: Callable[[Parameters, str], tuple[Parameters, FitResult]]
     numerical: np.ndarray
     heated: Callable[[Parameters], HeatFit | None] | None = None
+    moved: Moved | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,9 @@ class Case:
     does, or there is none."""
     heated: Callable[[Parameters], HeatFit | None] | None = None
     """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
+    moved: Moved | None = None
+    """Parameters with those that temperatures do not feel fitted to the displacements alone, NumericsError where that cannot be run; None
+    where the driver does not tell the two fields apart."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
     bounds: Bounds = physical

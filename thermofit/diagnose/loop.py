@@ -285,7 +285,7 @@ def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, F
     sharp = None if here.case.sharper is None else here.case.sharper(here.case.parameters)
     if sharp is None:
         return None
-    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, sharper=None)
+    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, moved=sharp.moved, sharper=None)
     # An exponent that was not told beside a force taken as exact may be told now, and elsewhere: that force was wrong in its favour.
     again = (*case.parameters.free, *vague_exponents(case))
     parameters, fit = sharp.nearby(case.parameters.with_free(again), "error of the force")

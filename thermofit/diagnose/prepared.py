@@ -134,6 +134,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         largest_strain=joint.largest_strain,
         sharper=_sharper(joint, refit),
         heated=refit.heated,
+        moved=None if joint.parts is None else refit.moved,
         correlation_length=joint.correlation_length,
         bounds=fitting.bounds,
         pose=pose,
@@ -170,7 +171,8 @@ def _sharper(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], Sha
                 f"errors of mesh and force: a run that tells them failed, those of the stages' optimum are kept ({error})"
             )
         fitting = replace(refit, model=found.whole.model, parts=found.whole, ends={})
-        return Sharper(found.whole.model, found.whole.scored, fitting, replace(fitting, parts=None), found.left_whole, fitting.heated)
+        nearby = replace(fitting, parts=None)
+        return Sharper(found.whole.model, found.whole.scored, fitting, nearby, found.left_whole, fitting.heated, fitting.moved)
 
     return sharp
 

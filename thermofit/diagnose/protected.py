@@ -38,9 +38,6 @@ WINDOWS = 12
 """Windows of the plastic strain, over the largest of the test, in each of which a heat per strain is free."""
 SWEEPS = 6
 """Steps of the parameters beside the broad source at most."""
-PLACES = 2
-"""Other places from which the refit of an effect that has one begins: a step at scanned values between which it lies, or along the valley
-of conductivity and contact, may explain less than one at the wrong end of the specimen."""
 FARTHEST = 0.5
 """Part of its value by which a parameter may change in one of these steps."""
 NO_FURTHER = 3e-3
@@ -71,8 +68,6 @@ class Begin:
     f: float
     values: Mapping[str, float]
     columns: np.ndarray
-    elsewhere: tuple[Parameters, ...] = ()
-    """Parameters after the best steps at other places, of an effect that has one."""
 
 
 def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected | None:
@@ -171,7 +166,7 @@ def begins(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> 
     if shown:
         columns = fit.model.linearised(found.parameters, shown)[1]
         seen[: len(columns)] = columns
-    every: dict[str, list[Begin]] = {}
+    best: dict[str, Begin] = {}
     k, m = 0, 0
     for e, values in tried:
         width = len(e.amplitudes)
@@ -179,18 +174,10 @@ def begins(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> 
             block, k = along[:, k : k + width], k + width
         else:
             block, m = seen[:, m : m + width], m + width
-        every.setdefault(e.name, []).append(_begin(case, found, (e.name,), values, block))
-    return tuple(sorted((best_by_place(tried) for tried in every.values()), key=lambda b: b.f))
-
-
-def best_by_place(tried: Sequence[Begin]) -> Begin:
-    """The beginning of an effect that its step leaves least at, with the parameters of the best ones at other places."""
-    places = tuple(p.name for p in effect(tried[0].effects[0]).params if p.scan_of == "place")
-    by_place: dict[tuple[float, ...], Begin] = {}
-    for begin in sorted(tried, key=lambda b: b.f):
-        by_place.setdefault(tuple(begin.values.get(n, 0.0) for n in places), begin)
-    first, *others = by_place.values()
-    return replace(first, elsewhere=tuple(b.parameters for b in others[:PLACES]))
+        begin = _begin(case, found, (e.name,), values, block)
+        if e.name not in best or begin.f < best[e.name].f:
+            best[e.name] = begin
+    return tuple(sorted(best.values(), key=lambda b: b.f))
 
 
 def pairs(case: Case, found: Protected, singles: Sequence[Begin]) -> tuple[Begin, ...]:

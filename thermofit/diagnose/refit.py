@@ -260,6 +260,19 @@ class JointFit:
 
         return HeatFit(model, minimised, from_here, self._first_values(felt_by_temperatures(parameters.free)))
 
+    def moved(self, parameters: Parameters) -> Parameters:
+        """The parameters with those that temperatures do not feel fitted to the displacements alone, remembered by where it starts; the
+        same where these are not compared. NumericsError where it cannot be run."""
+        model = None if self.parts is None else self.parts.mechanics
+        thermal = felt_by_temperatures(parameters.free)
+        mechanical = tuple(name for name in parameters.free if name not in thermal)
+        if model is None or not mechanical:
+            return parameters
+        key = json_text(["motion", dict(parameters.values), parameters.free])
+        if key not in self.ends:
+            self.ends[key] = (self._moved(parameters, model, mechanical, "motion").with_free(parameters.free), ())
+        return self.ends[key][0]
+
     def _first_values(self, names: Sequence[str]) -> dict[str, float]:
         """Where the study starts parameters, of those for which it says so."""
         return {name: start_of(given) for name in names if (given := self.study.setting(name)) is not None}

@@ -58,19 +58,20 @@ class _End:
 
 
 def retraced(here: Traced) -> Traced:
-    """The trace with proofs, estimates and families of refits on the known motion; the same where nothing is missing, or where one step of
-    an effect that displacements show is enough. Where no broad source is known, also where one step of any is, or where no two effects
-    that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
+    """The trace with proofs, estimates and families of refits on the motion that displacements tell; the same where nothing is missing, or
+    where one step of an effect that displacements show is enough. Where no broad source is known, also where one step of any is, or where
+    no two effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
     asked = asked_of(here)
     best = max((s for s in here.ranking.scores if not s.vetoed), key=lambda s: s.predicted_drop, default=None)
     if here.case.heated is None or (enough(here) and (best is None or not _judged_here(here, best.effect))):
         return here  # what displacements show comes first: on a motion that is wrong, temperatures say little
     if here.beyond_floor(float(here.columns.residual @ here.columns.residual)) == 0.0:
         return here
-    fit = here.case.heated(here.case.parameters)
+    moved = on_its_motion(here)
+    fit = here.case.heated(moved.case.parameters)
     if fit is None:
         return here
-    shielded = _from_protected(here, fit)
+    shielded = _from_protected(moved, fit)
     refused: Mapping[str, str] = {}
     ends: Mapping[str, _End]
     if shielded is not None:
@@ -78,10 +79,10 @@ def retraced(here: Traced) -> Traced:
     else:
         if len(asked) < 2 or enough(here):
             return here
-        ends = {s.effect: end for s in asked if (end := refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
+        ends = {s.effect: end for s in asked if (end := refitted(moved, (s,), fit, here.settings.get(s.effect, {}))) is not None}
     if not ends and not refused:
         return here
-    alike = _alike(here, ends, fit) if ends else {}
+    alike = _alike(moved, ends, fit) if ends else {}
     known = {s.effect for s in here.ranking.scores}
     shown = [end.score for name, end in ends.items() if name not in known]
     every = (_told(s, ends, alike) for s in (*here.ranking.scores, *shown))
@@ -94,6 +95,13 @@ def retraced(here: Traced) -> Traced:
     both = () if shielded is None else shielded.pairs
     found = replace(here, ranking=ranking, proofs=proofs, warmed=tuple(ends), shown=ends, settings=settings, together=both)
     return found if shielded is None else replace(found, against_source=True, protected=shielded.protected)
+
+
+def on_its_motion(here: Traced) -> Traced:
+    """The trace at parameters whose motion is that of the displacements alone: a joint fit bends the motion to what is missing in the
+    temperatures, and on such a motion nothing explains them. NumericsError where that fit fails."""
+    case = here.case
+    return here if case.moved is None else replace(here, case=replace(case, parameters=case.moved(case.parameters)))
 
 
 @dataclass(frozen=True)
@@ -123,7 +131,6 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     now = nothing_added(here, fit, found, mine)
     worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
     scores = [(ranked_here.get(b.effects[0]) or hidden(b.effects[0]), b.parameters) for b in worth]
-    others = {b.effects[0]: b.elsewhere for b in worth}
     ends = {s.effect: end for s, start in scores if (end := refitted(here, (s,), fit, {}, start)) is not None}
     numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
     whole = now - found.with_source - numerical
@@ -136,16 +143,16 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     def share_of(end: _End) -> float:
         return (now - left_by(end)) / whole
 
-    def judged(these: Sequence[Score], starts: Sequence[Parameters], end: _End) -> tuple[_End, str]:
+    def judged(these: Sequence[Score], start: Parameters, end: _End) -> tuple[_End, str]:
         """The better end with exponents held or free, with declared readings where they were read, and why it is no name for what is
         missing (empty: it is one). Held at scanned values, between which the truth may lie, an effect explains too little, and a coupled
         refit that begins there crawls along the valley into which that drives the others."""
         freed = any(effect(s.effect).exponents for s in these)
-        for start in starts if freed else ():
-            least = min(left_by(one) for one in (*ends.values(), end))
-            more = refitted(here, these, fit, {}, start, True, min(now - EXPLAINED * whole, RIVAL * least))
-            if more is not None and share_of(more) > share_of(end):
-                end = more
+
+        least = min(left_by(one) for one in (*ends.values(), end))
+        more = refitted(here, these, fit, {}, start, True, min(now - EXPLAINED * whole, RIVAL * least)) if freed else None
+        if more is not None and share_of(more) > share_of(end):
+            end = more
         held = with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
         end, words = (end, "") if held is None else (held, ", declared readings held,")
         part = 100.0 * max(share_of(end), 0.0)
@@ -154,7 +161,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
 
     refused = {}
     for score, start in ((s, start) for s, start in scores if s.effect in ends):
-        ends[score.effect], why = judged((score,), (start, *others[score.effect]), ends[score.effect])
+        ends[score.effect], why = judged((score,), start, ends[score.effect])
         if why:
             refused[score.effect] = why
     far = {n: "explains far less than others once the missing heat no longer drives the parameters off" for n in names if n not in ends}
@@ -164,7 +171,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     both = pairs(here.case, found, first[:PARTNERS]) if len(refused) == len(ends) else ()
     worth_both = [p for p in both if now - p.f > EXPLAINED * whole][:PAIRS]
     tried = [(p.parameters, *t) for p in worth_both if (t := _both_refitted(here, fit, p)) is not None]
-    told = [(these, *judged(these, (start,), end)) for start, these, end in tried]
+    told = [(these, *judged(these, start, end)) for start, these, end in tried]
     return _Shielded(ends, refused | far, tuple((these, end) for these, end, why in told if not why), found)
 
 

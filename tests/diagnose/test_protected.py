@@ -180,7 +180,7 @@ def test_on_the_known_motion_the_camera_stands_where_its_landmarks_have_it(probl
 def test_effects_are_judged_on_the_motion_that_displacements_tell(monkeypatch: pytest.MonkeyPatch, problem: Made) -> None:
     """A joint fit has bent the motion to what is missing; the case that is refitted is that of the displacements alone, and the trace stays
     where it was."""
-    case, fit, *_ = problem(**{"clamp_drift.rate": 0.05})
+    case, fit, *_ = problem(**{"latent_heat.heat": 200.0, "latent_heat.centre": 0.0137, "latent_heat.width": 0.008})
     heated: list[float] = []
 
     def heat(parameters: Parameters) -> HeatFit:

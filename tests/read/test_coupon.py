@@ -521,13 +521,15 @@ def test_thinning_keeps_turning_points_and_says_counts(tmp_path: Path, simple: s
 
 
 def test_a_thinned_record_keeps_all_samples_of_its_first_loading(tmp_path: Path) -> None:
-    """A hot test at 100 samples per second, 4 s of elasticity between rest and flow: of 100 samples none or few lie on the line."""
+    """A hot test at 100 samples per second: 4 s of elasticity between a rest, in which the gauge goes back and forth, and flow. Of 100 samples
+    none or few lie on the line."""
     t = np.arange(0.0, 124.0, 0.01)
     strain = 3.75e-4 * np.clip(t - 20.0, 0.0, 4.0) + 5e-3 * np.clip(t - 24.0, 0.0, 100.0)
     stress = np.minimum(20e3 * strain, 30.0)
     down = t > 122.0
     strain[down], stress[down] = strain[down] - 0.1 * (t[down] - 122.0), stress[down] - 15.0 * (t[down] - 122.0)
-    noisy = strain + np.random.default_rng(6).normal(0.0, 6e-5, t.size)
+    at_rest = np.where(t < 20.0, 5e-3 * np.sin(0.2 * np.pi * t), 0.0)
+    noisy = strain + at_rest + np.random.default_rng(6).normal(0.0, 6e-5, t.size)
     text = table("t[s],e[-],s[MPa]", [t, noisy, stress])
     got, noted = record(tmp_path, text, strain="e[-]", stress="s[MPa]", points=100), record(tmp_path, text, strain="e[-]", stress="s[MPa]")
     assert noted.first_loading is None and got.first_loading is not None and got.time.size <= 100
@@ -535,7 +537,7 @@ def test_a_thinned_record_keeps_all_samples_of_its_first_loading(tmp_path: Path)
     ready, _ = coupon_test(got)
     assert ready.line is not None and ready.line.slope == pytest.approx(20e3, rel=0.03) and ready.line.error < 0.03
     alone = coupon_test(replace(got, first_loading=None))[0].line
-    assert alone is None or alone.error > 0.06
+    assert alone is None or alone.error > 0.035
     assert ready.strain[0] - got.strain[0] == pytest.approx(ready.elastic.strain[0] - got.first_loading.strain[0], abs=1e-12)
     flow = record(tmp_path, text, strain={"plastic_strain": "e[-]"}, stress={"true_stress": "s[MPa]"}, points=100)
     assert flow.first_loading is None

@@ -40,6 +40,8 @@ from thermofit.study.coupon import (
 )
 from thermofit.study.paths import path_from
 
+_LOADED = 0.1
+"""Share of the largest change of the strain from which on a record is loaded."""
 _RATE_DIFFERS = 2.0
 """Factor between the rate that a header says and that of the record from which on a remark says so."""
 
@@ -95,10 +97,17 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
         over_plastic=settings.over_plastic,
     )
     if len(kept) < len(every) and not settings.over_plastic:
-        first = every[: int(turning_points(rows.time, rows.strain)[1]) + 1]
+        first = every[: _first_turn(rows) + 1]
         read = replace(read, first_loading=replace(read, **_samples(rows, first), phases=(), remarks=()))
     questions = questions_of_record(read, rate_is_given=settings.time is None and settings.sampling_rate is None)
     return replace(read, remarks=(*read.remarks, *settled(questions, settings.confirmed, where)))
+
+
+def _first_turn(rows: Rows) -> int:
+    """Row of the first reversal of the strain after a part of its largest change: before that a machine at rest turns back and forth."""
+    away = np.abs(rows.strain - rows.strain[0])
+    turns = turning_points(rows.time, rows.strain)
+    return int(turns[int(np.argmax(away[turns] >= _LOADED * away.max()))])
 
 
 def _samples(rows: Rows, kept: np.ndarray) -> dict[str, Any]:

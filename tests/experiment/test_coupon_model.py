@@ -152,7 +152,7 @@ def test_strain_is_counted_from_the_elastic_line() -> None:
 
 
 def test_a_zero_below_the_noise_of_one_strain_is_told_by_the_line() -> None:
-    """Thirty samples tell the zero to a fifth of the noise of one. Left where it is, the model, which goes through zero, has another slope."""
+    """Thirty samples tell the zero to a fifth of the noise of one. The model goes through zero: left there, it has another slope."""
     test = two_records().tests[0]
     noise = {"strain": 2e-4, "stress": 1.0}
     for shift, moved in ((3e-4, True), (2e-5, False)):

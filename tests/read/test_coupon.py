@@ -521,8 +521,9 @@ def test_thinning_keeps_turning_points_and_says_counts(tmp_path: Path, simple: s
 
 
 def test_a_thinned_record_keeps_all_samples_of_its_first_loading(tmp_path: Path) -> None:
-    """A hot test at 100 samples per second: 4 s of elasticity between a rest, in which the gauge goes back and forth, and flow. Of 100 samples
-    none or few lie on the line."""
+    """A hot test at 100 samples per second: 4 s of elasticity between a rest, in which the gauge goes back and forth, and flow.
+
+    Of 100 samples none or few lie on the line."""
     t = np.arange(0.0, 124.0, 0.01)
     strain = 3.75e-4 * np.clip(t - 20.0, 0.0, 4.0) + 5e-3 * np.clip(t - 24.0, 0.0, 100.0)
     stress = np.minimum(20e3 * strain, 30.0)

@@ -27,9 +27,10 @@ _BEFORE, _OFF_ZERO = 0.25, 0.1
 _BY_CHANCE = 0.05
 """Probability with which slopes of one modulus differ as much by the errors of their lines alone."""
 _LATER, _STEEPER = 0.1, 0.12
-"""Steps in which a window of the same span of stress is moved up to look for a toe, as a share of that span; and by what part a later window
-must be steeper at least, by three standard errors besides, to show one. A seat that settles, slack or a bent bar make a record too soft at its
-beginning, microplasticity makes it too soft later, so that the modulus is told where it is steepest (as ASTM E3076 takes the slope)."""
+"""Steps in which a window of the same span of stress is moved up to look for a toe, as a share of that span; and the part by which a later
+window must be steeper at least, by three standard errors besides, to show one: less is what `_DEVIATION` allows of a straight line. A seat
+that settles, slack or a bent bar make a record too soft at its beginning, microplasticity makes it too soft later, so that the modulus is
+told where it is steepest (as ASTM E3076 takes the slope)."""
 _LEAST = 5
 _NO_TURN = 0.02
 """Share of the largest stress within which a fall is no reversal: the noise of a record that begins at rest reverses at once."""

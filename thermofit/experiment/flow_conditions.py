@@ -135,7 +135,8 @@ def elastic_temperatures(test: CouponTest, theta: np.ndarray, unloads: bool) -> 
     line = test.line
     found = []
     if line is not None:
-        inside = np.linspace(*test.elastic.time[[line.begin, line.end]], _ROWS)
+        first = test.elastic.time
+        inside = np.linspace(float(first[line.begin]), float(first[line.end]), _ROWS)
         found.append(float(np.interp(inside, test.time, theta).mean()))
     return [*found, float(theta.mean())] if unloads else found
 

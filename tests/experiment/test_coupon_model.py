@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,33 @@ def test_strain_is_counted_from_the_elastic_line() -> None:
         assert np.abs(ready.strain - test.strain).max() < 2e-5
         assert any("moved by" in text for text in remarks) == (offset > 0.0)
         assert ready.theta_start == 293.5 and ready.phases[0].label == "loading"
+
+
+def test_a_zero_below_the_noise_of_one_strain_is_told_by_the_line() -> None:
+    """Thirty samples tell the zero to a fifth of the noise of one. The model goes through zero: left there, it has another slope."""
+    test = two_records().tests[0]
+    noise = {"strain": 2e-4, "stress": 1.0}
+    for shift, moved in ((3e-4, True), (2e-5, False)):
+        record = CouponRecord("bar", test.time, test.strain + shift, test.stress, None, 293.0, dict(noise))
+        ready, remarks = coupon_test(record)
+        assert any("moved by" in text for text in remarks) == moved
+        assert abs(float(np.mean(ready.strain - test.strain))) < (3e-5 if moved else 5e-5)
+
+
+def test_the_elastic_stage_takes_all_samples_of_a_first_loading(tmp_path: Path) -> None:
+    """Of a thinned record with three samples in its elastic range; E and the record of `interpolate` are those of all."""
+    test = two_records().tests[0]
+    line = test.line
+    assert line is not None
+    kept = np.union1d([0, line.begin, (line.begin + line.end) // 2, line.end], np.arange(line.end + 20, len(test.time), 20))
+    few = replace(test, time=test.time[kept], strain=test.strain[kept], stress=test.stress[kept], theta=None)
+    assert few.line is None
+    thin = replace(few, first_loading=replace(test, theta=None))
+    made, data = study(tmp_path), CouponData((thin,), "strain")
+    assert thin.line is not None and thin.line.slope == line.slope
+    model = coupon_model(made, data, made.stage("elastic"), TRUTH)
+    assert sum(c.n for c in model.comparisons) == line.samples
+    assert sum(c.n for c in coupon_model(made, data, made.stage("plastic"), TRUTH).comparisons) == len(kept)
 
 
 def test_noisy_small_steps_are_remarked() -> None:

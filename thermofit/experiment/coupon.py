@@ -412,4 +412,4 @@ def _answered(test: CouponTest, history: PointHistory) -> CouponTest:
     """The record with the response of a history instead of its own."""
     theta = None if test.theta is None else history.theta_sensor
     lateral = None if test.lateral is None else history.lateral_x
-    return replace(test, strain=history.strain, stress=history.stress, theta=theta, lateral=lateral)
+    return replace(test, strain=history.strain, stress=history.stress, theta=theta, lateral=lateral, first_loading=None)

@@ -178,6 +178,26 @@ def test_the_elastic_stage_takes_all_samples_of_a_first_loading(tmp_path: Path) 
     assert sum(c.n for c in coupon_model(made, data, made.stage("plastic"), TRUTH).comparisons) == len(kept)
 
 
+@pytest.mark.parametrize(("noise", "own"), [(1e-6, True), (2e-4, False)])
+def test_a_bend_is_told_by_what_thinning_has_left_and_noise_by_all_samples(noise: float, own: bool) -> None:
+    """Records of one bend, of an even machine and of one that starts slowly, with nine tenths of its samples below three quarters of the
+    stress. Where they bend more than they are noisy, slope and zero are the same."""
+    lines = []
+    for slow in (1.0, 3.0):
+        stress = 350.0 * np.linspace(0.0, 1.0, 6000) ** slow
+        strain = stress / 200e3 + 1e-4 * (stress / 200.0) ** 2 + 0.05 * np.clip(stress / 300.0 - 1.0, 0.0, None) ** 2
+        strain = strain + noise * np.random.default_rng(9).normal(size=6000)
+        every = CouponRecord("bar", np.arange(6000.0), strain, stress, None, 293.0, {"strain": noise, "stress": 0.1})
+        kept = np.searchsorted(stress, np.linspace(0.0, 350.0, 300)).clip(0, 5999)
+        thin = replace(every, time=every.time[kept], strain=strain[kept], stress=stress[kept], first_loading=every)
+        test, _ = coupon_test(thin)
+        assert test.line is not None and (test.elastic is test) is own
+        lines.append((test.line.slope, float(np.mean(test.strain - strain[kept]))))
+    if own:
+        assert lines[1][0] == pytest.approx(lines[0][0], rel=1e-3)
+        assert lines[1][1] == pytest.approx(lines[0][1], abs=1e-6)
+
+
 def test_noisy_small_steps_are_remarked() -> None:
     test = two_records().tests[0]
     record = CouponRecord("bar", test.time, test.strain, test.stress, None, 293.0, {"strain": 1e-3, "stress": 1.0})

@@ -11,7 +11,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
-from thermofit.experiment.coupon_elastic import ElasticLine, elastic_line
+from thermofit.experiment.coupon_elastic import STRAIGHT, ElasticLine, elastic_line
 from thermofit.experiment.fields import INTERPOLATE, TestPhase
 from thermofit.observe.noise import robust_sigma, second_differences
 from thermofit.read.coupon import read_coupon
@@ -56,18 +56,25 @@ class CouponTest:
     """False where the time was built from a rate that somebody said: the record then knows nothing of its rate."""
     first_loading: CouponTest | None = None
     """All samples of the first loading, where the record itself was thinned: a range that is short against the test has few or none of the
-    samples that are left, and its modulus is told by all."""
+    samples that are left."""
 
     @cached_property
     def line(self) -> ElasticLine | None:
         """The elastic line of the record; None where it has none, or none of its own. Its samples are those of `elastic`."""
-        test = self.elastic
-        return None if self.over_plastic else elastic_line(test.time, test.strain, test.stress, self.noise["strain"])
+        return None if self.over_plastic else self.elastic._own_line
 
-    @property
+    @cached_property
+    def _own_line(self) -> ElasticLine | None:
+        return elastic_line(self.time, self.strain, self.stress, self.noise["strain"])
+
+    @cached_property
     def elastic(self) -> CouponTest:
-        """The samples that tell the elastic constants."""
-        return self.first_loading or self
+        """The samples that tell the elastic constants: all of the first loading where those that thinning left tell no slope to STRAIGHT.
+
+        Where they do, what is left is a bend of the record, which more samples tell no better. A line through it follows where they are
+        dense: those that thinning left lie evenly along the record, all of them are dense where the machine was slow."""
+        own = self._own_line
+        return self if self.first_loading is None or (own is not None and own.error <= STRAIGHT) else self.first_loading
 
 
 @dataclass(frozen=True)
@@ -116,8 +123,10 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
         found = record.noise.get(name)
         estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
         noise[name] = max(float(estimate), LEAST_NOISE[name])
-    first, zero, lateral_zero = record.first_loading or record, 0.0, 0.0
-    line = None if record.over_plastic else elastic_line(first.time, first.strain, first.stress, noise["strain"])
+    if record.lateral is not None:
+        noise["lateral"] = _lateral_noise(record)
+    measured = _as_measured(record, noise)
+    line, first, zero, lateral_zero = measured.line, measured.elastic, 0.0, 0.0
     if line is not None and modulus is not None and line.slope < _ELASTIC * modulus:
         remarks.append(
             f"its straight beginning rises with {line.slope:.3g} MPa, E of the study is {modulus:g} MPa: that is no elastic line, and "
@@ -130,8 +139,6 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
             f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e} (strain_zero: as-measured "
             "leaves it)"
         )
-    if record.lateral is not None:
-        noise["lateral"] = _lateral_noise(record)
     if line is not None and first.lateral is not None:
         known = np.flatnonzero(np.isfinite(first.lateral[: line.straight + 1]))
         if known.size > 2 and np.ptp(first.stress[known]) > 0.0:
@@ -147,28 +154,38 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
             f"noise of the strain ({noise['strain']:.1e}) is not small against its usual step ({step:.1e}): thin the record (key "
             "'points'), else the model flows back and forth with the noise"
         )
-    start = record.theta_air if record.theta_start is None else record.theta_start
-    phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
+    return _counted(measured, zero, lateral_zero), tuple(f"{record.name}: {text}" for text in remarks)
 
-    def counted(samples: CouponRecord, phases: tuple[TestPhase, ...], first_loading: CouponTest | None) -> CouponTest:
-        return CouponTest(
-            record.name,
-            samples.time,
-            samples.strain - zero,
-            samples.stress,
-            samples.temperature,
-            float(record.theta_air),
-            float(start),
-            noise,
-            phases,
-            None if samples.lateral is None else samples.lateral - lateral_zero,
-            record.over_plastic,
-            record.measured_clock,
-            first_loading,
-        )
 
-    test = counted(record, phases, None if first is record else counted(first, whole(first.time), None))
-    return test, tuple(f"{record.name}: {text}" for text in remarks)
+def _as_measured(record: CouponRecord, noise: Mapping[str, float]) -> CouponTest:
+    """A record with the noise of its values, strains as they were read."""
+    first = record.first_loading
+    return CouponTest(
+        name=record.name,
+        time=record.time,
+        strain=record.strain,
+        stress=record.stress,
+        theta=record.temperature,
+        theta_air=float(record.theta_air),
+        theta_start=float(record.theta_air if record.theta_start is None else record.theta_start),
+        noise=noise,
+        phases=tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time),
+        lateral=record.lateral,
+        over_plastic=record.over_plastic,
+        measured_clock=record.measured_clock,
+        first_loading=None if first is None else _as_measured(first, noise),
+    )
+
+
+def _counted(test: CouponTest, zero: float, lateral_zero: float) -> CouponTest:
+    """The record with strains counted from these zeros, and so its first loading."""
+    first = test.first_loading
+    return replace(
+        test,
+        strain=test.strain - zero,
+        lateral=None if test.lateral is None else test.lateral - lateral_zero,
+        first_loading=None if first is None else _counted(first, zero, lateral_zero),
+    )
 
 
 def _lateral_noise(record: CouponRecord) -> float:

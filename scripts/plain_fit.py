@@ -128,7 +128,10 @@ def read(run: Path) -> tuple[list[dict], dict[str, float], float | None]:
         for k, facts in enumerate(json.loads(file.attrs["summary"])["tests"]):
             time, strain, stress = (file[f"records/{k}/{n}"][()] for n in ("time", "strain", "stress"))
             sigma = math.hypot(facts["noise"]["stress"], E * facts["noise"]["strain"])
-            records.append({"name": facts["name"], "time": time, "e": strain, "s": stress, "start": facts["theta_start"], "sigma": sigma})
+            part = f"records/{k}/first_loading"
+            first = tuple(file[f"{part}/{n}"][()] for n in ("strain", "stress")) if part in file else (strain, stress)
+            one = {"name": facts["name"], "time": time, "e": strain, "s": stress, "start": facts["theta_start"], "sigma": sigma}
+            records.append(one | {"first": first})
     loop = None
     if (run / "close-loop.h5").exists():
         with h5py.File(run / "close-loop.h5") as file:
@@ -174,21 +177,49 @@ def fit(
     return float(np.sqrt(np.mean(residual(best.x) ** 2))), float(np.sqrt(np.mean(misfit**2))), {n: parameters[n] for n in free}
 
 
-def slope(record: dict) -> float:
-    """Slope in MPa of the first loading between a tenth and a half of its 0.2 % yield stress (iterated), NaN where fewer than three samples
-    lie there."""
-    e, s = np.abs(record["e"]), np.abs(record["s"])
+def slope(record: dict) -> tuple[float, float]:
+    """Slope in MPa of the first loading and its relative standard error, NaN where fewer than three samples tell it.
+
+    Of all samples of the file, the strain by regression over the stress, because the noise is that of the strain: the other way round noise
+    of a twentieth of the elastic strain takes some per cent off the slope. Between a tenth and a half of the 0.2 % proof stress (iterated),
+    with no search for a better window: what the program takes is compared with this.
+    """
+    e, s = (np.abs(x - x[0]) for x in record["first"])
     n = int(np.argmax(s >= 0.99 * s.max())) + 1
-    level, found = 0.5 * s.max(), math.nan
+    level, found = 0.5 * s.max(), (math.nan, math.nan, math.nan)
     for _ in range(20):
-        first = int(np.argmax(s[:n] >= 0.5 * level))
-        chosen = np.flatnonzero((s[:first] > 0.1 * level) & (s[:first] < 0.5 * level))
-        if len(chosen) < 3:
-            return math.nan
-        found, at_zero = np.polyfit(e[chosen], s[chosen], 1)
-        past = np.flatnonzero(s[first:n] < found * (e[first:n] - 0.002) + at_zero)
-        level = s[first + past[0]] if len(past) else s.max()
-    return float(found)
+        found = _line(e[:n], s[:n], 0.1 * level, 0.5 * level)
+        if math.isnan(found[0]):
+            break
+        past = np.flatnonzero((s[:n] < found[0] * (e[:n] - found[2] - 0.002)) & (s[:n] > 0.3 * level))
+        level = s[past[0]] if len(past) else s.max()
+    return found[0], found[1]
+
+
+def _line(e: np.ndarray, s: np.ndarray, low: float, high: float) -> tuple[float, float, float]:
+    """Slope, its relative standard error and strain at no stress of a line of strain over stress between two stresses; the samples count as
+    many as their scatter, correlated as a first-order process, is worth."""
+    chosen = np.flatnonzero((s > low) & (s < high))
+    chosen = chosen[chosen < int(np.argmax(s >= high))]
+    if len(chosen) < 3:
+        return math.nan, math.nan, math.nan
+    x, y = s[chosen], e[chosen]
+    by, zero = np.polyfit(x, y, 1)
+    left = y - by * x - zero
+    follows = min(max(float(left[1:] @ left[:-1]) / float(left @ left), 0.0), 1.0 - 1.0 / len(x)) if left.any() else 0.0
+    error = math.sqrt(float(left @ left) / max(len(x) - 2, 1) * (1.0 + follows) / (1.0 - follows) / float(np.sum((x - x.mean()) ** 2)))
+    return 1.0 / float(by), error / abs(float(by)), float(zero)
+
+
+def said_slopes(records: list[dict]) -> str:
+    """Slopes of the records in GPa, their mean and median, and the standard error of the mean from the scatter between them."""
+    found = {q["name"]: slope(q) for q in records}
+    known = np.array([value for value, _ in found.values() if math.isfinite(value)]) / 1e3
+    words = ", ".join(f"{name} {value / 1e3:.1f} +- {100.0 * error:.1f} %" for name, (value, error) in found.items())
+    if len(known) < 2:
+        return words
+    error = float(known.std(ddof=1) / len(known) ** 0.5 / known.mean())
+    return f"{words}; mean {known.mean():.2f} +- {100.0 * error:.1f} %, median {np.median(known):.2f}"
 
 
 def main() -> None:
@@ -199,7 +230,7 @@ def main() -> None:
     parser.add_argument("--hold", action="append", default=[], help="E, for records without an elastic range")
     chosen = parser.parse_args()
     records, start, loop = read(chosen.run_dir)
-    print("slope of the first loading, GPa:", ", ".join(f"{q['name']} {slope(q) / 1e3:.1f}" for q in records))
+    print("slope of the first loading, GPa:", said_slopes(records))
     print("loop: " + ("not run" if loop is None else f"{loop:.3f} times the noise"))
     for words in ("", *chosen.terms):
         terms = tuple(w for w in words.split("+") if w)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,53 @@ def test_strain_is_counted_from_the_elastic_line() -> None:
         assert np.abs(ready.strain - test.strain).max() < 2e-5
         assert any("moved by" in text for text in remarks) == (offset > 0.0)
         assert ready.theta_start == 293.5 and ready.phases[0].label == "loading"
+
+
+def test_a_zero_below_the_noise_of_one_strain_is_told_by_the_line() -> None:
+    """Thirty samples tell the zero to a fifth of the noise of one. The model goes through zero: left there, it has another slope."""
+    test = two_records().tests[0]
+    noise = {"strain": 2e-4, "stress": 1.0}
+    for shift, moved in ((3e-4, True), (2e-5, False)):
+        record = CouponRecord("bar", test.time, test.strain + shift, test.stress, None, 293.0, dict(noise))
+        ready, remarks = coupon_test(record)
+        assert any("moved by" in text for text in remarks) == moved
+        assert abs(float(np.mean(ready.strain - test.strain))) < (3e-5 if moved else 5e-5)
+
+
+def test_the_elastic_stage_takes_all_samples_of_a_first_loading(tmp_path: Path) -> None:
+    """Of a thinned record with three samples in its elastic range; E and the record of `interpolate` are those of all."""
+    test = two_records().tests[0]
+    line = test.line
+    assert line is not None
+    kept = np.union1d([0, line.begin, (line.begin + line.end) // 2, line.end], np.arange(line.end + 20, len(test.time), 20))
+    few = replace(test, time=test.time[kept], strain=test.strain[kept], stress=test.stress[kept], theta=None)
+    assert few.line is None
+    thin = replace(few, first_loading=replace(test, theta=None))
+    made, data = study(tmp_path), CouponData((thin,), "strain")
+    assert thin.line is not None and thin.line.slope == line.slope
+    model = coupon_model(made, data, made.stage("elastic"), TRUTH)
+    assert sum(c.n for c in model.comparisons) == line.samples
+    assert sum(c.n for c in coupon_model(made, data, made.stage("plastic"), TRUTH).comparisons) == len(kept)
+
+
+@pytest.mark.parametrize(("noise", "own"), [(1e-6, True), (2e-4, False)])
+def test_a_bend_is_told_by_what_thinning_has_left_and_noise_by_all_samples(noise: float, own: bool) -> None:
+    """Records of one bend, of an even machine and of one that starts slowly, with nine tenths of its samples below three quarters of the
+    stress. Where they bend more than they are noisy, slope and zero are the same."""
+    lines = []
+    for slow in (1.0, 3.0):
+        stress = 350.0 * np.linspace(0.0, 1.0, 6000) ** slow
+        strain = stress / 200e3 + 1e-4 * (stress / 200.0) ** 2 + 0.05 * np.clip(stress / 300.0 - 1.0, 0.0, None) ** 2
+        strain = strain + noise * np.random.default_rng(9).normal(size=6000)
+        every = CouponRecord("bar", np.arange(6000.0), strain, stress, None, 293.0, {"strain": noise, "stress": 0.1})
+        kept = np.searchsorted(stress, np.linspace(0.0, 350.0, 300)).clip(0, 5999)
+        thin = replace(every, time=every.time[kept], strain=strain[kept], stress=stress[kept], first_loading=every)
+        test, _ = coupon_test(thin)
+        assert test.line is not None and (test.elastic is test) is own
+        lines.append((test.line.slope, float(np.mean(test.strain - strain[kept]))))
+    if own:
+        assert lines[1][0] == pytest.approx(lines[0][0], rel=1e-3)
+        assert lines[1][1] == pytest.approx(lines[0][1], abs=1e-6)
 
 
 def test_noisy_small_steps_are_remarked() -> None:

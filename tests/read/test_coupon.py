@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.experiment.coupon_elastic import elastic_line
+from thermofit.experiment.coupon_records import coupon_test
 from thermofit.read.coupon import coupon_files, read_coupon
 from thermofit.read.coupon_clocks import clock_offset
 from thermofit.read.coupon_phases import coupon_phases, thinned, turning_points
@@ -549,6 +551,30 @@ def test_thinning_keeps_turning_points_and_says_counts(tmp_path: Path, simple: s
     np.testing.assert_allclose(np.interp(t, got.time, got.strain), e, atol=2e-4)
     np.testing.assert_allclose(np.interp(t, got.time, got.stress), s, atol=8.0)
     assert np.array_equal(thinned(t, e, s, 5000), np.arange(t.size))
+
+
+def test_a_thinned_record_keeps_all_samples_of_its_first_loading(tmp_path: Path) -> None:
+    """A hot test at 100 samples per second: 4 s of elasticity between a rest, in which the gauge goes back and forth, and flow.
+
+    Of 100 samples none or few lie on the line."""
+    t = np.arange(0.0, 124.0, 0.01)
+    strain = 3.75e-4 * np.clip(t - 20.0, 0.0, 4.0) + 5e-3 * np.clip(t - 24.0, 0.0, 100.0)
+    stress = np.minimum(20e3 * strain, 30.0)
+    down = t > 122.0
+    strain[down], stress[down] = strain[down] - 0.1 * (t[down] - 122.0), stress[down] - 15.0 * (t[down] - 122.0)
+    at_rest = np.where(t < 20.0, 5e-3 * np.sin(0.2 * np.pi * t), 0.0)
+    noisy = strain + at_rest + np.random.default_rng(6).normal(0.0, 6e-5, t.size)
+    text = table("t[s],e[-],s[MPa]", [t, noisy, stress])
+    got, noted = record(tmp_path, text, strain="e[-]", stress="s[MPa]", points=100), record(tmp_path, text, strain="e[-]", stress="s[MPa]")
+    assert noted.first_loading is None and got.first_loading is not None and got.time.size <= 100
+    assert got.first_loading.time.size == pytest.approx(12200, abs=20) and got.first_loading.noise == got.noise
+    ready, _ = coupon_test(got)
+    assert ready.line is not None and ready.line.slope == pytest.approx(20e3, rel=0.03) and ready.line.error < 0.03
+    alone = coupon_test(replace(got, first_loading=None))[0].line
+    assert alone is None or alone.error > 0.035
+    assert ready.strain[0] - got.strain[0] == pytest.approx(ready.elastic.strain[0] - got.first_loading.strain[0], abs=1e-12)
+    flow = record(tmp_path, text, strain={"plastic_strain": "e[-]"}, stress={"true_stress": "s[MPa]"}, points=100)
+    assert flow.first_loading is None
 
 
 def test_noise_is_estimated_or_declared(tmp_path: Path, cyclic: tuple[np.ndarray, ...]) -> None:

@@ -106,6 +106,7 @@ class CouponRecord:
     strain has no elastic part; strain and stress are then what exp(e_p) - 1 and sigma exp(-e_p) make of plastic strain e_p and true stress
     sigma. `phases`: (t0, t1, label) in s. `remarks`: what a reader found, counted or mended. `shift_strain`: may the strain be counted from
     where the elastic line meets zero stress. `measured_clock`: was the time measured, and not built from a rate that somebody said.
+    `first_loading`: all samples of the first loading of a record that was thinned, of which the rest may hold too few to tell a modulus.
     """
 
     name: str
@@ -122,3 +123,4 @@ class CouponRecord:
     over_plastic: bool = False
     shift_strain: bool = True
     measured_clock: bool = True
+    first_loading: CouponRecord | None = None

@@ -15,7 +15,7 @@ from thermofit.effects.catalogue import Effect
 from thermofit.effects.modulus_by_temperature import SPAN
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.coupon_check import checked_records, record_spans
-from thermofit.experiment.coupon_elastic import modulus_error
+from thermofit.experiment.coupon_elastic import STRAIGHT, modulus_error
 from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, point_settings
 from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, read_tests, whole
 from thermofit.experiment.fields import INTERPOLATE, start_parameters
@@ -42,9 +42,6 @@ from thermofit.study.study import Study
 
 POINT = MeshSize(n_x=1, n_y=1, n_z=1)
 """What stands for the mesh of a point."""
-STRAIGHT = 0.03
-"""Part by which the slope of an elastic range may be off at least: gauges of class 1 err by 1 % in strain, and the usual ranges,
-up to 40 or 50 % of the proof stress or as far as a line looks straight, give slopes some per cent apart."""
 IDENTIFY_ELASTIC = "identify-elastic"
 """The stage whose record tells the elastic constants."""
 KNOWN = 0.05
@@ -412,4 +409,4 @@ def _answered(test: CouponTest, history: PointHistory) -> CouponTest:
     """The record with the response of a history instead of its own."""
     theta = None if test.theta is None else history.theta_sensor
     lateral = None if test.lateral is None else history.lateral_x
-    return replace(test, strain=history.strain, stress=history.stress, theta=theta, lateral=lateral)
+    return replace(test, strain=history.strain, stress=history.stress, theta=theta, lateral=lateral, first_loading=None)

@@ -26,6 +26,9 @@ _BEFORE, _OFF_ZERO = 0.25, 0.1
 """Strains by which the line may miss the record: at its first stress on the stiff side, and at zero stress; shares of the line's strain."""
 _BY_CHANCE = 0.05
 """Probability with which slopes of one modulus differ as much by the errors of their lines alone."""
+STRAIGHT = 0.03
+"""Part by which the slope of an elastic range may be off at least: gauges of class 1 err by 1 % in strain, and the usual ranges,
+up to 40 or 50 % of the proof stress or as far as a line looks straight, give slopes some per cent apart."""
 _LEAST = 5
 _NO_TURN = 0.02
 """Share of the largest stress within which a fall is no reversal: the noise of a record that begins at rest reverses at once."""
@@ -45,6 +48,11 @@ class ElasticLine:
     begin: int = 0
     error: float = 0.0
     straight: int = 0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the elastic window."""
+        return self.end + 1 - self.begin
 
 
 def first_branch(stress: np.ndarray) -> int:

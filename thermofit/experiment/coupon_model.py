@@ -187,8 +187,8 @@ def windows_of(window: str | tuple[float, float], data: CouponData) -> tuple[lis
             found.append((np.inf, -np.inf))
             said.append(f"{test.name} has no elastic range and is left out")
         else:
-            found.append((float(test.time[line.begin]), float(test.time[line.end])))
-            said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.end + 1 - line.begin} samples)")
+            found.append((float(test.elastic.time[line.begin]), float(test.elastic.time[line.end])))
+            said.append(f"{test.name} up to {line.stress:.0f} MPa ({line.samples} samples)")
     if not any(b >= a for a, b in found):
         raise DataError("stages.elastic.window: no record begins with a straight line; give the window as [t0, t1] in s")
     whole = "elastic range: " + ", ".join(said)
@@ -234,7 +234,8 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         slopes = slope_scatter([line for test in data.tests if (line := test.line) is not None])
     if slopes[1] > 0.0:
         remark += f"; their slopes differ by {100.0 * slopes[1]:.2g} % beyond their noise: each counts as one value of E with that error"
-    data = replace(data, tests=tuple(shortened(data.tests[n], windows[n][1]) for n in kept))
+    taken = [test.elastic if settings.window == "auto" else test for test in data.tests]
+    data = replace(data, tests=tuple(shortened(taken[n], windows[n][1]) for n in kept))
     seen = observations(data, list(dict.fromkeys(map(field_of, settings.channels))), [windows[n] for n in kept], base["E"], slopes)
     run = coupon_run(study, data, settings.free, plastic=not set(settings.free) <= {"E", "nu"})
 

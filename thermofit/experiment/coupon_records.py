@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import CouponRecord
-from thermofit.experiment.coupon_elastic import ElasticLine, elastic_line
+from thermofit.experiment.coupon_elastic import STRAIGHT, ElasticLine, elastic_line
 from thermofit.experiment.fields import INTERPOLATE, TestPhase
 from thermofit.observe.noise import robust_sigma, second_differences
 from thermofit.read.coupon import read_coupon
@@ -23,6 +24,9 @@ from thermofit.study.study import Study
 LEAST_NOISE = {"strain": 1e-8, "stress": 1e-4, "theta": 1e-4, "lateral": 1e-8}
 """Noise of a record without noise: sigma must not vanish, because it divides the residual."""
 UNITS = {"strain": "1", "stress": "MPa", "theta": "K", "lateral": "1"}
+FIRST_LOADING = "first_loading"
+"""Group of the artefact with all samples of the first loading of a record that was thinned."""
+_SAMPLED = ("time", "strain", "stress", "theta", "lateral")
 _ELASTIC = 0.5
 """Share of a prescribed E below which the slope of a straight beginning is not that of an elastic line."""
 _JITTER = 0.5
@@ -50,11 +54,27 @@ class CouponTest:
     """Was the elastic part of the strain added to a flow curve."""
     measured_clock: bool = True
     """False where the time was built from a rate that somebody said: the record then knows nothing of its rate."""
+    first_loading: CouponTest | None = None
+    """All samples of the first loading, where the record itself was thinned: a range that is short against the test has few or none of the
+    samples that are left."""
 
-    @property
+    @cached_property
     def line(self) -> ElasticLine | None:
-        """The elastic line of the record; None where it has none, or none of its own."""
-        return None if self.over_plastic else elastic_line(self.time, self.strain, self.stress, self.noise["strain"])
+        """The elastic line of the record; None where it has none, or none of its own. Its samples are those of `elastic`."""
+        return None if self.over_plastic else self.elastic._own_line
+
+    @cached_property
+    def _own_line(self) -> ElasticLine | None:
+        return elastic_line(self.time, self.strain, self.stress, self.noise["strain"])
+
+    @cached_property
+    def elastic(self) -> CouponTest:
+        """The samples that tell the elastic constants: all of the first loading where those that thinning left tell no slope to STRAIGHT.
+
+        Where they do, what is left is a bend of the record, which more samples tell no better. A line through it follows where they are
+        dense: those that thinning left lie evenly along the record, all of them are dense where the machine was slow."""
+        own = self._own_line
+        return self if self.first_loading is None or (own is not None and own.error <= STRAIGHT) else self.first_loading
 
 
 @dataclass(frozen=True)
@@ -103,55 +123,69 @@ def coupon_test(record: CouponRecord, modulus: float | None = None) -> tuple[Cou
         found = record.noise.get(name)
         estimate = robust_sigma(second_differences(record.time, value[:, None]))[0] if found is None else found
         noise[name] = max(float(estimate), LEAST_NOISE[name])
-    strain = record.strain
-    line = None if record.over_plastic else elastic_line(record.time, record.strain, record.stress, noise["strain"])
+    if record.lateral is not None:
+        noise["lateral"] = _lateral_noise(record)
+    measured = _as_measured(record, noise)
+    line, first, zero, lateral_zero = measured.line, measured.elastic, 0.0, 0.0
     if line is not None and modulus is not None and line.slope < _ELASTIC * modulus:
         remarks.append(
             f"its straight beginning rises with {line.slope:.3g} MPa, E of the study is {modulus:g} MPa: that is no elastic line, and "
             "strains are left as measured"
         )
         line = None
-    if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"]:
-        strain = strain - line.offset
+    if line is not None and record.shift_strain and abs(line.offset) > 3.0 * noise["strain"] / line.samples**0.5:
+        zero = line.offset
         remarks.append(
             f"strain is counted from where the elastic line meets zero stress: moved by {-line.offset:.2e} (strain_zero: as-measured "
             "leaves it)"
         )
-    lateral = record.lateral
-    if lateral is not None:
-        noise["lateral"] = _lateral_noise(record)
-    if line is not None and lateral is not None:
-        known = np.flatnonzero(np.isfinite(lateral[: line.straight + 1]))
-        if known.size > 2 and np.ptp(record.stress[known]) > 0.0:
-            slope, zero = np.polyfit(record.stress[known], lateral[known], 1)
+    if line is not None and first.lateral is not None:
+        known = np.flatnonzero(np.isfinite(first.lateral[: line.straight + 1]))
+        if known.size > 2 and np.ptp(first.stress[known]) > 0.0:
+            slope, at_zero = np.polyfit(first.stress[known], first.lateral[known], 1)
             if slope * line.slope > 0.0:
                 remarks.append("the lateral strain rises in elastic tension, where it must fall: is its sign turned?")
-            if record.shift_strain and abs(zero) > 3.0 * noise["lateral"]:
-                lateral = lateral - zero
-                remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-zero:.2e}")
-    step = float(np.median(np.abs(np.diff(strain))))
+            if record.shift_strain and abs(at_zero) > 3.0 * noise["lateral"] / known.size**0.5:
+                lateral_zero = float(at_zero)
+                remarks.append(f"lateral strain is counted from where its elastic line meets zero stress: moved by {-at_zero:.2e}")
+    step = float(np.median(np.abs(np.diff(record.strain))))
     if noise["strain"] > _JITTER * step:
         remarks.append(
             f"noise of the strain ({noise['strain']:.1e}) is not small against its usual step ({step:.1e}): thin the record (key "
             "'points'), else the model flows back and forth with the noise"
         )
-    start = record.theta_air if record.theta_start is None else record.theta_start
-    phases = tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time)
-    test = CouponTest(
-        record.name,
-        record.time,
-        strain,
-        record.stress,
-        record.temperature,
-        float(record.theta_air),
-        float(start),
-        noise,
-        phases,
-        lateral,
-        record.over_plastic,
-        record.measured_clock,
+    return _counted(measured, zero, lateral_zero), tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def _as_measured(record: CouponRecord, noise: Mapping[str, float]) -> CouponTest:
+    """A record with the noise of its values, strains as they were read."""
+    first = record.first_loading
+    return CouponTest(
+        name=record.name,
+        time=record.time,
+        strain=record.strain,
+        stress=record.stress,
+        theta=record.temperature,
+        theta_air=float(record.theta_air),
+        theta_start=float(record.theta_air if record.theta_start is None else record.theta_start),
+        noise=noise,
+        phases=tuple(TestPhase(t0, t1, label) for t0, t1, label in record.phases) or whole(record.time),
+        lateral=record.lateral,
+        over_plastic=record.over_plastic,
+        measured_clock=record.measured_clock,
+        first_loading=None if first is None else _as_measured(first, noise),
     )
-    return test, tuple(f"{record.name}: {text}" for text in remarks)
+
+
+def _counted(test: CouponTest, zero: float, lateral_zero: float) -> CouponTest:
+    """The record with strains counted from these zeros, and so its first loading."""
+    first = test.first_loading
+    return replace(
+        test,
+        strain=test.strain - zero,
+        lateral=None if test.lateral is None else test.lateral - lateral_zero,
+        first_loading=None if first is None else _counted(first, zero, lateral_zero),
+    )
 
 
 def _lateral_noise(record: CouponRecord) -> float:
@@ -184,13 +218,9 @@ def interpolated(study: Study) -> Made:
     rows: list[dict[str, Any]] = []
     remarks: list[str] = []
     for number, (test, said) in enumerate(found):
-        values = {"time": (test.time, "s"), "strain": (test.strain, "1"), "stress": (test.stress, "MPa")}
-        if test.theta is not None:
-            values["theta"] = (test.theta, "K")
-        if test.lateral is not None:
-            values["lateral"] = (test.lateral, "1")
-        for name, (value, unit) in values.items():
-            datasets[f"records/{number}/{name}"] = Dataset(value, unit, ("sample",))
+        datasets |= _datasets(test, f"records/{number}")
+        if test.first_loading is not None:
+            datasets |= _datasets(test.first_loading, f"records/{number}/{FIRST_LOADING}")
         rows.append(_row(test))
         remarks += said
     phases = [
@@ -209,6 +239,13 @@ def interpolated(study: Study) -> Made:
         "control": study.coupon_section.control,
     }
     return Made(datasets, summary)
+
+
+def _datasets(test: CouponTest, place: str) -> dict[str, Dataset]:
+    """Samples of a record at a place of the artefact."""
+    units = {"time": "s", **UNITS}
+    values = {name: getattr(test, name) for name in _SAMPLED}
+    return {f"{place}/{name}": Dataset(value, units[name], ("sample",)) for name, value in values.items() if value is not None}
 
 
 def _row(test: CouponTest) -> dict[str, Any]:
@@ -254,12 +291,20 @@ def coupon_data_of(record: Record) -> CouponData:
         get, name = f"records/{number}", str(facts["name"])
         own = [p for p in record.summary["phases"] if p["record"] == name]
         phases = tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in own)
-        time, strain, stress = (record[f"{get}/{value}"].value for value in ("time", "strain", "stress"))
-        theta, lateral = (record[f"{get}/{value}"].value if record.has(f"{get}/{value}") else None for value in ("theta", "lateral"))
         air, start = float(facts["theta_air"]), float(facts["theta_start"])
         over_plastic, clock = bool(facts.get("over_plastic", False)), bool(facts.get("measured_clock", True))
-        tests.append(CouponTest(name, time, strain, stress, theta, air, start, facts["noise"], phases, lateral, over_plastic, clock))
+        facts_of = {"theta_air": air, "theta_start": start, "noise": facts["noise"], "over_plastic": over_plastic, "measured_clock": clock}
+        first = None
+        if record.has(f"{get}/{FIRST_LOADING}/time"):
+            samples = _samples(record, f"{get}/{FIRST_LOADING}")
+            first = CouponTest(name=name, **samples, **facts_of, phases=whole(samples["time"]))
+        tests.append(CouponTest(name=name, **_samples(record, get), **facts_of, phases=phases, first_loading=first))
     return CouponData(tuple(tests), str(record.summary["control"]))
+
+
+def _samples(record: Record, place: str) -> dict[str, Any]:
+    """Arrays of a CouponTest from a place of the artefact; None for what was not measured."""
+    return {name: record[f"{place}/{name}"].value if record.has(f"{place}/{name}") else None for name in _SAMPLED}
 
 
 def shortened(test: CouponTest, t_end: float) -> CouponTest:

@@ -133,7 +133,11 @@ def unloads_after_flow(history: PointHistory) -> bool:
 def elastic_temperatures(test: CouponTest, theta: np.ndarray, unloads: bool) -> list[float]:
     """Told temperatures in K of the elastic ranges of a record: mean of the first line, and of all rows where it unloads after flow."""
     line = test.line
-    found = [] if line is None else [float(theta[line.begin : line.end + 1].mean())]
+    found = []
+    if line is not None:
+        first = test.elastic.time
+        inside = np.linspace(float(first[line.begin]), float(first[line.end]), _ROWS)
+        found.append(float(np.interp(inside, test.time, theta).mean()))
     return [*found, float(theta.mean())] if unloads else found
 
 

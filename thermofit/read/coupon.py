@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from thermofit.core.experiment import CELSIUS, CouponRecord
 from thermofit.observe.phases import noise_level, working_sigma
 from thermofit.read.coupon_clocks import Main, beside_another_clock
 from thermofit.read.coupon_columns import channel, lateral_channel, pick_record, strain_channel, stress_channel, time_channel, width_of
-from thermofit.read.coupon_phases import coupon_phases, thinned
+from thermofit.read.coupon_phases import coupon_phases, thinned, turning_points
 from thermofit.read.coupon_repair import (
     Rows,
     cut,
@@ -39,6 +40,8 @@ from thermofit.study.coupon import (
 )
 from thermofit.study.paths import path_from
 
+_LOADED = 0.1
+"""Share of the largest change of the strain from which on a record is loaded."""
 _RATE_DIFFERS = 2.0
 """Factor between the rate that a header says and that of the record from which on a remark says so."""
 
@@ -77,28 +80,45 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
     theta_start, theta_air, said = _temperatures(rows, record, settings, key)
     noise, estimated = _noise(rows, settings)
     phases = coupon_phases(rows.time, rows.strain, rows.stress)
-    kept = np.arange(rows.time.size)
+    kept = every = np.arange(rows.time.size)
     if settings.points is not None and settings.points < rows.time.size:
         kept = thinned(rows.time, rows.strain, rows.stress, settings.points)
         said.append(f"thinned from {rows.time.size} to {kept.size} samples, turning points kept")
     read = CouponRecord(
         name=settings.label,
-        time=rows.time[kept],
-        strain=rows.strain[kept],
-        stress=rows.stress[kept],
-        temperature=None if rows.temperature is None else rows.temperature[kept],
+        **_samples(rows, kept),
         theta_air=theta_air,
         noise=noise,
         phases=phases,
         remarks=(*record.traits.remarks, *remarks, *said, estimated),
         theta_start=theta_start,
-        lateral=None if rows.lateral is None else rows.lateral[kept],
         shift_strain=settings.strain_zero == "elastic-line",
         measured_clock=settings.time is not None,
         over_plastic=settings.over_plastic,
     )
+    if len(kept) < len(every) and not settings.over_plastic:
+        first = every[: _first_turn(rows) + 1]
+        read = replace(read, first_loading=replace(read, **_samples(rows, first), phases=(), remarks=()))
     questions = questions_of_record(read, rate_is_given=settings.time is None and settings.sampling_rate is None)
     return replace(read, remarks=(*read.remarks, *settled(questions, settings.confirmed, where)))
+
+
+def _first_turn(rows: Rows) -> int:
+    """Row of the first reversal of the strain after a part of its largest change: before that a machine at rest turns back and forth."""
+    away = np.abs(rows.strain - rows.strain[0])
+    turns = turning_points(rows.time, rows.strain)
+    return int(turns[int(np.argmax(away[turns] >= _LOADED * away.max()))])
+
+
+def _samples(rows: Rows, kept: np.ndarray) -> dict[str, Any]:
+    """Channels of a CouponRecord at some of the rows."""
+    return {
+        "time": rows.time[kept],
+        "strain": rows.strain[kept],
+        "stress": rows.stress[kept],
+        "temperature": None if rows.temperature is None else rows.temperature[kept],
+        "lateral": None if rows.lateral is None else rows.lateral[kept],
+    }
 
 
 def _rows(record: Record, settings: CouponRecordSettings, base_folder: Path, key: str) -> Rows:

@@ -6,24 +6,23 @@ Everything follows from the seed of a run, each matter from a stream of its own:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.core.parameters import Param
-from thermofit.diagnose.case import Case, columns_of, scans
-from thermofit.diagnose.score import ranked
+from thermofit.diagnose.case import columns_of
+from thermofit.diagnose.planting import AWAY, off_grid, secondary
+from thermofit.diagnose.score import scored_alone
 from thermofit.diagnose.trace import Traced
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acts_in_heat
 
+__all__ = ["AWAY", "World", "off_grid", "secondary", "smallest", "stream_of", "worlds"]
 STREAMS = ("world", "secondary", "noise", "truth")
 FACTOR = 2.0
 """Noise is between the usual one over FACTOR and FACTOR times it, and so is a wrong declared one beside the true one."""
 WRONG = 1.0 / 3.0
 """Share of the runs in which the declared noise is not the true one."""
-AWAY = 0.1
-"""Least distance of a planted value to a scanned one, as a part of the gap between scanned values."""
 
 
 @dataclass(frozen=True)
@@ -56,35 +55,6 @@ def worlds(seed: int, programmes: Sequence[str], quantities: Sequence[str]) -> t
     return tuple(World(seed, programmes[k], noise, declared) for k in order)
 
 
-def off_grid(p: Param, tried: Sequence[float], random: np.random.Generator) -> float:
-    """A value between two neighbouring values that are tried, every gap as likely, not nearer to either than AWAY of the gap; by logarithms
-    where the order of magnitude is what counts.
-
-    Where one value alone is tried: within a scale of it if it is fitted later (`follows`), that value if it never is.
-    """
-    grid = np.unique(np.log(tried) if p.logarithmic else tried)
-    if len(grid) > 1:
-        k = int(random.integers(len(grid) - 1))
-        x = float(grid[k] + random.uniform(AWAY, 1.0 - AWAY) * (grid[k + 1] - grid[k]))
-        return float(np.exp(x)) if p.logarithmic else x
-    if not p.follows:
-        return p.neutral
-    side = 1.0 if random.random() < 0.5 else -1.0
-    room = min(p.scale, p.upper - p.neutral if side > 0.0 else p.neutral - p.lower)
-    return float(p.neutral + side * random.uniform(AWAY, 1.0) * room)
-
-
-def secondary(one: Effect, case: Case, random: np.random.Generator) -> dict[str, float]:
-    """Values of an effect's Params besides its amplitude, off the grid that the loop scans for this test."""
-    sets = scans(one, case)
-    found = {}
-    for p in (p for p in one.params if p.scan):
-        tried = {values[p.name] for values in sets[1:]} or {p.neutral}
-        inside = {p.neutral} if min(tried) < p.neutral < max(tried) else set()
-        found[p.name] = off_grid(p, sorted(tried | inside), random)
-    return found
-
-
 def smallest(here: Traced, name: str, values: Mapping[str, float]) -> float:
     """`detectable` of a dormant effect whose other Params have these values; infinite where the test does not feel it."""
     one = effect(name)
@@ -95,5 +65,5 @@ def smallest(here: Traced, name: str, values: Mapping[str, float]) -> float:
         block = here.case.scored(here.case.parameters, (), [(n, dict(values)) for n in names])[2]
     else:
         block = columns_of(here.case, one, dict(values))
-    found = ranked(replace(here.problem, dormant={**here.problem.dormant, name: (names, block)}))
-    return next((s.detectable for s in found.scores if s.effect == name), float("inf"))
+    found = scored_alone(here.problem, name, names, block, here.ranking.threshold)
+    return float("inf") if found is None else found.detectable

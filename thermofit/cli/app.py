@@ -22,6 +22,7 @@ from thermofit.cli.catalogue import (
     DEMO_HELP,
     IDENTIFIABILITY_EXAMPLES,
     IDENTIFIABILITY_HELP,
+    INJECT,
     LOOP,
     MANUAL,
     ON_CHAIN,
@@ -482,7 +483,43 @@ def compare(
     _show("compare", common, study, lambda: stage_function("compare")(study, force=common.force, others=further))
 
 
-for _entry, _command in ((VALIDATE, validate), (COMPARE, compare)):
+def inject(
+    common: Common,
+    effect: Annotated[str, typer.Option("--effect", metavar="NAME", help="Effect of the catalogue, or of a file of the study.")],
+    amplitude: Annotated[float, typer.Option("--amplitude", metavar="A", help="Value of its first parameter, in its unit.")],
+    count: Annotated[int, typer.Option("--count", metavar="N", min=1, help="How many different ways to plant it.")] = 1,
+    secondary: Annotated[
+        list[str] | None,
+        typer.Option("--secondary", metavar="NAME=VALUE", help="A parameter that is not drawn, such as place=10.", show_default=False),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the draws.")] = 1,
+    predict_only: Annotated[bool, typer.Option("--predict-only", help="Only predict, do not run the loop.")] = False,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
+) -> None:
+    """Plant an effect into the measured data, and count how often the loop finds it."""
+    study = common.load()
+    held = dict(_value_of(text) for text in secondary or ())
+
+    def call() -> Outcome:
+        from thermofit.stages.inject import Options, run
+
+        options = Options(effect, amplitude, count, held, seed, predict_only)
+        return run(study, options, force=common.force, where=executor_of(study, jobs, scheduler))
+
+    _show("inject", common, study, call)
+
+
+def _value_of(text: str) -> tuple[str, float]:
+    """NAME=VALUE of an option. StudyError where it is none."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise StudyError(f"--secondary {text}: expected NAME=VALUE with a number, such as place=10") from None
+
+
+for _entry, _command in ((VALIDATE, validate), (COMPARE, compare), (INJECT, inject)):
     app.command(_entry.name, help=_entry.help, epilog=_entry.epilog, rich_help_panel=_entry.panel)(on_study(_command))
 
 

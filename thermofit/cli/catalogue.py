@@ -202,6 +202,19 @@ COMPARE = Entry(
     "compare study.yaml --set 'compare={model-1: {model: 1}}'",
 )
 
+INJECT = Entry(
+    "inject",
+    LOOP,
+    "Would this test show an effect? Plant one into its data, and count.",
+    "Adds what the fitted model predicts with an effect of the catalogue, less what it predicts without, to the measured data. Runs the "
+    "loop of close-loop on them. Counts how often the effect comes out, or one that the test cannot tell from it, or something "
+    "unlisted in the right channel, and how often something else does. With --count exponents, places, times and the sign are drawn, off "
+    "the values that the loop scans. Of effects with a place and a begin it draws a map. The linear model predicts the share "
+    "beforehand, and the smallest amplitude; --predict-only stops there. Finished runs are kept in RUN_DIR/inject.jsonl: a killed command "
+    "resumes, and more draws cost only what is new.",
+    "inject study.yaml --effect local_source --amplitude 0.5 --count 20",
+)
+
 REPORT = "report"
 """The one command that also takes a run folder."""
 ON_CHAIN: tuple[str, ...] = ("diagnose", "close-loop")

@@ -59,6 +59,8 @@ class Prepared:
     remarks: tuple[str, ...] = ()
     drive: str = FORCE
     """What drives the test."""
+    experiment: Experiment | None = None
+    """What was measured, in the drive in which its model could be run."""
 
 
 def inputs_of(study: Study) -> dict[str, Path]:
@@ -86,16 +88,17 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
     return job(study.run_dir, name, config, inputs), stages
 
 
-def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None = None) -> Prepared:
-    """Joint fit of everything that the stages identified, from where they ended; `known`: that fit, where it has been made.
+def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None = None, of: Experiment | None = None) -> Prepared:
+    """Joint fit of everything that the stages identified, from where they ended; `known`: that fit, where it has been made. `of`: the
+    experiment, where it is not that of the artefacts.
 
     A model that lacks something large drives its parameters far off before it settles; then the optimum of the stages is traced instead:
     scores are those after a joint step of all fitted parameters in any case. Where the model cannot carry the measured force, the motion of
     sections drives it.
     """
-    experiment = experiment_after(study, stages if known is None else (*stages, DIAGNOSE))
-    _, found, turned = carried(experiment, lambda driven: _prepared(study, task, stages, known, driven))
-    return replace(found, remarks=(*found.remarks, turned)) if turned else found
+    experiment = (experiment_after(study, stages if known is None else (*stages, DIAGNOSE))) if of is None else of
+    driven, found, turned = carried(experiment, lambda driven: _prepared(study, task, stages, known, driven))
+    return replace(found, remarks=(*found.remarks, *([turned] if turned else [])), experiment=driven)
 
 
 def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None, experiment: Experiment) -> Prepared:

@@ -103,11 +103,14 @@ def ranked(columns: Columns) -> Ranking:
 
 def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> float:
     """Predicted drop of r.r by one effect's columns (n, k); minus one where its estimate is outside the physical bounds or unfelt."""
+    score = scored_alone(columns, "", names, block, 0.0)
+    return -1.0 if score is None or score.vetoed else score.predicted_drop
+
+
+def scored_alone(columns: Columns, effect: str, names: tuple[str, ...], block: np.ndarray, threshold: float) -> Score | None:
+    """Score of one effect whose Params `names` have these columns (n, k), without its family; None where nothing is felt of it."""
     s = columns.model.felt(block)
-    if s.shape[1] == 0:
-        return -1.0
-    score = _score(columns, ("", names, block), s, 0.0, ())
-    return -1.0 if score.vetoed else score.predicted_drop
+    return None if s.shape[1] == 0 else _score(columns, (effect, names, block), s, threshold, (effect,))
 
 
 def likeness(own: Mapping[str, np.ndarray], of: Sequence[str] | None = None) -> dict[tuple[str, str], float]:

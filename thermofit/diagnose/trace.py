@@ -169,6 +169,32 @@ def traced(
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
     columns = Columns(model, found.dormant, groups, numerical)
     scanned, unjudged = _scanned(case, columns, found)
+    return _judged(case, found, rows, split, columns, scanned, unjudged)
+
+
+def with_residual(here: Traced, residual: np.ndarray) -> Traced:
+    """The trace with another residual (n,) and the columns as they are: what data that differ a little would be asked, without a run.
+    Declared held-out tests are left out of it."""
+    case = replace(here.case, elsewhere=())
+    columns = replace(here.problem, model=replace(here.problem.model, residual=residual), also_tried=())
+    scanned = {}
+    for name, tried in here.scanned.items():
+        names = here.problem.dormant[name][0]
+        falls = [drop_of(columns, names, block) for _, block in tried]
+        scanned[name] = tuple(tried[k] for k in sorted(range(len(tried)), key=lambda k: -falls[k]))
+    return _judged(case, replace(here.columns, residual=residual), here.rows, here.split, columns, scanned, dict(here.unjudged))
+
+
+def _judged(
+    case: Case,
+    found: Linearised,
+    rows: Rows,
+    split: Split,
+    columns: Columns,
+    scanned: Mapping[str, tuple[Scan, ...]],
+    unjudged: dict[str, str],
+) -> Traced:
+    """Ranking and proofs of columns; those of scanned effects are taken at the first of their values."""
     settings = {name: tried[0][0] for name, tried in scanned.items()}
     dormant = dict(columns.dormant)
     for effect in case.dormant():
@@ -184,8 +210,8 @@ def traced(
     for name in strongest:
         names, block = columns.dormant[name]
         own = room_of(case.parameters, names)
-        inside = proof(model, block, own, rows, split)
-        proofs[name] = proof_beyond(model, name, block, beyond, own) or inside
+        inside = proof(columns.model, block, own, rows, split)
+        proofs[name] = proof_beyond(columns.model, name, block, beyond, own) or inside
     result = Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
     return replace(result, unjudged=unjudged, unpredicted=unpredicted, scanned=scanned)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Parameters, bare_name
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.body_check import checked
@@ -21,6 +22,7 @@ from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_m
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
+from thermofit.experiment.planted import planted
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
@@ -49,6 +51,8 @@ class BodyExperiment:
     name: str = ""
     given: Measured | None = None
     turned: bool = False
+    held: tuple[UnseenBody, ...] | None = None
+    """The held-out experiments, where they are not those of the artefacts."""
 
     @cached_property
     def data(self) -> Measured:
@@ -104,6 +108,8 @@ class BodyExperiment:
     @cached_property
     def unseen(self) -> tuple[UnseenBody, ...]:
         """The declared held-out experiments of the study."""
+        if self.held is not None:
+            return self.held
         return unseen_bodies(_with_drive(self.study, "force") if self.turned else self.study)
 
     def compile(self) -> None:
@@ -213,6 +219,11 @@ class BodyExperiment:
             return steps.at(refined(steps.time, parts))
 
         return replace(self, given=replace(self.data, steps={name: cut(steps) for name, steps in self.data.steps.items()}))
+
+    def planted(self, before: Parameters, after: Parameters) -> BodyExperiment:
+        """By two coupled runs on the mesh of the joint fit."""
+        held = tuple(one.planted(before, after) for one in self.unseen)
+        return replace(self, given=planted(self.study, self.data, self.joint_settings(), before, after), held=held)
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""
@@ -377,6 +388,19 @@ class UnseenBody:
         assert problem.parts is not None
         joint = corrected(problem.parts.each[""], parameters).joint
         return replace(problem, model=joint.model, parts=joint)
+
+    def planted(self, before: Parameters, after: Parameters) -> UnseenBody:
+        """The same with what an effect of the material changes of it; one of boundary or instruments belongs to another test."""
+        there = [self.predicted(p, p.free) for p in (before, after)]
+        if there[0].values == there[1].values:
+            return self
+        try:
+            return replace(self, experiment=self.experiment.planted(*there))
+        except NumericsError:
+            other = self.by_sections  # which is how the loop will drive it
+            if other is None:
+                raise
+            return replace(other, experiment=other.experiment.planted(*there))
 
     def judges(self, known: Sequence[Effect]) -> frozenset[str]:
         """Effects that all tests share: those of the material."""

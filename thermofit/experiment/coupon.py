@@ -57,6 +57,8 @@ class CouponExperiment:
     held_out: bool = False
     given: CouponData | None = None
     name: str = ""
+    held: tuple[UnseenRecords, ...] | None = None
+    """The records that are held out, where they are not those of the artefact."""
 
     @cached_property
     def data(self) -> CouponData:
@@ -91,6 +93,8 @@ class CouponExperiment:
     @cached_property
     def unseen(self) -> tuple[UnseenRecords, ...]:
         """The records that are held out, all together; nothing where there are none."""
+        if self.held is not None:
+            return self.held
         if not any(record.held_out for record in self.study.records):
             return ()
         return (UnseenRecords(CouponExperiment(self.study, held_out=True)),)
@@ -237,6 +241,12 @@ class CouponExperiment:
         cut = numerics.model_copy(update={"steps_per_interval": parts * numerics.steps_per_interval})
         return replace(self, study=self.study.model_copy(update={"numerics": cut}), given=self.data)
 
+    def planted(self, before: Parameters, after: Parameters) -> CouponExperiment:
+        """Record by record, by the point driver."""
+        run = coupon_run(self.study, self.data, before.free)
+        data = replace(self.data, tests=tuple(run.planted(test, before, after) for test in self.data.tests))
+        return replace(self, given=data, held=tuple(one.planted(before, after) for one in self.unseen))
+
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """All that the stages identify, on all that they compare; with temperatures, the air's too, held by a prior."""
         study = self.study
@@ -368,6 +378,10 @@ class UnseenRecords:
     def corrected(self, problem: JointProblem, parameters: Parameters) -> JointProblem:
         """Steps of the records are those of their samples."""
         return problem
+
+    def planted(self, before: Parameters, after: Parameters) -> UnseenRecords:
+        """The same with what an effect changes of them (`Experiment.planted`): all records share it."""
+        return replace(self, experiment=self.experiment.planted(before, after))
 
     def judges(self, known: Sequence[Effect]) -> frozenset[str]:
         """All of them."""

@@ -100,6 +100,25 @@ class CouponRun:
         except NumericsError as error:
             raise NumericsError(f"{test.name}: {error}") from error
 
+    def planted(self, test: CouponTest, before: Parameters, after: Parameters) -> CouponTest:
+        """A record to whose measured values the predictions with `after` less those with `before` are added; what drives it stays as it
+        was measured. Work that the measured stress does heats the specimen by the stress as it then reads. Errors as `history`."""
+        seen = {name: value for name in HISTORY if (value := getattr(test, name)) is not None and name != self.data.control}
+        out = test
+        for heated in (False, True) if self.measured_work else (True,):
+            found = [(p, self.history(p, at)) for p, at in ((after, out), (before, test))]
+            for name in seen if heated else [n for n in seen if n != "theta"]:
+                new, old = (_shown_channel(name, history, test, p) for p, history in found)
+                out = replace(out, **{name: seen[name] + new - old})
+        first = test.first_loading
+        return replace(out, first_loading=None if first is None else self.planted(first, before, after))
+
+
+def _shown_channel(name: str, history: PointHistory, test: CouponTest, parameters: Parameters) -> np.ndarray:
+    """What is observed (n,) of a history in a channel: a temperature as its sensor shows it."""
+    value = np.asarray(getattr(history, HISTORY[name]))
+    return shown(value, test, parameters) if name == "theta" else value
+
 
 def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
     """Numerics of a study for the point driver."""
@@ -242,13 +261,11 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
     of_sensor = effects(SENSOR)
     stations = {name for effect in of_sensor for name in effect.names}
 
-    def channel(name: str, history: PointHistory, test: CouponTest, parameters: Parameters) -> np.ndarray:
-        value = np.asarray(getattr(history, HISTORY[name]))
-        return shown(value, test, parameters) if name == "theta" else value
-
     def error_of(histories: Sequence[PointHistory], parameters: Parameters) -> Errors:
         pairs = list(zip(histories, data.tests, strict=True))
-        return {n: np.concatenate([channel(n, h, t, parameters) for h, t in pairs])[:, None, None] - o.value for n, o in seen.items()}
+        return {
+            n: np.concatenate([_shown_channel(n, h, t, parameters) for h, t in pairs])[:, None, None] - o.value for n, o in seen.items()
+        }
 
     def linearise(parameters: Parameters, names: tuple[str, ...]) -> tuple[Errors, dict[str, np.ndarray]]:
         body = tuple(name for name in names if name not in stations)

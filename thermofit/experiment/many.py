@@ -46,6 +46,8 @@ class SeveralExperiments:
     study: Study
     given: tuple[BodyExperiment, ...] = ()
     name: str = ""
+    held: tuple[UnseenBody, ...] | None = None
+    """The held-out experiments, where they are not those of the artefacts."""
 
     @cached_property
     def tests(self) -> tuple[BodyExperiment, ...]:
@@ -108,6 +110,8 @@ class SeveralExperiments:
     @cached_property
     def unseen(self) -> tuple[UnseenBody, ...]:
         """The declared held-out experiments."""
+        if self.held is not None:
+            return self.held
         return unseen_bodies(self.study)
 
     def compile(self) -> None:
@@ -239,6 +243,14 @@ class SeveralExperiments:
     def with_steps(self, parts: int) -> SeveralExperiments:
         """Those of each."""
         return replace(self, given=tuple(test.with_steps(parts) for test in self.tests))
+
+    def planted(self, before: Parameters, after: Parameters) -> SeveralExperiments:
+        """Those of each, by the parameters as they read for it; one that does not know the effect stays as it is."""
+        found = []
+        for test in self.tests:
+            there = [seen_by(p, test.name) for p in (before, after)]
+            found.append(test if there[0].values == there[1].values else replace(test.planted(*there), held=None))
+        return replace(self, given=tuple(found), held=tuple(one.planted(before, after) for one in self.unseen))
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""

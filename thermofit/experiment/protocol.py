@@ -136,6 +136,10 @@ class UnseenTest(Protocol):
     def corrected(self, problem: JointProblem, parameters: Parameters) -> JointProblem:
         """The same that knows the errors of its mesh and force at given parameters. NumericsError where a run fails."""
 
+    def planted(self, before: Parameters, after: Parameters) -> UnseenTest:
+        """The same with what an effect changes of it (`Experiment.planted`), where the effect is one of all tests; `before` and `after` are
+        parameters of the fit."""
+
     def judges(self, known: Sequence[Effect]) -> frozenset[str]:
         """Names of the effects that it can speak of: those that all tests share."""
 
@@ -264,6 +268,11 @@ class Experiment(Protocol):
 
     def with_steps(self, parts: int) -> Experiment:
         """The same with every step in time cut into so many equal ones."""
+
+    def planted(self, before: Parameters, after: Parameters) -> Experiment:
+        """The same test as if it held an effect: what the model predicts with parameters `after` less what it predicts with `before` is
+        added to everything that was measured and does not drive it, in mm, K, N or MPa; noise, scatter and what else the data hold stay as
+        they are. Held-out tests are changed alike. Equal parameters leave it as it is. NumericsError where a run fails."""
 
     # All channels at once
 

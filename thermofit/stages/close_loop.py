@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from thermofit.core.jit import set_threads
 from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.known_fit import known_fit
-from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.study_with_effects import write_study
-from thermofit.diagnose.unlisted_loop import ended
+from thermofit.diagnose.whole_loop import looped
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
 from thermofit.report.balances import locally_told
@@ -36,13 +32,9 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         """All rounds, what remains unlisted, and the study with what was added."""
         set_threads(study.numerics.threads)
         known = None if force else known_fit(diagnosis_job(study, DIAGNOSE)[0])
-        found = prepared(study, task, stages, known)
-        closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, study.diagnosis.held_out)
-        if closed.numerical is not None:
-            found = replace(found, numerical=closed.numerical)
-        closed, missing = ended(closed, closed.refit, closed.numerical, study.diagnosis.held_out)
+        end = looped(study, prepared(study, task, stages, known))
+        found, closed, missing = end.found, end.closed, end.missing
         write_study(study, closed, study.run_dir / STUDY)
-        closed = with_stand_ins(closed)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         said = loop_summary(found, closed, study.run_dir / STUDY)
         told = decided(said, closed.last, added_families(closed), found.refit.parts)

@@ -1,0 +1,33 @@
+"""The loop from a prepared case to its end: rounds, what stays unlisted, and what the data do not tell from what was added."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.stand_ins import with_stand_ins
+from thermofit.diagnose.unlisted import Unlisted
+from thermofit.diagnose.unlisted_loop import ended
+from thermofit.study.study import Study
+
+
+@dataclass(frozen=True)
+class Looped:
+    """A case at the end of the loop: as it was prepared, with the error of the discretisation that is left at the end, the rounds, and what
+    is unlisted (None: nothing)."""
+
+    found: Prepared
+    closed: Closed
+    missing: Unlisted | None
+
+
+def looped(study: Study, found: Prepared) -> Looped:
+    """The loop of a study on a prepared case. UntrustworthyError where the data do not suffice, NumericsError where a run fails that has to
+    be made."""
+    how = study.diagnosis.held_out
+    closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, how)
+    if closed.numerical is not None:
+        found = replace(found, numerical=closed.numerical)
+    closed, missing = ended(closed, closed.refit, closed.numerical, how)
+    return Looped(found, with_stand_ins(closed), missing)

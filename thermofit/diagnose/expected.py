@@ -32,7 +32,8 @@ class Expected:
 
     `size`: amplitude off neutral over its standard error, the score z that it has on average; `needed`: the z from which it is named;
     `smallest`: the distance from neutral at which it is so with even odds; `z`: its score in these data (0: it is refused); `named`: what
-    passes, the first first; `found`: whether it or its like is among it; `channel`: where most of it shows beside the fitted parameters.
+    passes, the first first; `found`: whether it or its like is among it; `channel`: the one that it changes most, in
+    units of the noise.
     """
 
     size: float
@@ -77,7 +78,7 @@ def _expected(here: Traced, one: Effect, planting: Planting, change: np.ndarray)
     p, model = one.amplitude, here.problem.model
     off = planting.values[p.name] - p.neutral
     alone = scored_alone(here.problem, one.name, (p.name,), -change[:, None] / off, here.ranking.threshold)
-    channel = _channel(here, model.beyond(change))
+    channel = _channel(here, change)
     if alone is None:
         return Expected(0.0, float("inf"), float("inf"), 0.0, (), False, channel)
     there = with_residual(here, here.columns.residual + change)
@@ -88,9 +89,9 @@ def _expected(here: Traced, one: Effect, planting: Planting, change: np.ndarray)
     return Expected(abs(off) / sigma, alone.detectable / sigma, alone.detectable, z, tuple(s.effect for s in named), found, channel)
 
 
-def _channel(here: Traced, left: np.ndarray) -> str:
+def _channel(here: Traced, change: np.ndarray) -> str:
     """The channel that holds most of the square sum of a vector (n,)."""
-    square = [float(np.sum(left[here.rows.channel == k] ** 2)) for k in range(len(here.case.channels))]
+    square = [float(np.sum(change[here.rows.channel == k] ** 2)) for k in range(len(here.case.channels))]
     return here.case.channels[int(np.argmax(square))]
 
 

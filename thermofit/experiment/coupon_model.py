@@ -109,7 +109,7 @@ class CouponRun:
             found = [(p, self.history(p, at)) for p, at in ((after, out), (before, test))]
             for name in seen if heated else [n for n in seen if n != "theta"]:
                 new, old = (_shown_channel(name, history, test, p) for p, history in found)
-                out = replace(out, **{name: seen[name] + new - old})
+                out = replace(out, **{name: seen[name] + (new - old)})
         first = test.first_loading
         return replace(out, first_loading=None if first is None else self.planted(first, before, after))
 

@@ -28,7 +28,7 @@ def planted(study: Study, data: Measured, settings: StageSettings, before: Param
     shown = [joint.prediction.of(history, parameters) for history, parameters in ((new, after), (old, before))]
 
     def changed(observation: FieldObservation) -> FieldObservation:
-        return replace(observation, value=observation.value + shown[0][observation.name] - shown[1][observation.name])
+        return replace(observation, value=observation.value + (shown[0][observation.name] - shown[1][observation.name]))
 
     out = replace(data, displacement=changed(data.displacement))
     if data.temperature is not None:

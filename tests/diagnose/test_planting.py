@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -181,3 +180,6 @@ def test_estimate_beside_what_was_planted() -> None:
     ratio, z = off_planted(said, "ir_gain", {"ir_gain.gain": 0.1}) or (0.0, 0.0)
     assert ratio == pytest.approx(1.1) and z == pytest.approx(0.5)
     assert off_planted(row(), "ir_gain", {"ir_gain.gain": 0.1}) is None
+    values = {"backstress_first.C": 1e3, "backstress_first.gamma": 50.0}
+    held = {**row(("backstress_first",)), "estimate": {"backstress_first.C": [2e3, 10.0], "backstress_first.gamma": [90.0, None]}}
+    assert off_planted(held, "backstress_first", values) is None, "an amplitude at another exponent is another amplitude"

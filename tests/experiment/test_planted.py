@@ -64,7 +64,7 @@ def test_what_is_added_is_the_difference_of_two_predictions(tmp_path: Path, plan
     here, base = experiment(tmp_path), TRUTH.with_free(FREE)
     there = here.planted(base, base.replace(**planted))
     settings = here.study.stage("plastic").model_copy(update={"free": FREE, "window": "all"})
-    settings = settings.model_copy(update={"channels": {c: settings.channels["stress"] for c in ("stress", "lateral", "dtheta")}})
+    settings = settings.model_copy(update={"channels": dict.fromkeys(("stress", "lateral", "dtheta"), settings.channels["stress"])})
     old, new = (coupon_model(one.study, one.data, settings, base) for one in (here, there))
     without = old.residual(base)
     assert np.abs(without).max() > 2.0, "the data hold scatter"
@@ -122,5 +122,3 @@ def test_an_effect_that_cannot_be_run_is_an_error(tmp_path: Path) -> None:
     here, base = experiment(tmp_path, "stress"), TRUTH.with_free(FREE)
     with pytest.raises(NumericsError, match="warm: material point"):
         here.planted(base, base.replace(M_y0=100.0, M_yinf=120.0))
-
-

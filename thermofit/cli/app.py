@@ -495,7 +495,6 @@ def inject(
     seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the draws.")] = 1,
     predict_only: Annotated[bool, typer.Option("--predict-only", help="Only predict, do not run the loop.")] = False,
     jobs: Jobs = 1,
-    scheduler: Scheduler = None,
 ) -> None:
     """Plant an effect into the measured data, and count how often the loop finds it."""
     study = common.load()
@@ -505,7 +504,7 @@ def inject(
         from thermofit.stages.inject import Options, run
 
         options = Options(effect, amplitude, count, held, seed, predict_only)
-        return run(study, options, force=common.force, where=executor_of(study, jobs, scheduler))
+        return run(study, options, force=common.force, where=executor_of(study, jobs, None))
 
     _show("inject", common, study, call)
 

@@ -75,7 +75,7 @@ def changes(here: Traced, one: Effect, plantings: Sequence[Planting]) -> Iterato
 
 
 def _expected(here: Traced, one: Effect, planting: Planting, change: np.ndarray) -> Expected:
-    p, model = one.amplitude, here.problem.model
+    p = one.amplitude
     off = planting.values[p.name] - p.neutral
     alone = scored_alone(here.problem, one.name, (p.name,), -change[:, None] / off, here.ranking.threshold)
     channel = _channel(here, change)

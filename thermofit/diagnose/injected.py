@@ -108,13 +108,13 @@ def besides(row: Mapping[str, Any], plain: Mapping[str, Any]) -> list[str]:
 
 def off_planted(row: Mapping[str, Any], name: str, values: Mapping[str, float]) -> tuple[float, float] | None:
     """Estimated over planted distance of the amplitude from neutral, and by how many standard errors they differ; None where the effect
-    itself was not named, nan where it has no standard error."""
-    p = effect(name).amplitude
-    if p.name not in row.get("estimate", {}):
+    itself was not named, or one of its planted Params was held: amplitudes of two forms of an effect cannot be compared."""
+    p, found = effect(name).amplitude, row.get("estimate", {})
+    if not found or any(found[n][1] is None for n in values):
         return None
-    value, sigma = row["estimate"][p.name]
+    value, sigma = found[p.name]
     off = values[p.name] - p.neutral
-    return (value - p.neutral) / off, float("nan") if not sigma else (value - values[p.name]) / sigma
+    return (value - p.neutral) / off, (value - values[p.name]) / sigma
 
 
 def impostors(row: Mapping[str, Any], name: str, plain: Mapping[str, Any]) -> list[str]:

@@ -28,7 +28,7 @@ from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.identify.solve import DRIVE, within
-from thermofit.records.artefact import open_record
+from thermofit.records.artefact import read_record
 from thermofit.records.key import read_of
 from thermofit.records.staging import Job, artefact_path, job
 from thermofit.study.section import MeshSize
@@ -59,8 +59,6 @@ class Prepared:
     remarks: tuple[str, ...] = ()
     drive: str = FORCE
     """What drives the test."""
-    experiment: Experiment | None = None
-    """What was measured, in the drive in which its model could be run."""
 
 
 def inputs_of(study: Study) -> dict[str, Path]:
@@ -78,7 +76,7 @@ def diagnosis_job(study: Study, name: str) -> tuple[Job, tuple[str, ...]]:
     inputs = inputs_of(study)
     inputs |= {stage: artefact_path(study.run_dir, stage) for stage in stages}
     for stage in stages:
-        record = open_record(artefact_path(study.run_dir, stage))
+        record = read_record(artefact_path(study.run_dir, stage), stage, f"thermofit run {study.source.name} --until {stage}")
         if not record.summary.get("converged", True):
             raise UntrustworthyError(f"{stage} has not converged ({record.summary['verdict']}); make it converge first")
     sections = (*SECTIONS, *(("experiments", "shared") if study.fitted or study.held_out else ()))
@@ -96,9 +94,9 @@ def prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit |
     scores are those after a joint step of all fitted parameters in any case. Where the model cannot carry the measured force, the motion of
     sections drives it.
     """
-    experiment = (experiment_after(study, stages if known is None else (*stages, DIAGNOSE))) if of is None else of
-    driven, found, turned = carried(experiment, lambda driven: _prepared(study, task, stages, known, driven))
-    return replace(found, remarks=(*found.remarks, *([turned] if turned else [])), experiment=driven)
+    experiment = experiment_after(study, stages if known is None else (*stages, DIAGNOSE)) if of is None else of
+    _, found, turned = carried(experiment, lambda driven: _prepared(study, task, stages, known, driven))
+    return replace(found, remarks=(*found.remarks, turned)) if turned else found
 
 
 def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit | None, experiment: Experiment) -> Prepared:

@@ -91,7 +91,7 @@ def _found(of: Injected) -> dict[str, Any]:
     part, n = sum(of.found), len(of.rows)
     interval = binomtest(part, n).proportion_ci(SURE, "exact")
     named = [pair for row, how in zip(of.rows, of.plantings, strict=False) if (pair := off_planted(row, of.effect.name, how.values))]
-    known = [abs(z) for _, z in named if np.isfinite(z)]
+    known = [abs(z) for _, z in named]
     return {
         "runs": n,
         "found": part,
@@ -172,9 +172,11 @@ def _verdict(of: Injected, out: Mapping[str, Any]) -> str:
     off = of.plantings[0].values[p.name]
     lead = f"{of.effect.name} of {off:.3g}{unit}"
     there = out["predicted"]
-    smallest = "no amplitude would be found" if there["smallest"] is None else f"even odds from {there['smallest']:.3g}{unit} on"
-    if there["nine_of_ten"] is not None:
-        smallest += f", nine of ten from {there['nine_of_ten']:.3g}{unit}"
+    room = max(p.upper - p.neutral, p.neutral - p.lower)
+    even, nine = (None if there[n] is None or there[n] > room else there[n] for n in ("smallest", "nine_of_ten"))
+    smallest = "no amplitude within its bounds would be found" if even is None else f"even odds from {even:.3g}{unit} on"
+    if nine is not None:
+        smallest += f", nine of ten from {nine:.3g}{unit}"
     predicted = (
         f"predicted {100 * there['completeness']:.0f} % (score {there['z']:.1f}, needed {there['z_needed'] or np.inf:.1f}; {smallest})"
     )

@@ -11,7 +11,7 @@ from record_case import KNOWN, case_of
 
 from thermofit.core.errors import StudyError
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.expected import Expected, _expected, amplitude_for, changes, expected
+from thermofit.diagnose.expected import Expected, amplitude_for, changes, expected, expected_of
 from thermofit.diagnose.injected import FAILED, ITSELF, LIKE, NOTHING, OTHER, UNLISTED, answer_of, impostors, off_planted
 from thermofit.diagnose.planting import Planting, asked, plantable, plantings
 from thermofit.diagnose.trace import Traced, traced
@@ -125,7 +125,7 @@ def _shifted(case: Case, parameters: Any, names: tuple[str, ...], added: dict[st
 def test_an_effect_that_is_not_seen_is_not_expected(here: Traced) -> None:
     lag = effect("ir_lag")
     nothing = replace(here, problem=replace(here.problem, model=here.problem.model.with_columns(_column(here, "ir_lag"))))
-    there = _expected(nothing, lag, Planting(0, {"ir_lag.time": 2.0}), -2.0 * _column(here, "ir_lag")[:, 0])
+    there = expected_of(nothing, lag, Planting(0, {"ir_lag.time": 2.0}), -2.0 * _column(here, "ir_lag")[:, 0])
     assert not there.found and there.chance == 0.0 and there.smallest == np.inf and there.channel == "dtheta"
 
 

@@ -52,7 +52,7 @@ class Expected:
 
 def expected(here: Traced, one: Effect, plantings: Sequence[Planting]) -> list[Expected]:
     """What is expected of each planting into the data of a trace, in which the effect is dormant. NumericsError where a run fails."""
-    return [_expected(here, one, planting, change) for planting, change in zip(plantings, changes(here, one, plantings), strict=True)]
+    return [expected_of(here, one, planting, change) for planting, change in zip(plantings, changes(here, one, plantings), strict=True)]
 
 
 def changes(here: Traced, one: Effect, plantings: Sequence[Planting]) -> Iterator[np.ndarray]:
@@ -74,7 +74,8 @@ def changes(here: Traced, one: Effect, plantings: Sequence[Planting]) -> Iterato
         yield np.append(left, model.departures(case.parameters)) - as_it_is
 
 
-def _expected(here: Traced, one: Effect, planting: Planting, change: np.ndarray) -> Expected:
+def expected_of(here: Traced, one: Effect, planting: Planting, change: np.ndarray) -> Expected:
+    """What is expected of a planting that changes the residual by `change` (n,)."""
     p = one.amplitude
     off = planting.values[p.name] - p.neutral
     alone = scored_alone(here.problem, one.name, (p.name,), -change[:, None] / off, here.ranking.threshold)

@@ -135,7 +135,7 @@ def _map(of: Injected) -> list[dict[str, Any]]:
     for i, j in sorted({(int(a), int(b)) for a, b in zip(*cells, strict=True)}):
         own = [k for k in range(len(at)) if (cells[0][k], cells[1][k]) == (i, j)]
         done = [found[k] for k in own if k < len(found)]
-        ends = {"y_from": edges[0][i], "y_to": edges[0][i + 1], "t_from": edges[1][j], "t_to": edges[1][j + 1]}
+        ends = {"y_from_mm": edges[0][i], "y_to_mm": edges[0][i + 1], "t_from_s": edges[1][j], "t_to_s": edges[1][j + 1]}
         row: dict[str, Any] = {name: float(value) for name, value in ends.items()}
         row |= {"planted": len(own), "expected": sum(of.expected[k].found for k in own)}
         row |= {"smallest": _finite(amplitude_for(HALF, [of.expected[k] for k in own]))}

@@ -14,7 +14,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.expected import Expected, amplitude_for, changes, expected, expected_of
 from thermofit.diagnose.injected import FAILED, ITSELF, LIKE, NOTHING, OTHER, UNLISTED, answer_of, impostors, off_planted
 from thermofit.diagnose.planting import Planting, asked, plantable, plantings
-from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.trace import Traced, traced, with_residual
 from thermofit.effects.catalogue import effect
 
 FIRST, GAIN = effect("backstress_first"), effect("ir_gain")
@@ -120,6 +120,17 @@ def _shifted(case: Case, parameters: Any, names: tuple[str, ...], added: dict[st
     assert case.model.linearise is not None
     errors, slopes = case.model.linearise(parameters, names)
     return {n: e - added[n] for n, e in errors.items()}, slopes
+
+
+def test_what_the_data_point_to_already_is_not_expected(here: Traced) -> None:
+    """Else anything would be found in data that hold something, whatever is planted."""
+    how = Planting(0, {"ir_gain.gain": 0.4})
+    (change,) = changes(here, GAIN, [how])
+    assert expected_of(here, GAIN, how, change).found
+    full = with_residual(here, here.columns.residual + change)
+    assert full.promising()[0].effect == "ir_gain"
+    again = expected_of(full, GAIN, Planting(0, {"ir_gain.gain": 1e-3}), change / 400.0)
+    assert not again.found and "ir_gain" not in again.named and again.z > again.needed
 
 
 def test_an_effect_that_is_not_seen_is_not_expected(here: Traced) -> None:

@@ -171,6 +171,7 @@ def test_what_is_planted_into_a_body(study_of: Callable[..., Study]) -> None:
 def test_a_body_from_raw_files_to_the_map(tmp_path: Path) -> None:
     """A source of heat at a place and from a time on, planted into a virtual test: found, predicted, and drawn on a map."""
     content = tiny.tree(tmp_path / "run")
+    content["parameters"]["kappa"] = 133.0
     content["simulate"] |= {"ir": {"frames": 44, "image_shape": [150, 90]}}
     for key in ("gridsearch", "sensitivity"):
         content.pop(key)

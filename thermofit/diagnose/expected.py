@@ -32,8 +32,8 @@ class Expected:
 
     `size`: amplitude off neutral over its standard error, the score z that it has on average; `needed`: the z from which it is named;
     `smallest`: the distance from neutral at which it is so with even odds; `z`: its score in these data (0: it is refused); `named`: what
-    passes, the first first; `found`: whether it or its like is among it; `channel`: the one that it changes most, in
-    units of the noise.
+    passes, the first first, and does not in the data as they are; `found`: whether it or its like is among these; `channel`: the one that
+    it changes most, in units of the noise.
     """
 
     size: float
@@ -83,7 +83,8 @@ def expected_of(here: Traced, one: Effect, planting: Planting, change: np.ndarra
     if alone is None:
         return Expected(0.0, float("inf"), float("inf"), 0.0, (), False, channel)
     there = with_residual(here, here.columns.residual + change)
-    named = there.promising()
+    held = {s.effect for s in here.promising()}
+    named = [s for s in there.promising() if s.effect not in held]
     z = next((s.z for s in there.ranking.scores if s.effect == one.name and not s.vetoed), 0.0)
     found = any(one.name in (s.effect, *s.family) for s in named)
     sigma = alone.sigma[p.name]

@@ -107,8 +107,10 @@ def _made(
             pictures = save_figures(study.run_dir / "figures", {FIGURE: injection_map(of, found.case.spans)})
         summary["figures"] = {FIGURE: str(pictures[0])}
     fewer = [f"{len(drawn)} of {options.count} injections are different: nothing else of {one.name} can be drawn"]
+    points = ", ".join(s.effect for s in here.promising())
+    holding = [f"the data as they are point to {points} already; that counts as neither expected nor found"] if points else []
     settled = [] if found.fit.converged else ["the joint fit has not settled: planted at the optimum of the stages"]
-    summary["remarks"] = [*summary["remarks"], *settled, *found.remarks, *(fewer if len(drawn) < options.count else [])]
+    summary["remarks"] = [*summary["remarks"], *holding, *settled, *found.remarks, *(fewer if len(drawn) < options.count else [])]
     summary["trustworthy"] = found.fit.converged and not any("failed" in row for row in rows)
     summary["evaluations"] = merged_counts(found.fit)
     summary |= {"amplitude": options.amplitude, "count": len(drawn), "seed": options.seed, "kept": str(study.run_dir / KEPT)}

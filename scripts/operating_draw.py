@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Param
 from thermofit.diagnose.case import Case, columns_of, scans
-from thermofit.diagnose.score import ranked
+from thermofit.diagnose.score import ALIKE, likeness, ranked
 from thermofit.diagnose.trace import Traced
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.known_motion import acts_in_heat
@@ -85,15 +86,49 @@ def secondary(one: Effect, case: Case, random: np.random.Generator) -> dict[str,
     return found
 
 
-def smallest(here: Traced, name: str, values: Mapping[str, float]) -> float:
-    """`detectable` of a dormant effect whose other Params have these values; infinite where the test does not feel it."""
-    one = effect(name)
-    names, block = here.problem.dormant[name]
-    if not values:
-        pass
-    elif here.case.scored is not None and acts_in_heat(one):
-        block = here.case.scored(here.case.parameters, (), [(n, dict(values)) for n in names])[2]
-    else:
-        block = columns_of(here.case, one, dict(values))
+def directions(here: Traced, one: Effect, sets: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+    """Columns (n, k) of an effect that the test knows, one block for each set of values of its other Params."""
+    names, block = here.problem.dormant[one.name]
+    sets = [values for values in sets if values]
+    if not sets:
+        return [block]
+    if here.case.scored is not None and acts_in_heat(one):
+        asked = [(n, dict(values)) for values in sets for n in names]
+        found = here.case.scored(here.case.parameters, (), asked)[2]
+        return np.split(found, len(sets), axis=1)
+    return [columns_of(here.case, one, dict(values)) for values in sets]
+
+
+def smallest(here: Traced, name: str, block: np.ndarray) -> float:
+    """`detectable` of a dormant effect with these columns; infinite where the test does not feel it."""
+    names, _ = here.problem.dormant[name]
     found = ranked(replace(here.problem, dormant={**here.problem.dormant, name: (names, block)}))
     return next((s.detectable for s in found.scores if s.effect == name), float("inf"))
+
+
+def alike_to(here: Traced, name: str, block: np.ndarray) -> tuple[str, ...]:
+    """The effects that a test cannot tell from one with these columns (|cos| above ALIKE beyond the fitted parameters), at any of the values
+    that the loop tries for them; itself first. Where a run costs more than nothing, laws of the motion are asked at their first values."""
+    model = here.problem.model
+    planted = {"": model.felt(block)}
+    found = [name]
+    for other in (e for e in here.case.known if e.name in here.problem.dormant and e.name != name):
+        sets = scans(other, here.case)
+        if here.case.scored is not None and not acts_in_heat(other):
+            sets = sets[:1]
+        try:
+            blocks = [model.felt(b) for b in directions(here, other, sets)]
+        except NumericsError:  # values with which it cannot run cannot be taken for it either
+            continue
+        felt = {str(k): s for k, s in enumerate(blocks) if s.shape[1]}
+        if any(cos > ALIKE for (_, k), cos in likeness({**planted, **felt}, [""]).items() if k):
+            found.append(other.name)
+    return tuple(found)
+
+
+def shown_in(here: Traced, block: np.ndarray) -> dict[str, float]:
+    """Share of each channel in the squares of an effect's columns beyond the fitted parameters."""
+    felt = here.problem.model.felt(block)
+    size = np.linalg.norm(felt, axis=0)
+    parts = (felt / np.where(size > 0.0, size, 1.0)) ** 2
+    return {c: float(parts[here.rows.channel == k].sum() / max(parts.sum(), 1e-300)) for k, c in enumerate(here.case.channels)}

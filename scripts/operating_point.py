@@ -7,7 +7,7 @@ are drawn by the seed; a study without a temperature is given the thermal parame
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -189,8 +189,8 @@ def _study(hot: bool) -> Study:
         return load_study(source)
 
 
-def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlisted | None]:
-    """The loop on records, from the fit of the base model on, and what it leaves unlisted."""
+def closed(world: World, data: CouponData, folder: Path, without: Collection[str] = ()) -> tuple[Closed, Unlisted | None]:
+    """The loop on records, from the fit of the base model on, and what it leaves unlisted; effects `without` are not in its catalogue."""
     hot = KINDS[world.programme].hot
     study = _study(hot)
     start = study.start_parameters(data)
@@ -205,6 +205,7 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
     parameters, fit = refit(base, "joint")
     case = replace(_case(study, data, model, parameters, hot), cheap=True, bounds=study.bounds)
+    case = replace(case, known=tuple(e for e in case.known if e.name not in without))
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     numerical = 2.0 * (model.residual(parameters) - coupon_model(fine, data, settings, base).residual(parameters))
     found = close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)

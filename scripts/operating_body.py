@@ -170,8 +170,8 @@ class Fields:
         look = Instruments(run, samplers, {n: o for n, o in observations.items() if o is not None}, TRUTH["theta_air"])
         random = world.random("noise")
         sigma = {name: world.noise * NOISE[name] for name in observations}
-        u = look.predicted("u", history, parameters) + sigma["u"] * random.normal(size=blank.displacement.value.shape)
-        theta = look.predicted("theta", history, parameters) + sigma["theta"] * random.normal(size=blank.temperature.value.shape)
+        u = look.predicted("u", history, parameters) + sigma["u"] * world.noisy(random, blank.displacement.value.shape)
+        theta = look.predicted("theta", history, parameters) + sigma["theta"] * world.noisy(random, blank.temperature.value.shape)
         air, clamp = (TRUTH[name] + 0.1 * random.normal() for name in ("theta_air", "theta_clamp"))
         loaded = _recorded(world, random)
         return replace(

@@ -9,20 +9,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Param
 from thermofit.diagnose.case import Case, columns_of, scans
 from thermofit.diagnose.score import ALIKE, likeness, ranked
 from thermofit.diagnose.trace import Traced
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import Effect
 from thermofit.experiment.known_motion import acts_in_heat
 
-STREAMS = ("world", "secondary", "noise", "truth")
+STREAMS = ("world", "secondary", "noise", "truth", "memory")
 FACTOR = 2.0
 """Noise is between the usual one over FACTOR and FACTOR times it, and so is a wrong declared one beside the true one."""
 WRONG = 1.0 / 3.0
 """Share of the runs in which the declared noise is not the true one."""
+LIKE = (0.3, 0.8)
+"""Range of the correlation of the noise of neighbouring samples, in a share WRONG of the runs."""
 AWAY = 0.1
 """Least distance of a planted value to a scanned one, as a part of the gap between scanned values."""
 
@@ -30,16 +33,25 @@ AWAY = 0.1
 @dataclass(frozen=True)
 class World:
     """A virtual test before anything is planted: seed, programme, its noise over the usual one, declared over true standard deviation of
-    each measured quantity."""
+    each measured quantity, and correlation of the noise of neighbouring samples (autoregressive of first order)."""
 
     seed: int
     programme: str
     noise: float
     declared: Mapping[str, float]
+    memory: float = 0.0
 
     def random(self, stream: str) -> np.random.Generator:
         """The random numbers of one matter."""
         return stream_of(self.seed, stream)
+
+    def noisy(self, random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+        """Noise of unit variance; samples follow along the first axis."""
+        drawn = random.normal(size=shape)
+        if self.memory == 0.0:
+            return drawn
+        drawn[1:] *= np.sqrt(1.0 - self.memory**2)
+        return np.asarray(lfilter([1.0], [1.0, -self.memory], drawn, axis=0))
 
 
 def stream_of(seed: int, stream: str) -> np.random.Generator:
@@ -54,7 +66,9 @@ def worlds(seed: int, programmes: Sequence[str], quantities: Sequence[str]) -> t
     noise = float(np.exp(random.uniform(-np.log(FACTOR), np.log(FACTOR))))
     wrong = random.random() < WRONG
     declared = {q: float(np.exp(random.uniform(-np.log(FACTOR), np.log(FACTOR)))) if wrong else 1.0 for q in quantities}
-    return tuple(World(seed, programmes[k], noise, declared) for k in order)
+    own = stream_of(seed, "memory")
+    memory = float(own.uniform(*LIKE)) if own.random() < WRONG else 0.0
+    return tuple(World(seed, programmes[k], noise, declared, memory) for k in order)
 
 
 def off_grid(p: Param, tried: Sequence[float], random: np.random.Generator) -> float:
@@ -107,8 +121,9 @@ def smallest(here: Traced, name: str, block: np.ndarray) -> float:
 
 
 def alike_to(here: Traced, name: str, block: np.ndarray) -> tuple[str, ...]:
-    """The effects that a test cannot tell from one with these columns (|cos| above ALIKE beyond the fitted parameters), at any of the values
-    that the loop tries for them; itself first. Where a run costs more than nothing, laws of the motion are asked at their first values."""
+    """The effects that a test cannot tell from one with these columns (|cos| above ALIKE beyond the fitted parameters), at any of the
+    values that the loop tries for them; itself first. On a body, where a run costs more, laws of the motion are asked at their first
+    values."""
     model = here.problem.model
     planted = {"": model.felt(block)}
     found = [name]

@@ -156,7 +156,10 @@ def make(runs: list[dict[str, Any]], done: dict[str, dict[str, Any]], kept: Path
         said = row.get("accepted", row.get("failed", row.get("left_out")))
         known = ", family not known" if row.get(KNOCKED) else ""
         more = f", {row['unlisted']} unlisted" if row.get("unlisted") else ""
-        print(f"{row['driver']}: {row['kind']} x {row['times']:g}{known}, seed {row['seed']}: {said}{more}, {row['cpu_s']:.0f} s", file=sys.stderr)
+        print(
+            f"{row['driver']}: {row['kind']} x {row['times']:g}{known}, seed {row['seed']}: {said}{more}, {row['cpu_s']:.0f} s",
+            file=sys.stderr,
+        )
 
     tasks = [Task(f"{r['driver']} {r['kind']} seed {r['seed']}", run_one, (r["driver"], r)) for r in runs]
     run_all(tasks, Executor(jobs), keep)

@@ -175,8 +175,8 @@ def measured(world: World, planted: Mapping[str, float]) -> CouponData:
         fine = np.interp(index, np.arange(len(t)), t), np.interp(index, np.arange(len(t)), strain)
         history = simulate(own, Programme.by_strain(*fine, air), SETTINGS).every(FINER)
         bare = CouponTest(name, t, strain, history.stress, None, air, air, declared, phases)
-        theta = shown(history.theta_sensor, bare, own) + true["theta"] * random.normal(size=len(t))
-        stress = history.stress + true["stress"] * random.normal(size=len(t))
+        theta = shown(history.theta_sensor, bare, own) + true["theta"] * world.noisy(random, t.shape)
+        stress = history.stress + true["stress"] * world.noisy(random, t.shape)
         tests.append(replace(bare, stress=stress, theta=theta if hot else None))
     return CouponData(tuple(tests), "strain")
 

@@ -69,7 +69,7 @@ def sources() -> dict[str, str]:
 @dataclass(frozen=True)
 class Planted:
     """What is planted in a test: values of all Params of the effects, the smallest detectable amplitude of each at these values, for each
-    the effects that the test cannot tell from it (itself first), and the share of each channel in what it shows beyond fitted parameters."""
+    the effects that the test cannot tell from it (itself first), and the share of each channel in what it shows beyond parameters."""
 
     values: dict[str, float] = field(default_factory=dict)
     units: dict[str, float] = field(default_factory=dict)
@@ -78,8 +78,8 @@ class Planted:
 
 
 def planted_in(here: Traced, names: Sequence[str], times: float, random: np.random.Generator, knocked: bool) -> Planted:
-    """What is planted in a test, `times` the smallest detectable amplitude; `knocked`: it will be taken out of the catalogue with all that is
-    like it. NotPlanted where an amplitude would lie beyond its bounds, or beyond what is still an effect."""
+    """What is planted in a test, `times` the smallest detectable amplitude; `knocked`: it will be taken out of the catalogue with all
+    that is like it. NotPlanted where an amplitude would lie beyond its bounds, or beyond what is still an effect."""
     found = Planted()
     for name in names:
         if name not in here.problem.dormant:
@@ -119,7 +119,14 @@ def _said(tests: Tests, run: Mapping[str, Any]) -> dict[str, Any]:
             why.append(f"{world.programme}: {error}")
             continue
         wrong = {q: f for q, f in world.declared.items() if f != 1.0}
-        drawn = {"programme": world.programme, "noise": world.noise, "declared": wrong, "planted": planted.values, "unit": planted.units}
+        drawn = {
+            "programme": world.programme,
+            "noise": world.noise,
+            "declared": wrong,
+            "memory": world.memory,
+            "planted": planted.values,
+            "unit": planted.units,
+        }
         without = {n for alike in planted.alike.values() for n in alike}
         if knocked:
             drawn |= {"without": sorted(without), "shows": planted.shows}

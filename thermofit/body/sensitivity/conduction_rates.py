@@ -288,7 +288,9 @@ def steady_rates(body: Body, geometry: ThermalGeometry, conditions: HeatConditio
     if all(alpha <= 0.0 for alpha, _ in conditions.films.values()):
         for name, (alpha_rates, _) in rates.films.items():
             if np.any(alpha_rates):
-                raise NumericsError(f"alpha_{name}: all film coefficients are zero, where it cannot be identified; start from a positive one")
+                raise NumericsError(
+                    f"alpha_{name}: all film coefficients are zero, where it cannot be identified; start from a positive one"
+                )
         return np.tile(rates.films["clamp"][1], (body.mesh.n_nodes, 1)) + initial
     if not along.nothing:
         return _steady_with_effects(body, geometry, conditions, theta, rates) + initial

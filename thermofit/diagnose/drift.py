@@ -28,7 +28,7 @@ from thermofit.fit.linear_model import LinearModel
 LEVEL = 0.01
 """Chance that any pair of a parameter and a variable is told where nothing drifts."""
 SHARE = 0.1
-"""Part of the fall of the square sum that the first drift makes, below which a further one is not told: what a linear step leaves of a
+"""Part of the fall of the square sum that the first drift makes, below which a further one is not told. What a linear step leaves of a
 large one looks like others."""
 AS_MUCH = 0.9
 """Part of the fall of the strongest that one which is not told apart from it explains as well."""

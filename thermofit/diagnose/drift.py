@@ -39,7 +39,7 @@ BLOCKS = 4
 _OWN = 0.05
 """Part of its column that a drift must have for itself beside the fitted parameters."""
 _SPREAD: Mapping[str, float] = {"time": 0.0, "plastic strain": 1e-4, "rate": 0.2, "temperature": 0.2, "place y": 0.0}
-"""Standard deviation over the rows that feel a parameter from which a variable is one: with less there is one rate, one temperature."""
+"""Standard deviation over the rows that tell a parameter from which a variable is one: with less there is one rate, one temperature."""
 _WORDS: Mapping[str, str] = {
     "time": "time",
     "plastic strain": "plastic strain",

@@ -112,7 +112,8 @@ def test_what_is_expected_is_what_a_trace_of_planted_data_says(here: Traced, tim
     by_runs = traced(replace(case, model=planted), split=here.split)
     assert by_runs.columns.residual == pytest.approx(here.columns.residual + change, abs=1e-9)
     z = next((s.z for s in by_runs.ranking.scores if s.effect == "ir_gain"), 0.0)
-    assert there.z == pytest.approx(z, rel=1e-6) and there.named == tuple(s.effect for s in by_runs.promising())
+    # How noise of neighbours is shared is told by the data as they are, which changes a score by little.
+    assert there.z == pytest.approx(z, rel=0.01) and there.named == tuple(s.effect for s in by_runs.promising())
 
 
 def _shifted(case: Case, parameters: Any, names: tuple[str, ...], added: dict[str, np.ndarray]) -> Any:

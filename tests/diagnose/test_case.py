@@ -12,7 +12,7 @@ import seen_field
 from coupon_sets import TRUTH, pulled_record
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, scans
+from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, nowhere, scans
 from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, Effect, effect, effects
 from thermofit.experiment.coupon_model import offsets
 from thermofit.experiment.known_effects import effects_of_fields, effects_of_point
@@ -96,6 +96,15 @@ def test_places_are_shares_of_the_observed_height() -> None:
     of_one = scans(effect("local_source@high"), replace(case, placed=above, spans=two))[1:]
     lowest = float(rows.xy[rows.xy[:, 1] > 0.0, 1].min())
     assert min(s["local_source.place@high"] for s in of_one) == pytest.approx(lowest + 0.05 * (20.0 - lowest))
+
+
+@pytest.mark.parametrize(("width", "told"), [(39.0, False), (41.0, True)])
+def test_a_source_as_wide_as_what_is_observed_has_no_place(width: float, told: bool) -> None:
+    """40 mm are observed."""
+    case = seen_field.case_of(1)
+    case = replace(case, parameters=case.parameters.replace(**{"local_source.power": 1.0, "local_source.width": width}))
+    said = nowhere(case, ("ir_drift", "local_source"))
+    assert len(said) == told and all("local_source.width is 41 mm, more than the 40 mm" in words for words in said)
 
 
 def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:

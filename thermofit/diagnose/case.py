@@ -12,6 +12,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Param, Parameters, bare_name
 from thermofit.diagnose.held_out import Rows
 from thermofit.effects.catalogue import Effect, effects
+from thermofit.effects.catalogue import effect as effect_named
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.flow_conditions import ONE_RATE, ONE_TEMPERATURE, FlowConditions
 from thermofit.experiment.known_motion import Direction, acts_in_heat
@@ -204,6 +205,20 @@ def _height(p: Param, case: Case) -> tuple[float, float]:
     seen = np.isin(rows.phase, own) & (rows.channel >= 0)
     y = rows.xy[seen if seen.any() else rows.channel >= 0, 1]
     return float(y.min()), float(y.max())
+
+
+def nowhere(case: Case, names: Sequence[str]) -> tuple[str, ...]:
+    """Remarks on effects with a place that are as wide as what is observed: the data show them even, and no place of theirs."""
+    out = []
+    for name in names:
+        for p in (p for p in effect_named(name).params if p.scan_of == "length"):
+            low, high = _height(p, case)
+            if case.parameters[p.name] > high - low:
+                out.append(
+                    f"{name}: {p.name} is {case.parameters[p.name]:.3g} {p.unit}, more than the {high - low:.3g} mm that are observed; it "
+                    "is even there, and its place is not told"
+                )
+    return tuple(out)
 
 
 def columns_of(case: Case, effect: Effect, values: dict[str, float]) -> np.ndarray:

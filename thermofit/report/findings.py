@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
-from thermofit.diagnose.case import Case
+from thermofit.diagnose.case import Case, nowhere
 from thermofit.diagnose.loop import Closed, Place, Round, like_of, place_of, ranking_rows
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.proof_elsewhere import held_out_words
@@ -251,7 +251,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         **common,
         "trustworthy": not against,
         "doubts": against,
-        "remarks": [*common["remarks"], *closed.remarks],
+        "remarks": [*common["remarks"], *closed.remarks, *nowhere(here.case, closed.accepted)],
         "unjudged": dict(closed.unjudged),
         "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),

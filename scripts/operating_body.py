@@ -7,7 +7,7 @@ other; the fit knows nothing of what was planted. The pace of the loading and th
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -170,8 +170,8 @@ class Fields:
         look = Instruments(run, samplers, {n: o for n, o in observations.items() if o is not None}, TRUTH["theta_air"])
         random = world.random("noise")
         sigma = {name: world.noise * NOISE[name] for name in observations}
-        u = look.predicted("u", history, parameters) + sigma["u"] * random.normal(size=blank.displacement.value.shape)
-        theta = look.predicted("theta", history, parameters) + sigma["theta"] * random.normal(size=blank.temperature.value.shape)
+        u = look.predicted("u", history, parameters) + sigma["u"] * world.noisy(random, blank.displacement.value.shape)
+        theta = look.predicted("theta", history, parameters) + sigma["theta"] * world.noisy(random, blank.temperature.value.shape)
         air, clamp = (TRUTH[name] + 0.1 * random.normal() for name in ("theta_air", "theta_clamp"))
         loaded = _recorded(world, random)
         return replace(
@@ -187,9 +187,9 @@ class Fields:
     def _joint(self, study: Study, data: Measured) -> Joint:
         return Joint(study, data, joint_settings(study, FREE, data), self.fit, beside=effect_priors(study))
 
-    def closed(self, world: World, data: Measured, folder: Path) -> tuple[Closed, Unlisted | None]:
+    def closed(self, world: World, data: Measured, folder: Path, without: Collection[str] = ()) -> tuple[Closed, Unlisted | None]:
         """The loop on a test, from the fit of the base model on, and what it leaves unlisted; a first fit, which knows nothing of its mesh,
-        stands for the stages."""
+        stands for the stages. Effects `without` are not in its catalogue."""
         study = _study(STUDY)
         base = study.start_parameters(data).with_free(FREE)  # type: ignore[arg-type]
         base = base.replace(theta_air=data.theta_air, theta_clamp=data.theta_clamp, theta_ref=TRUTH["theta_ref"])
@@ -199,7 +199,9 @@ class Fields:
         joint = corrected_.joint
         refit = JointFit(study, joint.settings, joint.model, task, parts=joint)
         parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
-        case = replace(_case(joint, data, parameters, corrected_.largest_strain), heated=refit.heated)
+        case = _case(joint, data, parameters, corrected_.largest_strain)
+        known = tuple(e for e in case.known if e.name not in without)
+        case = replace(case, known=known, heated=refit.heated, moved=refit.moved)
         found = close_loop(case, fit, refit, study.diagnosis.max_effects, corrected_.left)
         return ended(found, found.refit, found.numerical, study.diagnosis.held_out)
 

@@ -13,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,8 @@ PAIRED = 6.0
 """Amplitude of both effects of a pair."""
 ORDER = (0.0, 3.0, PAIRED, 10.0, 1.0)
 """Amplitudes in the order in which they are run: what is hardly detectable comes last."""
+KNOCKED = "knocked"
+"""Runs whose planted effect is not in the catalogue, nor is what is like it."""
 OF_KIND, OF_TIMES = 1000, 100
 """Between the seeds of two kinds of runs, and of two amplitudes of a kind."""
 
@@ -36,7 +38,7 @@ OF_KIND, OF_TIMES = 1000, 100
 @dataclass(frozen=True)
 class Driver:
     """One driver: first seed, runs with nothing planted, runs of an effect by the multiple of the smallest amplitude, effects, pairs,
-    and runs of each pair."""
+    runs of each pair, and runs of an effect whose family is not in the catalogue, by the same multiple."""
 
     seed: int
     nulls: int
@@ -44,6 +46,7 @@ class Driver:
     effects: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...] = ()
     of_pair: int = 4
+    knocked: Mapping[float, int] = field(default_factory=dict)
 
 
 DRIVERS = {
@@ -63,6 +66,7 @@ DRIVERS = {
             ("yield_plateau", "ir_drift"),
         ),
         8,
+        {10.0: 6, 3.0: 6},
     ),
     "body": Driver(
         200_000,
@@ -73,6 +77,7 @@ DRIVERS = {
             *("ir_drift", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending", "local_source"),
         ),
         (("rate_logarithmic", "lamp"), ("lamp", "ir_clock"), ("rate_logarithmic", "ir_lag")),
+        knocked={10.0: 3, 3.0: 3},
     ),
     "full": Driver(300_000, 2, {3.0: 1}, ("rate_logarithmic", "lamp", "latent_heat")),
 }
@@ -105,8 +110,8 @@ def unplanted() -> dict[str, str]:
 
 
 def plan(name: str, driver: Driver, nulls: int | None = None) -> list[dict[str, Any]]:
-    """All runs of a driver: nothing planted (`nulls` of them, where given), every effect at every amplitude, pairs. Each run has a seed of
-    its own, so that what one noise resembles by chance is not counted twice."""
+    """All runs of a driver: nothing planted (`nulls` of them, where given), every effect at every amplitude, pairs, effects whose family is
+    not in the catalogue. Each run has a seed of its own, so that what one noise resembles by chance is not counted twice."""
     count = driver.nulls if nulls is None else nulls
     runs: list[dict[str, Any]] = [{"driver": name, "kind": "none", "times": 0.0, "seed": driver.seed + j} for j in range(count)]
     for k, kind in enumerate((*driver.effects, *driver.pairs)):
@@ -115,6 +120,9 @@ def plan(name: str, driver: Driver, nulls: int | None = None) -> list[dict[str, 
             first = driver.seed + OF_KIND * (k + 1) + OF_TIMES * at
             one = {"driver": name, "kind": "+".join(kind) if isinstance(kind, tuple) else kind, "times": times}
             runs += [{**one, "seed": first + j} for j in range(n)]
+        for at, (times, n) in enumerate({} if isinstance(kind, tuple) else driver.knocked.items()):
+            first = driver.seed + OF_KIND * (k + 1) + OF_TIMES * (at + len(driver.runs))
+            runs += [{"driver": name, "kind": kind, "times": times, KNOCKED: True, "seed": first + j} for j in range(n)]
     order = list(ORDER)
     # Kinds take turns, so that a study which is stopped holds some of each.
     return sorted(runs, key=lambda run: (order.index(run["times"]), run["seed"] % OF_TIMES if run["times"] else 0))
@@ -122,7 +130,13 @@ def plan(name: str, driver: Driver, nulls: int | None = None) -> list[dict[str, 
 
 def key(run: Mapping[str, Any]) -> str:
     """What tells a row from others: rows of another source are other rows."""
-    return json.dumps([run[name] for name in ("source", "scripts", "driver", "kind", "times", "seed")])
+    told = [run[name] for name in ("source", "scripts", "driver", "kind", "times", "seed")]
+    return json.dumps([*told, *([KNOCKED] if run.get(KNOCKED) else [])])
+
+
+def kinds_of(run: Mapping[str, Any]) -> tuple[str, ...]:
+    """Words by which `--only` takes a run."""
+    return (KNOCKED,) if run.get(KNOCKED) else (run["kind"],)
 
 
 def kept_rows(path: Path) -> dict[str, dict[str, Any]]:
@@ -140,8 +154,12 @@ def make(runs: list[dict[str, Any]], done: dict[str, dict[str, Any]], kept: Path
         with kept.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row, separators=(",", ":")) + "\n")
         said = row.get("accepted", row.get("failed", row.get("left_out")))
+        known = ", family not known" if row.get(KNOCKED) else ""
         more = f", {row['unlisted']} unlisted" if row.get("unlisted") else ""
-        print(f"{row['driver']}: {row['kind']} x {row['times']:g}, seed {row['seed']}: {said}{more}, {row['cpu_s']:.0f} s", file=sys.stderr)
+        print(
+            f"{row['driver']}: {row['kind']} x {row['times']:g}{known}, seed {row['seed']}: {said}{more}, {row['cpu_s']:.0f} s",
+            file=sys.stderr,
+        )
 
     tasks = [Task(f"{r['driver']} {r['kind']} seed {r['seed']}", run_one, (r["driver"], r)) for r in runs]
     run_all(tasks, Executor(jobs), keep)
@@ -152,7 +170,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="only write the page from the kept rows")
     parser.add_argument("--docs", type=Path, default=ROOT / "docs", help="folder of the rows, the page and its plots")
     parser.add_argument("--driver", choices=tuple(DRIVERS), help="one driver only")
-    parser.add_argument("--only", default="", help="kind of run: none, an effect, or a pair as a+b")
+    parser.add_argument("--only", default="", help="kind of run: none, an effect, a pair as a+b, or knocked")
     parser.add_argument("--nulls", type=int, help=f"coupon records with nothing planted ({DRIVERS['point'].nulls})")
     parser.add_argument("--jobs", type=int, default=2, help="processes side by side (2)")
     parser.add_argument("--at-most", type=int, help="make no more than so many runs in this call")
@@ -163,7 +181,7 @@ def main() -> None:
     if not chosen.write:
         drivers = DRIVERS if chosen.driver is None else {chosen.driver: DRIVERS[chosen.driver]}
         runs = [r for name, d in drivers.items() for r in plan(name, d, chosen.nulls if name == "point" else None)]
-        runs = [r for r in runs if key({**sources(), **r}) not in done and chosen.only in ("", r["kind"])][: chosen.at_most]
+        runs = [r for r in runs if key({**sources(), **r}) not in done and chosen.only in ("", *kinds_of(r))][: chosen.at_most]
         begin = time.perf_counter()
         make(runs, done, kept, chosen.jobs)
         print(f"{len(runs)} runs in {(time.perf_counter() - begin) / 3600.0:.2f} h", file=sys.stderr)

@@ -7,7 +7,7 @@ are drawn by the seed; a study without a temperature is given the thermal parame
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -175,8 +175,8 @@ def measured(world: World, planted: Mapping[str, float]) -> CouponData:
         fine = np.interp(index, np.arange(len(t)), t), np.interp(index, np.arange(len(t)), strain)
         history = simulate(own, Programme.by_strain(*fine, air), SETTINGS).every(FINER)
         bare = CouponTest(name, t, strain, history.stress, None, air, air, declared, phases)
-        theta = shown(history.theta_sensor, bare, own) + true["theta"] * random.normal(size=len(t))
-        stress = history.stress + true["stress"] * random.normal(size=len(t))
+        theta = shown(history.theta_sensor, bare, own) + true["theta"] * world.noisy(random, t.shape)
+        stress = history.stress + true["stress"] * world.noisy(random, t.shape)
         tests.append(replace(bare, stress=stress, theta=theta if hot else None))
     return CouponData(tuple(tests), "strain")
 
@@ -189,8 +189,8 @@ def _study(hot: bool) -> Study:
         return load_study(source)
 
 
-def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlisted | None]:
-    """The loop on records, from the fit of the base model on, and what it leaves unlisted."""
+def closed(world: World, data: CouponData, folder: Path, without: Collection[str] = ()) -> tuple[Closed, Unlisted | None]:
+    """The loop on records, from the fit of the base model on, and what it leaves unlisted; effects `without` are not in its catalogue."""
     hot = KINDS[world.programme].hot
     study = _study(hot)
     start = study.start_parameters(data)
@@ -205,6 +205,7 @@ def closed(world: World, data: CouponData, folder: Path) -> tuple[Closed, Unlist
     refit = JointFit(study, settings, model, job(folder, "operating", {}, {}))
     parameters, fit = refit(base, "joint")
     case = replace(_case(study, data, model, parameters, hot), cheap=True, bounds=study.bounds)
+    case = replace(case, known=tuple(e for e in case.known if e.name not in without))
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     numerical = 2.0 * (model.residual(parameters) - coupon_model(fine, data, settings, base).residual(parameters))
     found = close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -13,7 +14,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 import operating_body
 import operating_point
-from operating_draw import World, secondary, smallest
+from operating_draw import World, alike_to, directions, secondary, shown_in, smallest
 from operating_page import names_of
 
 from thermofit.core.digest import file_digest, source_digest
@@ -50,8 +51,8 @@ class Tests(Protocol):
     def measured(self, world: World, planted: Mapping[str, float]) -> Any:
         """What is measured of a test with planted Params."""
 
-    def closed(self, world: World, data: Any, folder: Path) -> tuple[Closed, Unlisted | None]:
-        """The loop on it, and what it leaves unlisted."""
+    def closed(self, world: World, data: Any, folder: Path, without: Collection[str] = ()) -> tuple[Closed, Unlisted | None]:
+        """The loop on it, and what it leaves unlisted; with a catalogue that lacks the effects `without`."""
 
 
 TESTS: Mapping[str, Tests] = {"point": cast(Tests, operating_point), "body": operating_body.SMALL, "full": operating_body.FULL}
@@ -65,23 +66,37 @@ def sources() -> dict[str, str]:
     return {"source": source_digest()[:16], "scripts": hashlib.sha256(own.encode()).hexdigest()[:8]}
 
 
-def planted_in(here: Traced, names: Sequence[str], times: float, random: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
-    """Values of all Params of the effects that are planted in a test, and the smallest detectable amplitude of each at these secondary
-    values. NotPlanted where an amplitude would lie beyond its bounds, or beyond what is still an effect."""
-    values: dict[str, float] = {}
-    units: dict[str, float] = {}
+@dataclass(frozen=True)
+class Planted:
+    """What is planted in a test: values of all Params of the effects, the smallest detectable amplitude of each at these values, for each
+    the effects that the test cannot tell from it (itself first), and the share of each channel in what it shows beyond parameters."""
+
+    values: dict[str, float] = field(default_factory=dict)
+    units: dict[str, float] = field(default_factory=dict)
+    alike: dict[str, list[str]] = field(default_factory=dict)
+    shows: dict[str, dict[str, float]] = field(default_factory=dict)
+
+
+def planted_in(here: Traced, names: Sequence[str], times: float, random: np.random.Generator, knocked: bool) -> Planted:
+    """What is planted in a test, `times` the smallest detectable amplitude; `knocked`: it will be taken out of the catalogue with all
+    that is like it. NotPlanted where an amplitude would lie beyond its bounds, or beyond what is still an effect."""
+    found = Planted()
     for name in names:
         if name not in here.problem.dormant:
             raise NotPlanted(f"it does not know {name}")
         p = effect(name).amplitude
         others = secondary(effect(name), here.case, random)
-        units[name] = smallest(here, name, others)
+        (block,) = directions(here, effect(name), [others])
+        found.units[name] = smallest(here, name, block)
         probe = float(p.probe or p.scale) - p.neutral
-        value = p.neutral + np.sign(probe) * times * units[name]
+        value = p.neutral + np.sign(probe) * times * found.units[name]
         if not p.lower <= value <= p.upper or abs(value - p.neutral) > MOST * max(abs(probe), p.scale):
             raise NotPlanted(f"{p.name} = {value:.3g} {p.unit}")
-        values |= {p.name: float(value), **others}
-    return values, units
+        found.values.update({p.name: float(value), **others})
+        if knocked:
+            found.alike[name] = list(alike_to(here, name, block))
+            found.shows[name] = shown_in(here, block)
+    return found
 
 
 def run_one(driver: str, run: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,23 +107,32 @@ def run_one(driver: str, run: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _said(tests: Tests, run: Mapping[str, Any]) -> dict[str, Any]:
-    names = names_of(run)
-    values: dict[str, float] = {}
-    units: dict[str, float] = {}
+    names, knocked = names_of(run), bool(run.get("knocked", False))
+    planted = Planted()
     why: list[str] = []
     for world in tests.candidates(run["seed"]):
         try:
             if names:
-                values, units = planted_in(tests.at_truth(world), names, run["times"], world.random("secondary"))
-            data = tests.measured(world, values)
+                planted = planted_in(tests.at_truth(world), names, run["times"], world.random("secondary"), knocked)
+            data = tests.measured(world, planted.values)
         except (NotPlanted, ThermofitError) as error:
             why.append(f"{world.programme}: {error}")
             continue
         wrong = {q: f for q, f in world.declared.items() if f != 1.0}
-        drawn = {"programme": world.programme, "noise": world.noise, "declared": wrong, "planted": values, "unit": units}
+        drawn = {
+            "programme": world.programme,
+            "noise": world.noise,
+            "declared": wrong,
+            "memory": world.memory,
+            "planted": planted.values,
+            "unit": planted.units,
+        }
+        without = {n for alike in planted.alike.values() for n in alike}
+        if knocked:
+            drawn |= {"without": sorted(without), "shows": planted.shows}
         with tempfile.TemporaryDirectory() as folder:
             try:
-                return {**drawn, **_found(world, *tests.closed(world, data, Path(folder)))}
+                return {**drawn, **_found(world, *tests.closed(world, data, Path(folder), without))}
             except ThermofitError as error:
                 return {**drawn, "failed": str(error)}
     return {"left_out": "; ".join(why)}
@@ -129,10 +153,19 @@ def _found(world: World, found: Closed, missing: Unlisted | None) -> dict[str, A
         "dropped": list(found.dropped),
         "unjudged": list(found.unjudged),
         "unlisted": None if missing is None else missing.channel,
+        "where": _where(missing),
         "before": held_out(world, found.first),
         "after": held_out(world, found.last),
         "settled": found.fit.converged,
     }
+
+
+def _where(missing: Unlisted | None) -> dict[str, Any]:
+    """Kind, place and window of a reconstructed term."""
+    if missing is None or missing.field is None or missing.place is None:
+        return {}
+    place = missing.place
+    return {"kind": missing.field.basis.kind, "when": list(place.when), "at": list(place.centroid), "size": place.size}
 
 
 def held_out(world: World, here: Traced) -> dict[str, float]:

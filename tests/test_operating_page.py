@@ -140,6 +140,31 @@ def test_nothing_planted_counts_what_is_named_or_unlisted(page: Any, tmp_path: P
     assert "an effect was accepted in 1 of 3" in text and "something unlisted in 2 of 3" in text and "one or both in 2 of 3" in text
 
 
+def knocked(kind: str, unlisted: str | None, accepted: list[str], seed: int, **more: Any) -> dict[str, Any]:
+    """A run whose planted effect the catalogue did not hold, which shows in the temperatures alone."""
+    shows = {kind: {"du": 0.1, "dtheta": 0.9}}
+    own = {"knocked": True, "shows": shows, "unlisted": unlisted, "accepted": accepted, "where": {}, **more}
+    return {**kept("body", kind, 10.0, None, seed), **own}
+
+
+def test_what_the_catalogue_lacks_is_told_in_the_channel_that_shows_it(page: Any, tmp_path: Path) -> None:
+    there = {"planted": {"local_source.place": 8.0, "local_source.start": 40.0}, "where": {"at": [0.0, 9.5], "when": [38.0, 99.0]}}
+    runs = [
+        knocked("local_source", "dtheta", [], 1, **there),
+        knocked("local_source", "du", [], 2),
+        knocked("local_source", None, ["lamp"], 3),
+        knocked("local_source", None, [], 4),
+    ]
+    assert [page.right(r) for r in runs] == [True, False, False, False]
+    assert [page.impostor(r) for r in runs] == [False, False, True, False] and [page.silent(r) for r in runs] == [False, False, False, True]
+    page.write([*RUNS, *runs], tmp_path, {})
+    text = (tmp_path / "operating_figures.md").read_text()
+    assert "| local_source | 10 | 1 of 4" in text and "| 1.5 | 2 |" in text and "Named instead: lamp for local_source 1." in text
+    # They count nowhere else.
+    summary = [line for line in text.splitlines() if line.startswith("| full fields")]
+    assert summary and not any("of 5" in line for line in summary)
+
+
 @pytest.fixture(scope="module")
 def figures(page: Any) -> Any:
     return importlib.import_module("operating_figures")
@@ -155,6 +180,13 @@ def test_seeds_of_a_driver_are_its_own(figures: Any) -> None:
     """What one noise resembles by chance is counted once; runs of two amplitudes or kinds have noises of their own."""
     seeds = [run["seed"] for name, driver in figures.DRIVERS.items() for run in figures.plan(name, driver)]
     assert len(set(seeds)) == len(seeds)
+
+
+def test_effects_outside_the_catalogue_are_runs_of_their_own(figures: Any) -> None:
+    runs = [r for r in figures.plan("point", figures.DRIVERS["point"]) if r.get("knocked")]
+    assert {r["times"] for r in runs} == {3.0, 10.0} and len(runs) == 12 * len(figures.DRIVERS["point"].effects)
+    row = {**RUNS[1], "knocked": True}
+    assert figures.key(row) != figures.key(RUNS[1]) and figures.kinds_of(row) == ("knocked",)
 
 
 def test_number_of_nulls_is_as_asked(figures: Any) -> None:

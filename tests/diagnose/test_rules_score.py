@@ -148,3 +148,27 @@ def test_all_strong_effects_are_asked_of_held_out_data_eight_at_most(monkeypatch
     assert len(strong) >= 2 and set(here.proofs) == set(strong) and trace.PROVED_AT_MOST == 8
     monkeypatch.setattr(trace, "PROVED_AT_MOST", 1)
     assert set(traced(case).proofs) == {strong[0]}
+
+
+@pytest.mark.parametrize(("size", "hidden"), [(3.0, False), (1.5, True)])
+def test_what_the_mesh_may_leave_in_a_channel_is_not_told_from_it(size: float, hidden: bool) -> None:
+    """Eight rows of the first channel hold an effect of square 8 size^2, and the error of the mesh may leave 40 there, in a direction that
+    the effect has nothing of; the other channel, where nothing acts, holds any excess."""
+    effect, other = np.repeat([1.0, 0.0], [8, 4]), np.tile([1.0, -1.0], 6) * np.repeat([1.0, 0.0], [8, 4])
+    residual = size * effect + np.repeat([0.0, 9.0], [8, 4])
+    columns = {"ir_drift": (("ir_drift.rate",), 1e3 * effect[:, None])}
+    channel = np.repeat([0, 1], [8, 4])
+    (score,) = ranked(Columns(LinearModel(residual, NOTHING), columns, None, np.sqrt(5.0) * other, channel=channel)).scores
+    assert score.predicted_drop == pytest.approx(8.0 * size**2)
+    assert score.numerical_drop == pytest.approx(40.0 if hidden else 0.0)
+    least = score.detectable / score.sigma["ir_drift.rate"]
+    assert least >= np.sqrt(40.0) - 1e-9, "the least amplitude that can be named knows of it"
+
+
+def test_an_error_of_the_mesh_below_chance_hides_nothing() -> None:
+    """Eight rows whose declared noise is twice the true one hold less than their number; the mesh may leave 7, chance makes 8."""
+    effect = np.ones(8)
+    columns = {"ir_drift": (("ir_drift.rate",), 1e3 * effect[:, None])}
+    numerical = np.sqrt(7.0 / 8.0) * np.tile([1.0, -1.0], 4)
+    (score,) = ranked(Columns(LinearModel(0.5 * effect, np.zeros((8, 0))), columns, None, numerical, channel=np.zeros(8, dtype=int))).scores
+    assert score.numerical_drop == pytest.approx(0.0)

@@ -15,7 +15,8 @@ from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.unlisted import believed, closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_loop import in_their_stead, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
-from thermofit.diagnose.unlisted_structure import Blocks, Structure, noise_of
+from thermofit.diagnose.unlisted_structure import Blocks, Structure
+from thermofit.fit.memory import differences
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 
@@ -42,8 +43,8 @@ def test_noise_is_that_of_second_differences() -> None:
     """A wrong sigma is noise, a slope is not: v = 9 for noise three times as large."""
     r = 3.0 * np.random.default_rng(1).normal(size=4000)
     place, time = np.zeros(4000, dtype=int), np.arange(4000)
-    assert noise_of(r, place, time) == pytest.approx(9.0, rel=0.1)
-    assert noise_of(r + 0.5 * time, place, time) == pytest.approx(noise_of(r, place, time), rel=1e-6)
+    assert differences(r, place, time) == (pytest.approx(9.0, rel=0.1), 3998)
+    assert differences(r + 0.5 * time, place, time)[0] == pytest.approx(differences(r, place, time)[0], rel=1e-6)
 
 
 @pytest.mark.parametrize(("gain", "sigma", "asked"), [(0.1, 0.033, True), (0.1, 0.034, False), (0.0051, 1e-6, True), (0.0049, 1e-6, False)])
@@ -67,14 +68,39 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
     assert (found is not None) is missing and (found is None or found.listed == ("refused", 0.9))
 
 
-def test_a_channel_whose_term_held_out_data_do_not_ask_for_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    here: Any = SimpleNamespace(ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None))
-    monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
+SMOOTH, WILD = np.full(40, 3.0), np.concatenate([np.zeros(38), np.full(2, 40.0)])
+"""Residuals of 40 values: all off by three times their noise; two by forty times."""
+
+
+@pytest.mark.parametrize(
+    ("coupon", "left", "base", "law", "told"),
+    [
+        (True, SMOOTH, None, False, True),
+        (False, SMOOTH, None, False, False),  # a body's blocks stand out by its mesh
+        (True, WILD, None, False, False),  # wild samples are no structure
+        (True, SMOOTH, 4.0 * SMOOTH, False, False),  # an effect has taken all but a sixteenth
+        (True, SMOOTH, 2.0 * SMOOTH, False, True),
+        (True, WILD, None, True, True),  # held-out data ask for a law over the state
+    ],
+)
+def test_a_channel_whose_term_held_out_data_do_not_ask_for(
+    monkeypatch: pytest.MonkeyPatch, coupon: bool, left: np.ndarray, base: np.ndarray | None, law: bool, told: bool
+) -> None:
+    """On a coupon the structure alone is told, on a body nothing is."""
+    channel = Blocks("stress", np.arange(40), np.zeros(40, dtype=int), np.array([40.0]), np.ones(1), np.zeros(1))
+    here: Any = SimpleNamespace(
+        ranking=SimpleNamespace(scores=()),
+        case=SimpleNamespace(parameters=None, model=SimpleNamespace(segments=() if coupon else None)),
+        problem=SimpleNamespace(model=SimpleNamespace(left=left)),
+    )
+    term: Any = SimpleNamespace(field=SimpleNamespace(proof=GOOD if law else replace(GOOD, gain=0.0)))
+    monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
-    monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
-    monkeypatch.setattr(module, "undriven", lambda here, _: (here, ""))
-    assert unlisted(here, None, []) is None
+    monkeypatch.setattr(module, "kind_of", lambda *_: "stress")
+    monkeypatch.setattr(module, "state_law", lambda *_: term)
+    found = unlisted(here, None, [], base)
+    assert (found is not None) is told and (found is None or (found.field is None and found.law is term))
 
 
 @pytest.mark.parametrize(("rows", "there"), [(5, True), (4, False)])
@@ -86,6 +112,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     here: Any = SimpleNamespace(
         ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None), rows=SimpleNamespace(time=np.arange(20.0))
     )
+    monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thermofit.fit.linear_model import LinearModel
-from thermofit.fit.memory import memories, noise_operator, tapered_correlation
+from thermofit.fit.memory import autoregressive, memories, neighbours, noise_operator, tapered_correlation
 
 
 def remembering(n: int, rho: float, rng: np.random.Generator) -> np.ndarray:
@@ -71,3 +71,49 @@ def test_taper_keeps_the_covariance_positive() -> None:
     matrix = noise_operator(memories(residual, [60]))(np.eye(60))
     assert np.linalg.eigvalsh(matrix).min() > -1e-9
     assert len(tapered_correlation(residual)) > 10
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.6, 0.75])
+def test_neighbours_tell_noise_from_a_misfit(rho: float) -> None:
+    """Variance 4 and correlation of the noise, beside a smooth misfit three times as large; its square sums are those of noise alone."""
+    n = 20000
+    noise = 2.0 * remembering(n, rho, np.random.default_rng(5))
+    misfit = 6.0 * np.sin(np.linspace(0.0, 40.0, n))
+    found = neighbours(noise + misfit, np.zeros(n, dtype=int), np.arange(n))
+    assert found.rho == pytest.approx(rho, abs=0.03)
+    assert found.of_sums == pytest.approx(4.0 * (1.0 + rho) / (1.0 - rho), rel=0.15)
+
+
+def test_noise_is_no_more_than_the_whole_residual() -> None:
+    """Of 300 samples differences tell little of what changes slowly; the mean square bounds it. Without: 39 times the variance."""
+    rng = np.random.default_rng(6)
+    found = [neighbours(remembering(300, 0.75, rng), np.zeros(300, dtype=int), np.arange(300)) for _ in range(200)]
+    assert np.quantile([f.rho for f in found], 0.95) < 0.85 and np.median([f.of_sums for f in found]) > 4.0
+
+
+def test_white_noise_stays_white() -> None:
+    rng = np.random.default_rng(7)
+    found = [neighbours(rng.normal(size=300), np.zeros(300, dtype=int), np.arange(300)) for _ in range(200)]
+    assert np.mean([f.rho == 0.0 for f in found]) > 0.85 and np.mean([f.of_sums for f in found]) == pytest.approx(1.0, abs=0.15)
+    assert neighbours(np.ones(3), np.zeros(3, dtype=int), np.arange(3)).of_sums == 1.0
+
+
+def test_records_of_a_channel_are_not_joined() -> None:
+    """Two records with levels far apart: the step between them is no noise."""
+    rng = np.random.default_rng(8)
+    r = np.concatenate([rng.normal(size=200), 100.0 + rng.normal(size=200)])
+    record, sample = np.repeat([0, 1], 200), np.tile(np.arange(200), 2)
+    assert neighbours(r, record, sample).of_sums == pytest.approx(1.0, rel=0.3)
+
+
+def test_lag_is_where_the_correlation_has_fallen() -> None:
+    found = neighbours(remembering(40000, 0.6, np.random.default_rng(9)), np.zeros(40000, dtype=int), np.arange(40000))
+    assert found.rho ** found.lag(0.1) == pytest.approx(0.1)
+
+
+def test_autoregressive_operator_is_its_matrix() -> None:
+    """rho^|i - j| within each segment, nothing between them."""
+    apply = autoregressive([30, 1, 20], [0.7, 0.9, 0.0])
+    expected = np.eye(51)
+    expected[:30, :30] = 0.7 ** np.abs(np.subtract.outer(np.arange(30), np.arange(30)))
+    assert apply(np.eye(51)) == pytest.approx(expected, abs=1e-12)

@@ -137,7 +137,10 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
     if listed is not None:
         explained = f"{listed['effect']} explains {100 * listed['explains']:.0f} % of it"
     if said["where"] is None:
-        console.print(f"unlisted  in {said['channel']}; {explained}", soft_wrap=True)
+        law = said["over_state"]
+        what = "" if law is None else f"a yield stress over {law['variable']}, up to {number(law['largest_MPa'])} MPa, "
+        console.print(f"unlisted  {what}in {said['channel']}; {explained}", soft_wrap=True)
+        _more(console, said)
         return
     out = _table(f"unlisted: a {said['kind']} in {said['channel']}; {explained}", ("", "value"))
     for key, value in said["where"].items():
@@ -150,8 +153,15 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
     for hint in said["hints"][:3]:
         out.add_row("goes with (hint)", f"{hint['variable']}, chosen in {100 * hint['frequency']:.0f} % of the halves")
     console.print(out)
+    _more(console, said)
+
+
+def _more(console: Console, said: Mapping[str, Any]) -> None:
+    """Effects that only resembled an unlisted one, or are accepted beside it, and files."""
     if said["resembles"]:
         console.print(f"taken back  {', '.join(said['resembles'])}: only resembled it", soft_wrap=True)
+    if said["beside"]:
+        console.print(f"beside    {', '.join(said['beside'])}: a part of the answer, or only like what is missing", soft_wrap=True)
     for word in ("effect_file", "figure"):
         if said.get(word):
             console.print(f"{word.replace('_', ' '):<11} {said[word]}", soft_wrap=True)

@@ -73,6 +73,7 @@ def split_by_blocks(
     *,
     part: np.ndarray | None = None,
     fitted: np.ndarray | None = None,
+    memory: float = 0.0,
 ) -> Split:
     """Blocks of time and of length along the load, `shape` = (in time, in y), dealt out to folds as on a chess board with a shift.
 
@@ -83,6 +84,8 @@ def split_by_blocks(
     `part` (n,) numbers the records or experiments that rows are of. Blocks and their buffers do not reach from one into another, all parts
     have about `shape[0]` together, FEWEST each at least, buffers as much shorter as the blocks, and every part deals them out one fold
     later than the one before: of equal records no fold holds out the same phase.
+
+    `memory`: time over which the noise of neighbours is alike. Buffers in time are not shorter, up to half of a block.
 
     `fitted` (n, p): columns of the fitted parameters. A fold sees LEAST_SEEN of what all rows tell of every direction of them at least; the
     blocks that tell most of a direction which a fold would lose are never held out.
@@ -102,6 +105,7 @@ def split_by_blocks(
         edges = _edges_of_time(t, None if weight is None else weight[own], each)
         i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, each - 1)
         reach = buffer[0] * (float(np.ptp(t)) / each) / (span / n_t) if span > 0.0 else 0.0
+        reach = max(reach, min(memory, 0.5 * float(np.ptp(t)) / each))
         near_by.append(reach)
         for a, b in sorted({(int(a), int(b)) for a, b in zip(i, j[own], strict=True)}):
             inside = np.zeros(len(own), dtype=bool)

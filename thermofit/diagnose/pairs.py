@@ -55,8 +55,9 @@ def leaves_more_than_it_takes(here: Traced, fit: FitResult, trials: Sequence[Tri
 
 
 def partners(here: Traced) -> tuple[Score, ...]:
-    """Effects of which pairs are made: above the threshold, and those of their families; the strongest first."""
-    above = [s for s in here.ranking.scores if s.z > here.ranking.threshold]
+    """Effects of which pairs are made: above the threshold and above what the error of mesh and steps alone would take, and those of their
+    families; the strongest first."""
+    above = [s for s in here.ranking.scores if s.z > here.ranking.threshold and s.predicted_drop >= s.numerical_drop]
     alike = {member for s in above for member in s.family}
     found = [s for s in here.ranking.scores if s in above or s.effect in alike]
     return tuple(sorted(found, key=lambda s: -s.z)[:PARTNERS])

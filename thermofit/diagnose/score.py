@@ -37,7 +37,8 @@ class Columns:
     """Linearised problem at the optimum with the columns (n, k) of dormant effects, per unit of the Params that stand before them.
 
     `groups` (n,) numbers rows that may be correlated with each other, whatever the reason: the variance is never taken smaller than these
-    groups show it. `numerical` (n,): error of the discretisation in the residual.
+    groups show it. `numerical` (n,): error of the discretisation that may be left in the residual. `channel` (n,): number of the channel of
+    each row, -1 of a prior.
     """
 
     model: LinearModel
@@ -46,6 +47,20 @@ class Columns:
     numerical: np.ndarray | None = None
     also_tried: tuple[np.ndarray, ...] = ()
     """Columns (n, k) that were tried besides, for other exponents: chance had as many more directions to pick from."""
+    channel: np.ndarray | None = None
+
+    def of_mesh(self, s: np.ndarray) -> tuple[float, bool]:
+        """What the error of mesh and steps may leave of r.r in the channel where columns s (n, k) act most, and whether it holds no more
+        beyond noise and chance: then nothing that acts there can be told from this error."""
+        if self.numerical is None or self.channel is None:
+            return 0.0, False
+        acts = np.sum(projection(s).basis ** 2, axis=1)
+        of = np.unique(self.channel[self.channel >= 0])
+        own = self.channel == max(of, key=lambda k: float(acts[self.channel == k].sum()))
+        left, n = self.model.left[own], float(own.sum())
+        may_be, chance = float(self.numerical[own] @ self.numerical[own]), SURE * float(np.sqrt(2.0 * n))
+        # Where the declared noise is too large the channel seems to hold less than nothing, which a small error of the mesh does not make.
+        return may_be, may_be > chance and float(left @ left) - n + chance < may_be
 
 
 @dataclass(frozen=True)
@@ -53,8 +68,9 @@ class Score:
     """What the residual says of one effect.
 
     `z` is the normal quantile of its chi-square with as many degrees as Params felt; `estimate`, `sigma` per Param; `predicted_drop` of
-    r.r, `numerical_drop` that of the discretisation error alone; `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is
-    named with even odds, see `named_from`; `vetoed` says in words why the estimate cannot be, empty where it can.
+    r.r, `numerical_drop` that of the discretisation error alone, all of what it may leave in a channel that holds no more;
+    `detectability` |s| / |S| in 0..1; `detectable` the amplitude that is named with even odds, see `named_from`; `vetoed` says in words why
+    the estimate cannot be, empty where it can.
     """
 
     effect: str
@@ -167,16 +183,18 @@ def _score(
     sigma = dict(zip(felt, found.sigma.tolist(), strict=True))
     estimate = {name: _moved(name, float(a)) for name, a in zip(felt, found.step, strict=True)}
     numerical = 0.0 if columns.numerical is None else found.drop_of(columns.numerical)
+    may_be, hidden = columns.of_mesh(s)
+    least = max(numerical, may_be / OVER_NUMERICAL)
     part = float(np.linalg.norm(model.data(s)) / np.linalg.norm(model.data(block)))
     return Score(
         effect=effect,
         z=_normal_quantile(size, len(found.step)),
         predicted_drop=found.drop,
-        numerical_drop=numerical,
+        numerical_drop=max(numerical, may_be) if hidden else numerical,
         estimate=estimate,
         sigma=sigma,
         detectability=part,
-        detectable=named_from(model, float(found.sigma[0]), float(found.inverse[0, 0]), numerical, threshold),
+        detectable=named_from(model, float(found.sigma[0]), float(found.inverse[0, 0]), least, threshold),
         vetoed=veto(estimate, sigma),
         family=family,
     )

@@ -17,11 +17,15 @@ from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, dr
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.priors import improbable
 from thermofit.experiment.trust import Bounds, physical
+from thermofit.fit.covariance import NoiseOperator
 from thermofit.fit.linear_model import LinearModel, Room, projection
+from thermofit.fit.memory import Neighbours, autoregressive, neighbours
 from thermofit.fit.result import FitResult
 
 PLAIN = 4.0
 """Standard errors of the square sum of noise beyond which a residual holds something."""
+HARDLY_ALIKE = 0.1
+"""Correlation below which samples of a coupon count as independent of a held-out block."""
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
 _BLOCKS = (25, 5)
@@ -118,13 +122,38 @@ def _clocked(case: Case, rows: Rows) -> Rows:
     return replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
 
 
-def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto") -> Split:
+def neighbours_of(case: Case, residual: np.ndarray) -> tuple[Neighbours, ...]:
+    """Noise of each segment of a coupon's residual (n,), as neighbouring samples of all records of its channel show it; none on bodies."""
+    lengths = case.model.segments or ()
+    ends = np.cumsum([c.n for c in case.model.comparisons])
+    channel = np.searchsorted(ends, np.cumsum(lengths))  # that of priors is beyond the last one
+    record = np.repeat(np.arange(len(lengths)), lengths)
+    sample = np.concatenate([np.arange(n) for n in lengths]) if lengths else np.zeros(0, dtype=int)
+    of_channel = {}
+    for k in np.unique(channel):
+        own = np.isin(record, np.flatnonzero(channel == k))
+        place = record[own] - record[own].min()
+        of_channel[k] = neighbours(residual[own], place, sample[own]) if k < len(ends) else Neighbours(1.0, 0.0)
+    return tuple(of_channel[k] for k in channel)
+
+
+def noise_of(case: Case, alike: Sequence[Neighbours]) -> NoiseOperator | None:
+    """Applies the correlation of the noise to columns (n, k): what the comparisons know of it, and on coupons what neighbouring samples
+    have in common; None where it is white."""
+    if any(c.noise is not None for c in case.model.comparisons):
+        return case.model.noise
+    if not any(one.rho > 0.0 for one in alike):
+        return None
+    return autoregressive(case.model.segments or (), [one.rho for one in alike])
+
+
+def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto", memory: float = 0.0) -> Split:
     """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
 
     Blocks see every phase, so that a parameter which a single phase determines is not lost with it; `fitted` (n, p) are the columns of the
     fitted parameters, of which every fold still sees enough. Their buffer in space is not shorter than the noise hangs together: else a
-    seen point would tell the noise of a held-out one. Of coupons the samples are the clock. Records and experiments have blocks of their
-    own.
+    seen point would tell the noise of a held-out one. So it is in time on coupons, whose clock are the samples: `memory` is how many of
+    them it hangs together. Records and experiments have blocks of their own.
     """
     clock = "samples" if case.cheap else "s"
     rows = _clocked(case, rows)
@@ -145,7 +174,7 @@ def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto") -> S
     inside = replace(rows, time=time)
     buffer = (_BUFFER_SHARE[0] * float(np.ptp(time)), max(_BUFFER_SHARE[1] * length, case.correlation_length))
     weight = np.where(used, information(fitted), 0.0)
-    split = split_by_blocks(inside, shape, buffer, weight=weight, clock=clock, part=here, fitted=fitted)
+    split = split_by_blocks(inside, shape, buffer, weight=weight, clock=clock, part=here, fitted=fitted, memory=memory)
     kept = tuple(held & used for held in split.held_out)
     note = " (only one load phase)" if how == "phases" else ""
     return Split(kept, tuple(near & used for near in split.buffer), split.by + note)
@@ -160,14 +189,14 @@ def traced(
     """
     found = linearised(case, fit)
     rows = case.rows
+    alike = neighbours_of(case, found.residual)
     if split is None:
-        split = split_of(case, rows, found.fitted, how)
-    noisy = any(c.noise is not None for c in case.model.comparisons)
+        split = split_of(case, rows, found.fitted, how, max((one.lag(HARDLY_ALIKE) for one in alike), default=0.0))
     groups = groups_of(_clocked(case, rows), np.ones(len(rows.time), dtype=bool))
-    noise = case.model.noise if noisy else None
+    noise = noise_of(case, alike)
     room = room_of(case.parameters, case.parameters.free, case.reach)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
-    columns = Columns(model, found.dormant, groups, numerical)
+    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel)
     scanned, unjudged = _scanned(case, columns, found)
     settings = {name: tried[0][0] for name, tried in scanned.items()}
     dormant = dict(columns.dormant)
@@ -199,7 +228,7 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     parameters, rows = case.parameters, before.rows
     residual, fitted = at_its_end(case, fit) or case.model.linearised(parameters, parameters.free)
     model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free, case.reach))
-    columns = Columns(model, {}, before.problem.groups, before.problem.numerical)
+    columns = Columns(model, {}, before.problem.groups, before.problem.numerical, channel=rows.channel)
     found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
     beyond, unpredicted = beyond_of(case, (), {})
     return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)

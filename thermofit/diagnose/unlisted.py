@@ -2,8 +2,10 @@
 
 After the last fit the excess of every channel (`unlisted_structure`) is put to the effects that are still worth a refit: the best linear
 step of each takes away a part of it. What was refused explains nothing. Where none takes away half, the missing term is sought as a field
-of hats, and it is reported only if it also predicts held-out data. An effect that the loop has accepted and that held-out data no longer
-ask for once the field is there only resembled what is missing.
+of hats, and on coupons as a law over the state as well. It is reconstructed only if it also predicts held-out data. On a body nothing is
+told without that: a few blocks of many stand out by what the mesh makes. A coupon's channel that holds structure misses something, whether
+or not a term of ours takes its form. An effect that the loop has accepted and that held-out data no longer ask for once the field is there
+only resembled what is missing.
 """
 
 from __future__ import annotations
@@ -16,12 +18,15 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.retraced import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, basis_of, field_of, proved
 from thermofit.diagnose.unlisted_hints import Hint, hints
+from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
+from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import felt_by_temperatures
@@ -33,10 +38,14 @@ HALF = 0.5
 SURE, PRACTICAL = 3.0, 5e-3
 """Standard errors, and least relative fall of the held-out mean square of the channel, for which a field is believed."""
 UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa"}
+BEHIND = 0.1
+"""Part of an excess that an effect which is the cause does not leave behind."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)}
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
+CLIPPED = 5.0
+"""Standard deviations of the noise beyond which a value counts as that much, where structure is told without a term."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5
@@ -48,8 +57,8 @@ MOST_HATS = 320
 @dataclass(frozen=True)
 class Unlisted:
     """What is missing: channel, excess, the listed effect that explains most of it with its part, the reconstructed field and its place
-    (None where the channel has no kind of term), hints, other channels that hold structure, the parameters beside the field, and
-    accepted effects that only resembled it."""
+    (None where the channel has no kind of term, or held-out data ask for none), hints, other channels that hold structure, the parameters
+    beside the field, and accepted effects that only resembled it and were taken back."""
 
     channel: str
     structure: Structure
@@ -62,13 +71,18 @@ class Unlisted:
     resembles: tuple[str, ...] = ()
     remark: str = ""
     """What kept the fitted parameters from taking their step beside the field."""
+    law: StateLaw | None = None
+    """The missing stress of a coupon as a law, with its own proof."""
+    beside: tuple[str, ...] = ()
+    """Accepted effects that stay, although this is left beside them: they are a part of the answer, or only resemble it."""
 
 
-def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]) -> Unlisted | None:
+def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
     """The unlisted effect that a traced case holds; None where nothing stands out, or an effect that `explains` takes half of it.
 
     `explains`: effects that are still worth a refit. One that was tried and refused, or is not worth it, explains nothing, however much of
-    the excess its linear step would take: it would take it with an amplitude, a reading or a held-out error that cannot be.
+    the excess its linear step would take: it would take it with an amplitude, a reading or a held-out error that cannot be. `base`: the
+    residual (n,) before any effect was accepted, where one was; without a term, less than BEHIND of its excess is none.
     """
     every = [s.effect for s in here.ranking.scores]
     found = []
@@ -76,21 +90,41 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
         term, there, failed = sought(here, structure)
-        if term is not None or not kind_of(here.case, structure):
-            found.append((structure, best_listed(here, structure, every), term, there, failed))
+        law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
+        proofs = [p.gain for p in (None if term is None else term.proof, believed_law(law)) if p is not None]
+        if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
+            found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), term, there, failed, law))
     if not found:
         return None
-    structure, listed, term, there, failed = max(found, key=lambda f: -np.inf if f[2] is None else f[2].proof.gain)
-    others = tuple(s.blocks.channel for s, *_ in found if s is not structure)
+    _, structure, listed, term, there, failed, law = max(found, key=lambda f: f[0])
+    others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
     if term is None:
-        return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters)
+        return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
     term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
     remark = "; ".join(words for words in (failed, remark) if words)
     place = place_of(term, volumes(here.case, term.basis))
     inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
     if inside.sum() < LEAST_ROWS:
         return None
-    return Unlisted(structure.blocks.channel, structure, listed, term, place, hints_of(here, term), others, parameters, remark=remark)
+    told = Unlisted(structure.blocks.channel, structure, listed, term, place, hints_of(here, term), others, parameters, remark=remark)
+    return replace(told, law=law)
+
+
+def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:
+    """Whether structure is told without a term that takes it."""
+    if here.case.model.segments is None:
+        return False
+    blocks = structure.blocks
+    most = CLIPPED * float(np.sqrt(blocks.noise.mean()))
+    # A few wild samples make a block stand out, and are no structure.
+    if blocks.excess(np.clip(here.problem.model.left, -most, most)) <= STANDS_OUT * blocks.spread:
+        return False
+    return base is None or structure.excess > BEHIND * blocks.excess(base)
+
+
+def believed_law(law: StateLaw | None) -> Proof | None:
+    """The proof of a law over the state where held-out data ask for it."""
+    return law.field.proof if law is not None and believed(law.field) else None
 
 
 def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, str]:

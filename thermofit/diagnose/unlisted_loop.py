@@ -14,12 +14,9 @@ from thermofit.diagnose.backward import Refit, held_out_of, without_effects
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
-from thermofit.diagnose.unlisted import PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
+from thermofit.diagnose.unlisted import BEHIND, PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
 from thermofit.diagnose.unlisted_field import Basis, Field, field_of
 from thermofit.effects.catalogue import effect
-
-LEFT_BEHIND = 0.1
-"""Part of an excess that an effect which is the cause does not leave behind."""
 
 
 def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) -> tuple[Closed, Unlisted | None]:
@@ -29,7 +26,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     data no longer ask for the effect beside the field. Where several that resemble it have taken so much together that what stays asks for
     no field, a field in their stead is asked for. A refit that fails or does not converge leaves them where they are.
     """
-    found = unlisted(closed.last, numerical, closed.open_ones)
+    found = unlisted(closed.last, numerical, closed.open_ones, _base(closed))
     resembles: list[str] = []
     while closed.accepted:
         names: tuple[str, ...] = ()
@@ -46,11 +43,16 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
             closed = replace(closed, remarks=(*closed.remarks, taken))
             break
         closed = whole(against_base(taken, how).as_base(), how)
-        found = unlisted(closed.last, numerical, ())
+        found = unlisted(closed.last, numerical, (), _base(closed))
     if found is None:
         return closed, None
     said = (*closed.remarks, *([found.remark] if found.remark else []))
-    return replace(closed, remarks=said), replace(found, resembles=tuple(resembles))
+    return replace(closed, remarks=said), replace(found, resembles=tuple(resembles), beside=closed.accepted)
+
+
+def _base(closed: Closed) -> np.ndarray | None:
+    """The residual (n,) of the base model, where effects were accepted since."""
+    return closed.first.columns.residual if closed.accepted else None
 
 
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
@@ -59,7 +61,7 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
     blocks = found.structure.blocks
     if field.basis.kind == "stress":
         return False
-    if found.structure.excess <= LEFT_BEHIND * blocks.excess(closed.first.columns.residual):
+    if found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual):
         return False
     here = closed.last
     alone = field_of(without_effects(here, names), field.basis, here.rows, here.split)
@@ -76,7 +78,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, .
     best: tuple[float, tuple[str, ...]] = (0.0, ())
     for structure in standing(here, numerical):
         hat = broad_basis(here.case, structure)
-        if hat is None or structure.excess <= LEFT_BEHIND * structure.blocks.excess(closed.first.columns.residual):
+        if hat is None or structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual):
             continue
         with_both, rows = field_of(here.problem.model, hat, here.rows, here.split), rows_of(here, hat)
         now = held_out_of(here)

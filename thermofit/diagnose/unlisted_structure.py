@@ -1,8 +1,9 @@
 """Structure in a residual: how much of its square sum hangs together in blocks of time and place, above both floors.
 
 With S_b the sum of the n_b whitened rows of a block, noise alone gives E[S_b^2 / n_b] = v, one where sigma is right. v is taken from
-differences of block means in time, so that neither a wrong sigma nor noise that neighbours share looks like structure; what all times
-of a point have in common (the reference of dtheta) comes on top, and so does the error of the discretisation. The excess
+differences of block means in time, so that neither a wrong sigma nor noise that neighbours share looks like structure; of coupons, whose
+samples follow closely, with the correlation that such differences show (`fit.memory`). What all times of a point have in common (the
+reference of dtheta) comes on top, and so does the error of the discretisation. The excess
 
     X = sum_b [S_b^2 / n_b - v_b - 4 N_b^2 / n_b]
 
@@ -19,13 +20,12 @@ from thermofit.core.parameters import bare_name
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.score import OVER_NUMERICAL
+from thermofit.fit.memory import differences, neighbours
 
 BLOCKS = (16, 6, 2)
 """Blocks in time, y and x."""
 SURE = 4.0
 """Standard deviations of the noise by which the excess has to stand out."""
-_MEDIAN = 0.4549
-"""Median of chi-square with one degree of freedom."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,9 @@ def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarr
         at += comparison.n
         block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
         count = np.bincount(block).astype(float)
-        noise = np.full(len(count), noise_of(residual[own], *series)) + shared_part(case, own, block, count, len(residual))
+        coupon = case.model.segments is not None
+        level = neighbours(residual[own], *series).of_sums if coupon else differences(residual[own], *series)[0]
+        noise = np.full(len(count), level) + shared_part(case, own, block, count, len(residual))
         error = np.zeros(len(count)) if numerical is None else OVER_NUMERICAL * np.bincount(block, numerical[own], len(count)) ** 2 / count
         blocks = Blocks(case.channels[k], own, block, count, noise, error)
         excess = blocks.excess(residual)
@@ -95,21 +97,6 @@ def _places(rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool) -> 
     place = np.unique(place, return_inverse=True)[1]
     block = np.unique(i * (place.max(initial=0) + 1) + place, return_inverse=True)[1]
     return block, (place, np.unique(time, return_inverse=True)[1])
-
-
-def noise_of(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> float:
-    """v from second differences in time of sums over places, each in units of what white noise of unit variance gives."""
-    shape = (int(place.max(initial=0)) + 1, int(time.max(initial=0)) + 1)
-    if shape[1] < 5:
-        return 1.0
-    flat = place * shape[1] + time
-    sums = np.bincount(flat, r, shape[0] * shape[1]).reshape(shape)
-    count = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
-    known = count > 0
-    level = np.where(known, sums / np.sqrt(np.maximum(count, 1.0)), 0.0)
-    three = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
-    second = (level[:, :-2] - 2.0 * level[:, 1:-1] + level[:, 2:])[three]
-    return float(np.median(second**2) / 6.0 / _MEDIAN) if len(second) > 4 else 1.0
 
 
 def shared_part(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, n: int) -> np.ndarray:

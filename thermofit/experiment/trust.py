@@ -105,11 +105,13 @@ def grade(added: Mapping[str, Sequence[str]], more_than_noise: bool, unlisted: M
     """What kind of answer a diagnosis is. `added`: effects that it names, each with those that the data do not tell from it; whether more
     than its floor is left in a channel; the entry `unlisted` of a result.
 
-    `complete`: nothing is missing; `named`; `named-as-family`; `unlisted`: a term without a name, reconstructed in place and time;
+    `complete`: nothing is missing; `named`; `named-as-family`; `unlisted`: a term without a name, reconstructed in place and time, or over
+    the state of the material;
     `unexplained`: more than noise, and no term takes it.
     """
     if unlisted is not None:
-        return "unexplained" if unlisted.get("when_s") is None else "unlisted"
+        told = unlisted.get("when_s") is not None or unlisted.get("over_state") is not None
+        return "unlisted" if told else "unexplained"
     if more_than_noise:
         return "unexplained"
     if not added:

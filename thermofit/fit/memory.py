@@ -3,6 +3,10 @@
 A record of thousands of samples whose misfit is that of the model, not of the sensor, is worth far fewer independent values. The
 correlation is estimated from the residual at the optimum, segment by segment, up to its first sign change, and tapered linearly to
 zero (Newey and West, Econometrica 55, 1987), which keeps the covariance positive.
+
+That takes what the model misses for noise. Where the two have to be told apart, noise is what neighbours differ by: second differences
+of means over one, two and four samples, which a smooth misfit hardly changes, give its size and the correlation of neighbours of an
+autoregressive process of first order.
 """
 
 from __future__ import annotations
@@ -11,10 +15,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import fftconvolve
+from scipy.signal import fftconvolve, lfilter
 
 _LEAST = 8
 """A segment with fewer values is taken as white: its correlation cannot be estimated."""
+_MEANS = (1, 2, 4)
+"""Samples over which means are taken, whose differences tell the noise."""
+_RHO = np.linspace(0.0, 0.95, 96)
+"""Correlations of neighbours that are tried."""
+_WHITE = 0.15
+"""Correlation of neighbours below which noise counts as white: that of white noise comes out as large by chance."""
+_MEDIAN = 0.4549
+"""Median of chi-square with one degree of freedom."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +87,83 @@ def noise_operator(found: Sequence[Memory]) -> Callable[[np.ndarray], np.ndarray
             kernel = np.concatenate([rho[:0:-1], rho])[:, None]
             full = fftconvolve(columns[memory.part], kernel, axes=0)
             out[memory.part] = memory.size**2 * full[len(rho) - 1 : len(rho) - 1 + memory.n]
+        return out
+
+    return apply
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Noise as neighbouring samples show it: variance of one sample, and correlation rho of one with the next."""
+
+    variance: float
+    rho: float
+
+    @property
+    def of_sums(self) -> float:
+        """Variance of the sum of many samples over their number: variance (1 + rho) / (1 - rho)."""
+        return self.variance * (1.0 + self.rho) / (1.0 - self.rho)
+
+    def lag(self, least: float) -> float:
+        """Samples after which the correlation is below `least`."""
+        return float(np.log(least) / np.log(self.rho)) if self.rho > 0.0 else 0.0
+
+
+def differences(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> tuple[float, int]:
+    """v from second differences in time of sums over places, each in units of what white noise of unit variance gives, by their median; and
+    how many there are. `place` and `time` (n,) number the series of every value of r (n,) and where it stands in it."""
+    shape = (int(place.max(initial=0)) + 1, int(time.max(initial=0)) + 1)
+    if shape[1] < 5:
+        return 1.0, 0
+    flat = place * shape[1] + time
+    sums = np.bincount(flat, r, shape[0] * shape[1]).reshape(shape)
+    count = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
+    known = count > 0
+    level = np.where(known, sums / np.sqrt(np.maximum(count, 1.0)), 0.0)
+    three = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
+    second = (level[:, :-2] - 2.0 * level[:, 1:-1] + level[:, 2:])[three]
+    return (float(np.median(second**2) / 6.0 / _MEDIAN), len(second)) if len(second) > 4 else (1.0, 0)
+
+
+def _of_means(m: int, rho: np.ndarray) -> np.ndarray:
+    """v of means over m samples of an autoregressive process of unit variance: (6 g0 - 8 g1 + 2 g2) / 6, g_k the covariance of the sums
+    over m samples that lie k groups apart, over m."""
+    step = np.subtract.outer(np.arange(m), np.arange(m))
+    g = [np.sum(rho[:, None, None] ** np.abs(step + k * m), axis=(1, 2)) / m for k in range(3)]
+    return np.asarray((6.0 * g[0] - 8.0 * g[1] + 2.0 * g[2]) / 6.0)
+
+
+def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours:
+    """Noise of series of samples, see `differences`, by least squares over _MEANS of log v. Differences tell little of what changes slowly,
+    but no more of it is noise than there is at all: its variance is at most the mean square of r."""
+    found = [(m, *differences(r, place, time // m)) for m in _MEANS]
+    used = [(m, v, n) for m, v, n in found if n and v > 0.0]
+    if not used:
+        return Neighbours(found[0][1], 0.0)
+    weight = np.array([n for _, _, n in used], dtype=float)
+    log = np.array([np.log(v) - np.log(_of_means(m, _RHO)) for m, v, _ in used])
+    level = weight @ log / weight.sum()
+    possible = np.exp(level) <= max(float(np.mean(r**2)), float(np.exp(level[0])))
+    wrong = np.where(possible, weight @ (log - level) ** 2, np.inf)
+    best = int(np.argmin(wrong)) if len(used) > 1 else 0
+    if _RHO[best] < _WHITE:
+        return Neighbours(found[0][1], 0.0)
+    return Neighbours(float(np.exp(level[best])), float(_RHO[best]))
+
+
+def autoregressive(lengths: Sequence[int], rho: Sequence[float]) -> Callable[[np.ndarray], np.ndarray]:
+    """Applies C, C_ij = rho^|i - j| within each segment, to columns (n, k): a filter forwards and one backwards."""
+
+    def apply(columns: np.ndarray) -> np.ndarray:
+        out, at = columns.astype(float).copy(), 0
+        for length, one in zip(lengths, rho, strict=True):
+            part = slice(at, at + length)
+            at += length
+            if one == 0.0 or length < 2:
+                continue
+            own = columns[part]
+            ahead, back = (lfilter([1.0], [1.0, -one], v, axis=0) for v in (own, own[::-1]))
+            out[part] = ahead + back[::-1] - own
         return out
 
     return apply

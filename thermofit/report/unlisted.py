@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,11 @@ from matplotlib.figure import Figure
 from thermofit.core.atomic import replacing
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted import HALF, Unlisted, solved
-from thermofit.diagnose.unlisted_effect import VARIABLES, camera_file, heat_file, sensor_file, yield_file
-from thermofit.diagnose.unlisted_field import Field, basis_of
-from thermofit.experiment.missing import Grid, Missing, YieldTerms
+from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
+from thermofit.diagnose.unlisted_effect import camera_file, heat_file, sensor_file, yield_file
+from thermofit.diagnose.unlisted_field import Field
+from thermofit.diagnose.unlisted_law import StateLaw
+from thermofit.experiment.missing import Missing
 from thermofit.experiment.trust import grade
 from thermofit.records.artefact import Dataset
 from thermofit.report.figures import NOISE, STYLE, new_figure, save_figures, shade_phases, symmetric_limit
@@ -27,8 +28,6 @@ from thermofit.study.study import Study
 NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress"}
 WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress"}
 FIGURE = "unlisted"
-_STEPS = 10
-"""Steps of a table of the yield stress."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +70,11 @@ def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[
 def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
     part = f"{100 * said['excess_share']:.0f} %"
-    share = f"{part} of the misfit of {said['channel']} is systematic, and no effect of the catalogue explains half of it"
+    beside = f" beside {' and '.join(said['beside'])}" if said["beside"] else ""
+    share = f"{part} of the misfit of {said['channel']}{beside} is systematic, and no effect of the catalogue explains half of it"
     if said["where"] is None:
-        return share
+        law = said["over_state"]
+        return share if law is None else f"a yield stress over {law['variable']}, up to {number(law['largest_MPa'])} MPa ({share})"
     a, b = said["when_s"]
     size = f"{number(said['mean_in_window'])} {said['unit']}"
     return f"a {said['kind']} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
@@ -103,12 +104,23 @@ def summary_of(here: Traced, found: Unlisted, file: EffectFile | None) -> dict[s
         "excess_share": found.structure.share,
         "best_listed": {"effect": found.listed[0], "explains": found.listed[1], "needed": HALF} if found.listed[0] else None,
         "resembles": list(found.resembles),
+        "beside": list(found.beside),
+        "over_state": _law(believed_law(found.law), found.law),
         "other_channels": list(found.others),
         "hints": [{"variable": h.variable, "frequency": h.frequency, "sign": h.sign, "correlation": h.correlation} for h in found.hints],
     }
+    holds = {} if file is None else {"file_holds": _proof(file.proof) | {"words": file.words}}
     if found.field is None or found.place is None:
-        return out
-    return out | _of_field(here, found, found.field) | ({} if file is None else {"file_holds": _proof(file.proof) | {"words": file.words}})
+        return out | holds
+    return out | _of_field(here, found, found.field) | holds
+
+
+def _law(proof: Proof | None, law: StateLaw | None) -> dict[str, Any] | None:
+    """A missing stress over a state variable, None where held-out data do not ask for it."""
+    if proof is None or law is None:
+        return None
+    curve = np.cumsum(law.field.q)
+    return {"variable": law.variable, "largest_MPa": law.size, "at": law.edges.tolist(), "stress_MPa": curve.tolist(), **_proof(proof)}
 
 
 def _proof(p: Proof) -> dict[str, float]:
@@ -165,14 +177,17 @@ def errors(here: Traced, field: Field) -> dict[str, Any]:
 
 
 def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | None:
-    """The effect file of a reconstructed term; None where there is no field."""
-    field, missing = found.field, here.case.model.missing
-    if field is None or missing is None:
+    """The effect file of a reconstructed term; None where there is none, or a law that held-out data do not ask for stands alone."""
+    field, law, missing = found.field, found.law, here.case.model.missing
+    source = f"{study_name}, channel {found.channel}"
+    if law is not None and (field is not None or believed_law(law) is not None):
+        text = yield_file(NAMES["stress"], source, law.variable, (law.edges, law.width, law.field.q))
+        words = f"the part of the missing stress that is a yield stress over {law.variable}"
+        return EffectFile(NAMES["stress"], text, words, law.field.proof)
+    if field is None or missing is None or field.basis.kind == "stress":
         return None
-    source, grid, kind = f"{study_name}, channel {found.channel}", field.basis.grid, field.basis.kind
+    grid, kind = field.basis.grid, field.basis.kind
     name = NAMES[kind]
-    if kind == "stress":
-        return None if missing.of_yield is None else _table(source, here, found, missing.of_yield)
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
     if missing.records:
@@ -187,34 +202,6 @@ def _rises(found: Unlisted, missing: Missing, field: Field) -> list[tuple[str, n
     rise = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
     ends = np.cumsum([len(record.time) for record in missing.records])[:-1]
     return [(record.name, record.time, own) for record, own in zip(missing.records, np.split(rise, ends), strict=True)]
-
-
-def _table(source: str, here: Traced, found: Unlisted, terms: YieldTerms) -> EffectFile | None:
-    """A yield stress over the state variable that explains held-out data best."""
-    best: tuple[Field, str, np.ndarray, float] | None = None
-    for variable in VARIABLES:
-        values = terms.yield_variables(here.case.parameters, variable)
-        if len(values) < _STEPS or float(np.ptp(values)) <= 1e-9 * max(1.0, float(np.abs(values).max())):
-            continue
-        edges = np.linspace(values.min(), values.max(), _STEPS + 1)[:-1]
-        width = 0.5 * float(edges[1] - edges[0])
-        field = _stepped(here, found, terms.yielding(here.case.parameters, variable, edges, width), edges)
-        if best is None or field.proof.gain > best[0].proof.gain:
-            best = (field, variable, edges, width)
-    if best is None:
-        return None
-    field, variable, edges, width = best
-    text = yield_file(NAMES["stress"], source, variable, (edges, width, field.q))
-    return EffectFile(NAMES["stress"], text, f"the part of the missing stress that is a yield stress over {variable}", field.proof)
-
-
-def _stepped(here: Traced, found: Unlisted, answers: np.ndarray, edges: np.ndarray) -> Field:
-    """Field of steps of the yield stress at edges (m,) of a state variable; `answers` (n_t, 1, 1, m) are theirs."""
-    grid = Grid(edges, np.zeros(len(edges), dtype=int), np.zeros(1), np.zeros(1))
-    comparison = here.case.model.comparisons[here.case.channels.index(found.channel)]
-    hat = basis_of(("stress", "MPa"), grid, np.arange(len(edges)), found.structure.blocks.rows, (answers, comparison.residual))
-    # Steps of the table are independent of each other: only their size is held down.
-    return solved(here, replace(hat, rough=np.eye(len(edges))))
 
 
 def unlisted_datasets(found: Unlisted | None) -> dict[str, Dataset]:

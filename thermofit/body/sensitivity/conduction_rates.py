@@ -40,7 +40,7 @@ from thermofit.body.sensitivity.heat_effect_rates import (
 from thermofit.body.sensitivity.lanes import multiply_directions
 from thermofit.body.sensitivity.shape_rates import add_conduction_rates, add_film_rates
 from thermofit.body.solve.linear import Factor, multiply_symmetric
-from thermofit.core.errors import NumericsError, StudyError
+from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, load_mode, param
 from thermofit.effects.film_exchange import FILM_UNIT
@@ -280,14 +280,17 @@ def _shape_rates(body: Body, step: HeatStep, theta: np.ndarray, motion: Motion) 
 def steady_rates(body: Body, geometry: ThermalGeometry, conditions: HeatConditions, theta: np.ndarray, rates: ConditionRates) -> np.ndarray:
     """Rates (n_np, m) of `steady_temperature` theta of the undeformed body: E theta' = q' - E' theta.
 
-    StudyError where there is no exchange and a film coefficient is among the directions: the temperature jumps there.
+    NumericsError where there is no exchange and a film coefficient is among the directions: the temperature jumps there. A step of
+    a search may end there, which is an evaluation that failed.
     """
     along = rates.along(conditions)
     initial = initial_rates(body, along)
     if all(alpha <= 0.0 for alpha, _ in conditions.films.values()):
         for name, (alpha_rates, _) in rates.films.items():
             if np.any(alpha_rates):
-                raise StudyError(f"alpha_{name}: all film coefficients are zero, where it cannot be identified; start from a positive one")
+                raise NumericsError(
+                    f"alpha_{name}: all film coefficients are zero, where it cannot be identified; start from a positive one"
+                )
         return np.tile(rates.films["clamp"][1], (body.mesh.n_nodes, 1)) + initial
     if not along.nothing:
         return _steady_with_effects(body, geometry, conditions, theta, rates) + initial

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import typer.main
+import yaml
 
 from thermofit.cli.app import app
 from thermofit.core.parameters import LAW, Param
@@ -30,7 +32,12 @@ Schema = Mapping[str, Any]
 
 def pages() -> dict[str, str]:
     """Text of every generated page by file name."""
-    return {"commands.md": commands_page(), "keys.md": keys_page(), "catalogue.md": catalogue_page()}
+    return {
+        "commands.md": commands_page(),
+        "keys.md": keys_page(),
+        "catalogue.md": catalogue_page(),
+        "thresholds.md": thresholds_page(),
+    }
 
 
 def main() -> None:
@@ -236,6 +243,60 @@ def _effect(effect: Effect) -> tuple[str, ...]:
 
 def _code(text: str) -> str:
     return f"`{' '.join(text.split())}`"
+
+
+# Thresholds
+
+ROOM = Path(__file__).resolve().parent.parent / "thermofit" / "diagnose"
+KINDS_OF_NUMBERS = {
+    "decides": ("What decides", "Another value may give another answer."),
+    "resolves": ("What resolves", "How finely something is looked at."),
+    "ends": ("What ends", "How long something is looked for: they cost time, and a search that is cut short says so."),
+}
+
+
+def thresholds() -> dict[str, tuple[str, str]]:
+    """Value and meaning of every number that stands by itself in a module of the diagnosis, by "module.NAME"; of several that one line
+    holds, by the first. Numbers by which another module is meant alone (an alias) are not listed."""
+    found: dict[str, tuple[str, str]] = {}
+    for path in sorted(ROOM.glob("*.py")):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        for node, after in zip(body, [*body[1:], None], strict=True):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target if isinstance(node, ast.AnnAssign) else None
+            value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+            if target is None or value is None or not any(_is_number(part) for part in ast.walk(value)):
+                continue
+            names = [ast.unparse(one) for one in (target.elts if isinstance(target, ast.Tuple) else [target])]
+            text = after.value if isinstance(after, ast.Expr) else None
+            meaning = text.value if isinstance(text, ast.Constant) and isinstance(text.value, str) else ""
+            found[f"{path.stem}.{names[0]}"] = (f"{', '.join(names)} = {_short(ast.unparse(value))}", meaning)
+    return found
+
+
+def _is_number(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool)
+
+
+def _short(text: str, most: int = 60) -> str:
+    return text if len(text) <= most else f"{text[:most].rstrip()} ..."
+
+
+def thresholds_page() -> str:
+    """Every number of the diagnosis, its meaning and where it comes from. ValueError where one has no origin, or an origin no number."""
+    origins = yaml.safe_load(Path(__file__).with_name("thresholds.yaml").read_text(encoding="utf-8"))
+    numbers = thresholds()
+    listed = [name for kind in KINDS_OF_NUMBERS for name in origins[kind]]
+    if set(listed) != set(numbers) or len(listed) != len(set(listed)):
+        odd = sorted(set(listed) ^ set(numbers)) or sorted({n for n in listed if listed.count(n) > 1})
+        raise ValueError(f"scripts/thresholds.yaml: {', '.join(odd)} stand there or in thermofit/diagnose, expected once in both")
+    parts = [
+        f"Every number in `thermofit/diagnose` that stands by itself. {len(origins['decides'])} decide, {len(origins['resolves'])} say "
+        f"how finely something is looked at, {len(origins['ends'])} how long. Origins are kept in `scripts/thresholds.yaml`."
+    ]
+    for kind, (title, words) in KINDS_OF_NUMBERS.items():
+        rows = [(f"`{name}`", f"`{numbers[name][0]}`", numbers[name][1], origin) for name, origin in origins[kind].items()]
+        parts += [f"## {title}", words, table(("number", "value", "meaning", "where it comes from"), rows)]
+    return page("Thresholds of the diagnosis", *parts)
 
 
 if __name__ == "__main__":

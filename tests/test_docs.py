@@ -52,6 +52,16 @@ def test_generated_pages_are_those_of_the_program(scripts: Any) -> None:
     assert "| `newton_tolerance` |" in made["keys.md"] and "`clamp_drift`" in made["catalogue.md"]
 
 
+def test_every_number_of_the_diagnosis_has_an_origin(scripts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number without an entry, or an entry without a number, is an error that names it."""
+    pages = scripts("write_pages")
+    numbers = pages.thresholds()
+    assert numbers["score.ALIKE"][0] == "ALIKE = 0.9" and "held_out.SURE" in numbers
+    monkeypatch.setattr(pages, "thresholds", lambda: {**numbers, "score.NEW": ("NEW = 1", "what it means")})
+    with pytest.raises(ValueError, match=r"score\.NEW"):
+        pages.thresholds_page()
+
+
 def long_sentences(text: str) -> list[str]:
     return [sentence for sentence in sentences(text) if words(sentence) > LONGEST]
 

@@ -78,8 +78,8 @@ SMOOTH, WILD = np.full(40, 3.0), np.concatenate([np.zeros(38), np.full(2, 40.0)]
         (True, SMOOTH, None, False, True),
         (False, SMOOTH, None, False, False),  # a body's blocks stand out by its mesh
         (True, WILD, None, False, False),  # wild samples are no structure
-        (True, SMOOTH, 4.0 * SMOOTH, False, False),  # an effect has taken all but a sixteenth
-        (True, SMOOTH, 2.0 * SMOOTH, False, True),
+        (True, SMOOTH, 8.0 * SMOOTH, False, False),  # an effect has taken all but a sixty-fourth
+        (True, SMOOTH, 6.0 * SMOOTH, False, True),
         (True, WILD, None, True, True),  # held-out data ask for a law over the state
     ],
 )

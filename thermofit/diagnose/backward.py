@@ -19,7 +19,7 @@ from thermofit.fit.result import FitResult
 Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
 """Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
 STANDS_IN = 0.2
-"""Part of an effect's square that held exponents of the others must be able to make up for before a refit asks whether they do."""
+"""Part of an effect's square that held exponents of the others could take, from which a refit asks whether they do."""
 
 
 @dataclass(frozen=True)

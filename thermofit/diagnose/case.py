@@ -23,7 +23,7 @@ from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
 
 TINY = 1e-3
-"""Part of its probe at which a dormant effect of the body is asked for its influence: at neutral itself a point that rests on the yield
+"""Part of its probe at which a dormant effect of the body is asked for its influence. At neutral itself a point that rests on the yield
 surface does not flow, with the least overstress it does. Only effects of the overstress are asked so."""
 NEARER = (1.0, 1e-3, 1e-6)
 """Parts of that at which an effect is asked in turn where the model cannot run with it."""

@@ -35,7 +35,7 @@ from thermofit.point.driver import Programme as Driven
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
 
 FAINT = 0.05
-"""Part of a column that the fitted parameters leave below which a test is said to hardly feel an effect."""
+"""Part of a column that the fitted parameters leave below which a test is said to show an effect hardly."""
 STRESS, TEMPERATURE = 0.5, 0.02
 """Noise in MPa and K where the experiment has no such channel."""
 PEAK, RATE = 0.05, 1e-3

@@ -28,7 +28,7 @@ from thermofit.fit.linear_model import LinearModel
 LEVEL = 0.01
 """Chance that any pair of a parameter and a variable is told where nothing drifts."""
 SHARE = 0.1
-"""Part of the fall of the square sum that the first drift makes, below which a further one is not told: what a linear step leaves of a
+"""Part of the fall of the square sum that the first drift makes, below which a further one is not told. What a linear step leaves of a
 large one looks like others."""
 AS_MUCH = 0.9
 """Part of the fall of the strongest that one which is not told apart from it explains as well."""
@@ -39,7 +39,7 @@ BLOCKS = 4
 _OWN = 0.05
 """Part of its column that a drift must have for itself beside the fitted parameters."""
 _SPREAD: Mapping[str, float] = {"time": 0.0, "plastic strain": 1e-4, "rate": 0.2, "temperature": 0.2, "place y": 0.0}
-"""Standard deviation over the rows that feel a parameter from which a variable is one: with less there is one rate, one temperature."""
+"""Standard deviation over the rows that tell a parameter from which a variable is one: with less there is one rate, one temperature."""
 _WORDS: Mapping[str, str] = {
     "time": "time",
     "plastic strain": "plastic strain",

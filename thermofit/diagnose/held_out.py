@@ -18,7 +18,7 @@ SURE = 2.0
 PRACTICAL = 3e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
 LEAST_SEEN = 0.2
-"""Share of what all rows tell of a direction of the parameters that the rows which a fold sees must tell: then a step that they ask for
+"""Share of what all rows tell of a direction of the parameters that the rows which a fold sees must tell. A step that they ask for then
 changes held-out rows by no more than twice what it changes theirs."""
 FEWEST = 5
 """Blocks of time of a record or experiment at least: one for each fold."""

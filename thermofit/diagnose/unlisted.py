@@ -40,6 +40,8 @@ SURE, PRACTICAL = 3.0, 5e-3
 UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa"}
 BEHIND = 0.1
 """Part of an excess that an effect which is the cause does not leave behind."""
+ALONE = 0.02
+"""The same where structure of a coupon is told without a term."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)}
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
@@ -82,7 +84,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
 
     `explains`: effects that are still worth a refit. One that was tried and refused, or is not worth it, explains nothing, however much of
     the excess its linear step would take: it would take it with an amplitude, a reading or a held-out error that cannot be. `base`: the
-    residual (n,) before any effect was accepted, where one was; without a term, less than BEHIND of its excess is none.
+    residual (n,) before any effect was accepted, where one was; without a term, less than ALONE of its excess is none.
     """
     every = [s.effect for s in here.ranking.scores]
     found = []
@@ -119,7 +121,7 @@ def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> 
     # A few wild samples make a block stand out, and are no structure.
     if blocks.excess(np.clip(here.problem.model.left, -most, most)) <= STANDS_OUT * blocks.spread:
         return False
-    return base is None or structure.excess > BEHIND * blocks.excess(base)
+    return base is None or structure.excess > ALONE * blocks.excess(base)
 
 
 def believed_law(law: StateLaw | None) -> Proof | None:

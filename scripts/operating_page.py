@@ -211,7 +211,9 @@ def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
         kept = [r for r in here if (r["source"], r["scripts"]) == last]
         own += kept
         others = Counter((r["source"], r["scripts"]) for r in here if (r["source"], r["scripts"]) != last)
-        left = "".join(f". Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}" for s, n in others.items())
+        left = "".join(
+            f". Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}{_of_nulls(here, s)}" for s, n in others.items()
+        )
         said.append(
             f"* Rows, {KINDS[driver]}: {len(kept)}, all of source {last[0]} (digest of thermofit) and scripts {last[1]} "
             f"(of those that make the tests){left}."
@@ -219,6 +221,13 @@ def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
     missing = [words for driver, words in KINDS.items() if driver not in {r["driver"] for r in rows}]
     said += [f"* Rows, {words}: none. What is said below is not said of them." for words in missing]
     return own, said
+
+
+def _of_nulls(rows: Sequence[Run], source: tuple[str, str]) -> str:
+    """In how many runs of a source with nothing planted an effect was accepted or something unlisted told, in words; empty where it has none."""
+    of = [answered(r) for r in rows if (r["source"], r["scripts"]) == source and r["kind"] == "none"]
+    said = sum(bool(r["accepted"]) or unlisted(r) for r in of)
+    return f" (nothing planted: an effect or something unlisted in {said} of {len(of)})" if of else ""
 
 
 def write(rows: list[Run], folder: Path, unplanted: Mapping[str, str]) -> None:

@@ -159,7 +159,7 @@ count again (`scripts/operating_figures.py --write`). Data come from another dis
 rates, at three temperatures or at one, or moved through everything once. The record has a temperature or none. Bodies are loaded at three
 paces (`scripts/operating_body.py`). The noise lies between half and twice the usual one. In a third of the runs the declared noise of
 each quantity is wrong by up to a factor of two. In another third the noise of neighbouring samples is alike, with a correlation of 0.3 to
-0.8.
+0.8 (`memory` of a row; rows without that word are of scripts that drew none).
 **Secondary values of a planted effect** (exponents, times, widths, rates) lie between two values that the loop scans. Every gap is as
 likely as any other. Where the order of magnitude counts, they are drawn by logarithms. They are never nearer to a scanned value than a
 tenth of the gap, so that the loop does not begin at the truth. A parameter of which one value is scanned and which is fitted later lies
@@ -211,7 +211,7 @@ def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
         kept = [r for r in here if (r["source"], r["scripts"]) == last]
         own += kept
         others = Counter((r["source"], r["scripts"]) for r in here if (r["source"], r["scripts"]) != last)
-        left = "".join(f". Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}" for s, n in others.items())
+        left = "".join(f". Kept but not counted: {n} rows of source {s[0]}, scripts {s[1]}{_of_nulls(here, s)}" for s, n in others.items())
         said.append(
             f"* Rows, {KINDS[driver]}: {len(kept)}, all of source {last[0]} (digest of thermofit) and scripts {last[1]} "
             f"(of those that make the tests){left}."
@@ -219,6 +219,14 @@ def of_one_source(rows: Sequence[Run]) -> tuple[list[Run], list[str]]:
     missing = [words for driver, words in KINDS.items() if driver not in {r["driver"] for r in rows}]
     said += [f"* Rows, {words}: none. What is said below is not said of them." for words in missing]
     return own, said
+
+
+def _of_nulls(rows: Sequence[Run], source: tuple[str, str]) -> str:
+    """In how many runs of a source with nothing planted an effect was accepted or something unlisted told, in words; empty where it has no
+    such runs."""
+    of = [answered(r) for r in rows if (r["source"], r["scripts"]) == source and r["kind"] == "none"]
+    said = sum(bool(r["accepted"]) or unlisted(r) for r in of)
+    return f" (nothing planted: an effect or something unlisted in {said} of {len(of)})" if of else ""
 
 
 def write(rows: list[Run], folder: Path, unplanted: Mapping[str, str]) -> None:

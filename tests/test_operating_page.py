@@ -109,6 +109,15 @@ def test_rows_of_two_sources_are_never_counted_together(page: Any) -> None:
     assert len(said) == 3 and "full fields of the full mesh, fitted on the coarse one: none" in said[2]
 
 
+def test_what_other_sources_said_where_nothing_was_planted_is_told(page: Any) -> None:
+    older = {**RUNS[0], "source": "older", "kind": "none", "times": 0.0, "accepted": [], "unlisted": None}
+    of = [older, {**older, "accepted": ["lamp"], "unlisted": "stress"}, {**older, "unlisted": "dtheta"}, {**older, "kind": "lamp"}]
+    _, said = page.of_one_source([*of, RUNS[0]])
+    assert "4 rows of source older" in said[0] and "an effect or something unlisted in 2 of 3)" in said[0]
+    _, said = page.of_one_source([{**older, "kind": "lamp"}, RUNS[0]])
+    assert "not counted" in said[0] and "nothing planted" not in said[0]
+
+
 def test_two_effects_are_named_only_by_two_accepted_ones(page: Any) -> None:
     alike = {"a": ["a", "lamp", "ir_drift"], "b": ["b", "lamp"]}
     run = kept("point", "ir_drift+lamp", 6.0, "a", families=alike)

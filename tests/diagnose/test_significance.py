@@ -81,6 +81,13 @@ def test_what_is_missing_is_found_at_its_place_and_time() -> None:
     assert np.abs(found.z[planted == 0.0]).max() < 4.5 and found.amount[planted > 0.0].mean() == pytest.approx(6.0, rel=0.2)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_is_missing_in_one_place_is_not_spread_by_the_parameters(seed: int) -> None:
+    planted = np.where((ROW >= 6) & (ROW <= 8) & (COLUMN >= 3) & (COLUMN <= 4), 30.0, 0.0)
+    found = significance(balance(noise(seed) + planted))
+    assert np.abs(found.z[planted == 0.0]).max() < 4.5 and found.amount[planted > 0.0].mean() == pytest.approx(30.0, rel=0.05)
+
+
 def test_what_parameters_could_make_is_nobodys_loss() -> None:
     assert not significance(balance(noise(3) + COLUMNS @ np.array([30.0, 3.0, 2.0]))).stands_out
     firm = balance(noise(3) + COLUMNS @ np.array([30.0, 3.0, 2.0]), told=1e3 * np.eye(3))
@@ -101,15 +108,15 @@ def test_a_cell_that_parameters_determine_says_nothing() -> None:
     assert found.taken == 1 and np.isnan(found.z[(ROW == 3) & (COLUMN == 2)]).all()
 
 
-def scanned(made: LocalBalance, exact: np.ndarray) -> LocalBalance:
-    """A balance whose amount is linear in the first parameter, and whose noise grows with it."""
+def scanned(made: LocalBalance, exact: np.ndarray, grows: float = 2.0, to: float = 16.0) -> LocalBalance:
+    """A balance whose amount is linear in the first parameter, and whose noise grows with a power of it; scanned up to `to` times it."""
 
     def follow(x: np.ndarray) -> LocalBalance:
-        factor = ((made.value[0] + x[0]) / made.value[0]) ** 2
+        factor = ((made.value[0] + x[0]) / made.value[0]) ** grows
         return replace(made, amount=made.amount + exact * x[0], covariance=factor * made.covariance)
 
     grid = np.zeros((33, 3))
-    grid[:, 0] = made.value[0] * (np.geomspace(1.0 / 16.0, 16.0, 33) - 1.0)
+    grid[:, 0] = made.value[0] * (np.geomspace(1.0 / 16.0, to, 33) - 1.0)
     return replace(made, follow=follow, scan=tuple(grid))
 
 
@@ -125,4 +132,23 @@ def test_a_balance_closes_with_the_parameter_that_the_fit_has_missed() -> None:
 def test_a_source_is_not_taken_for_a_parameter() -> None:
     planted = np.where((ROW >= 6) & (ROW <= 8) & (COLUMN >= 3) & (COLUMN <= 4), 9.0, 0.0)
     found = significance(scanned(balance(noise(8) + planted), 0.01 * np.sin(0.9 * ROW + COLUMN)))
+    assert found.stands_out and found.asks is None
+
+
+def test_what_a_parameter_leaves_missing_is_not_closed_by_it() -> None:
+    # The truth is 300, which the likelihood asks for by far, and heat is missing in two places as well.
+    exact = 0.05 * np.sin(0.9 * ROW + COLUMN)
+    two = np.where((ROW <= 2) & (COLUMN <= 1), 9.0, 0.0) - np.where((ROW >= 9) & (COLUMN >= 4), 9.0, 0.0)
+    made = balance(noise(9, 0.0) - 200.0 * exact + two, beside=np.zeros((len(ROW), 0)))
+    assert significance(scanned(replace(made, amount=made.amount - two), exact, 0.0)).asks is not None
+    found = significance(scanned(made, exact, 0.0))
+    assert found.stands_out and found.asks is None
+
+
+def test_a_parameter_at_the_end_of_its_scan_is_not_asked_for() -> None:
+    exact = 0.05 * np.sin(0.9 * ROW + COLUMN)
+    made = balance(noise(9, 0.0) - 200.0 * exact, beside=np.zeros((len(ROW), 0)))
+    at_the_end = scanned(made, exact, 0.0, to=2.95)
+    assert at_the_end.follow is not None and not significance(at_the_end.follow(at_the_end.scan[-1])).stands_out
+    found = significance(at_the_end)
     assert found.stands_out and found.asks is None

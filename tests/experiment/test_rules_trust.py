@@ -150,6 +150,7 @@ def test_the_force_is_taken_as_exact_while_the_model_misses_three_standard_error
         ({}, True, None, "unexplained"),
         ({"lamp": ()}, False, {"when_s": [3.0, 9.0]}, "unlisted"),
         ({}, True, {"when_s": None}, "unexplained"),
+        ({}, True, {"when_s": None, "over_state": {"of": "plastic strain"}}, "unlisted"),
     ],
 )
 def test_grade_of_an_answer(added: dict[str, tuple[str, ...]], more: bool, unlisted: dict[str, object] | None, expected: str) -> None:

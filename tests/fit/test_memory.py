@@ -98,6 +98,16 @@ def test_white_noise_stays_white() -> None:
     assert neighbours(np.ones(3), np.zeros(3, dtype=int), np.arange(3)).of_sums == 1.0
 
 
+def test_curvature_of_a_misfit_is_no_memory() -> None:
+    """Ten records of 20 samples off by levels of their own and a bend, with noise of a thousandth: without the rule rho is 0.95, and a
+    variance of the noise of hundreds of times the true one."""
+    rng = np.random.default_rng(10)
+    record, sample = np.repeat(np.arange(10), 20), np.tile(np.arange(20), 10)
+    misfit = rng.normal(size=10)[record] + 0.3 * rng.normal(size=10)[record] * np.sin(0.4 * sample)
+    found = neighbours(misfit + 1e-3 * rng.normal(size=200), record, sample)
+    assert found.rho == 0.0 and found.of_sums < 1e-3
+
+
 def test_records_of_a_channel_are_not_joined() -> None:
     """Two records with levels far apart: the step between them is no noise."""
     rng = np.random.default_rng(8)

@@ -25,6 +25,8 @@ _RHO = np.linspace(0.0, 0.95, 96)
 """Correlations of neighbours that are tried."""
 _WHITE = 0.15
 """Correlation of neighbours below which noise counts as white: that of white noise comes out as large by chance."""
+_SMOOTH = 1.5
+"""Times the largest growth of v from one mean to the next that an autoregressive process makes; beyond, it is a smooth misfit."""
 _MEDIAN = 0.4549
 """Median of chi-square with one degree of freedom."""
 
@@ -135,9 +137,16 @@ def _of_means(m: int, rho: np.ndarray) -> np.ndarray:
 
 def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours:
     """Noise of series of samples, see `differences`, by least squares over _MEANS of log v. Differences tell little of what changes slowly,
-    but no more of it is noise than there is at all: its variance is at most the mean square of r."""
+    but no more of it is noise than there is at all: its variance is at most the mean square of r. Where a misfit is large beside the noise
+    its curvature shows in the longer means: v grows with m^4, which no noise makes, and these are left out."""
     found = [(m, *differences(r, place, time // m)) for m in _MEANS]
-    used = [(m, v, n) for m, v, n in found if n and v > 0.0]
+    used: list[tuple[int, float, int]] = []
+    for m, v, n in found:
+        if not n or v <= 0.0:
+            continue
+        if used and v > _SMOOTH * used[-1][1] * float(np.max(_of_means(m, _RHO) / _of_means(used[-1][0], _RHO))):
+            break
+        used.append((m, v, n))
     if not used:
         return Neighbours(found[0][1], 0.0)
     weight = np.array([n for _, _, n in used], dtype=float)

@@ -18,8 +18,9 @@ from thermofit.diagnose import pose as module
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import Case, Sharper
 from thermofit.diagnose.drift import drifts
+from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.pose import beyond_landmarks, released
+from thermofit.diagnose.pose import beyond_landmarks, not_asked_beyond, released
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rejudge import ends_of_fit
 from thermofit.diagnose.trace import traced
@@ -158,3 +159,31 @@ def test_it_is_no_part_of_the_answer() -> None:
     states = {v: np.full(len(rows.time), np.nan) for v in VARIABLES} | {"time": rows.time}
     asked = drifts(here, states).asked
     assert drifts(replace(here, case=replace(case, pose=frozenset())), states).asked == asked + 1
+
+
+@pytest.mark.parametrize(
+    ("value", "gain", "refused", "unjudged", "told"),
+    [
+        (0.02, 2e-4, "not enough", False, True),
+        (0.02, 0.2, "readings are off", False, False),  # held-out data ask for it, and something else refuses it
+        (0.02, 2e-4, "not enough", True, False),  # no run could judge it
+        (0.02, 2e-4, "", False, False),
+        (0.01, 2e-4, "not enough", False, False),  # within its bound
+    ],
+)
+def test_a_pose_at_its_end_is_no_doubt_where_held_out_data_ask_for_no_more(
+    value: float, gain: float, refused: str, unjudged: bool, told: bool
+) -> None:
+    case = case_of(5)
+    case = replace(
+        case,
+        parameters=BASE.with_free(("kappa", RATE)).replace(**{RATE: value}),
+        bounds=lambda name: (-0.02, 0.02) if name == RATE else physical(name),
+        pose=frozenset((RATE,)),
+    )
+    proof = Proof(1.0, 1.0, {}, gain, 2e-4, 5)
+    trial: Any = SimpleNamespace(effects=("ir_drift",), proof=proof, refused=refused, unjudged=unjudged)
+    said = not_asked_beyond(case, (trial,))
+    assert set(said) == ({RATE} if told else set())
+    assert not told or "beyond it, held-out error falls by 0.02 % +- 0.02 %" in said[RATE]
+    assert not_asked_beyond(case, ()) == {}

@@ -68,6 +68,21 @@ def released(here: Traced, fit: FitResult, means: Means) -> Released:
     return Released(tuple(trials), None, means.refit)
 
 
+def not_asked_beyond(case: Case, trials: Sequence[Trial]) -> dict[str, str]:
+    """Numbers of a fitted pose at the end of what an error of the landmarks can reach, each with a remark, where a trial beyond that has
+    shown that held-out data do not ask for more: then the end is no doubt of the answer."""
+    shown = {t.effects[0]: t.proof for t in trials if len(t.effects) == 1 and t.refused and not t.unjudged and t.proof is not None}
+    out = {}
+    for name in beyond_landmarks(case):
+        proof = shown.get(name)
+        if proof is None or proof.convinces:
+            continue
+        for p in effect(name).amplitudes:
+            if p.name in case.pose and at_bound(case.parameters[p.name], case.bounds(p.name)):
+                out[p.name] = f"{p.name} is at the end of what an error of its landmarks reaches; beyond it, {proof.words}"
+    return out
+
+
 def wider(refit: Refit, parameters: Parameters, names: Sequence[str]) -> Refit:
     """A fit within the physical bounds of some parameters, without what was declared of them."""
     if not isinstance(refit, JointFit):

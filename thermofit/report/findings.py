@@ -12,6 +12,7 @@ from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case, nowhere
 from thermofit.diagnose.loop import Closed, Place, Round, like_of, place_of, ranking_rows
+from thermofit.diagnose.pose import not_asked_beyond
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.proof_elsewhere import held_out_words
 from thermofit.diagnose.refit import failed_in_words
@@ -234,12 +235,13 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
     here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
+    enough = not_asked_beyond(here.case, closed.rounds[-1].trials if closed.rounds else ())
     against = doubts(
         _levels(here, found.numerical),
         (here.case.model.priors, here.case.parameters),
         closed.unjudged,
         unsettled,
-        _ends(here, closed.fit),
+        {name: words for name, words in _ends(here, closed.fit).items() if name not in enough},
         here.unpredicted,
     )
     if closed.stand_ins is not None:
@@ -251,7 +253,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         **common,
         "trustworthy": not against,
         "doubts": against,
-        "remarks": [*common["remarks"], *closed.remarks, *nowhere(here.case, closed.accepted)],
+        "remarks": [*common["remarks"], *closed.remarks, *enough.values(), *nowhere(here.case, closed.accepted)],
         "unjudged": dict(closed.unjudged),
         "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),

@@ -417,8 +417,11 @@ def _knocked(runs: list[Run]) -> list[str]:
             place = away(here, ".place", lambda w: w["at"][1]) if any(n.endswith(".place") for n in names) else ""
             begin = away(here, ".start", lambda w: w["when"][0]) if any(n.endswith(".start") for n in names) else ""
             lines.append(f"| {kind} | {times:g} | {' | '.join(_told_of(here))} | {place} | {begin} |")
-    what = Counter(f"{a} for {r['kind']}" for r in runs for a in r["accepted"])
-    return [*lines, "", f"Named instead: {', '.join(f'{w} {n}' for w, n in what.most_common()) or 'nothing'}."]
+    lines += ["", "Accepted instead, also where something unlisted is told beside it:", "", "| planted | accepted |", "|---|---|"]
+    for kind in kinds:
+        what = Counter(a for r in runs if r["kind"] == kind for a in r["accepted"])
+        lines.append(f"| {kind} | {', '.join(f'{w} {n}' for w, n in what.most_common()) or '-'} |")
+    return lines
 
 
 def _told_of(runs: Sequence[Run]) -> list[str]:

@@ -168,7 +168,7 @@ def test_what_the_catalogue_lacks_is_told_in_the_channel_that_shows_it(page: Any
     assert [page.impostor(r) for r in runs] == [False, False, True, False] and [page.silent(r) for r in runs] == [False, False, False, True]
     page.write([*RUNS, *runs], tmp_path, {})
     text = (tmp_path / "operating_figures.md").read_text()
-    assert "| local_source | 10 | 1 of 4" in text and "| 1.5 | 2 |" in text and "Named instead: lamp for local_source 1." in text
+    assert "| local_source | 10 | 1 of 4" in text and "| 1.5 | 2 |" in text and "| local_source | lamp 1 |" in text
     # They count nowhere else.
     summary = [line for line in text.splitlines() if line.startswith("| full fields")]
     assert summary and not any("of 5" in line for line in summary)

@@ -400,11 +400,11 @@ def _knocked(runs: list[Run]) -> list[str]:
         "",
         "**What the catalogue does not hold.** The planted effect was taken out, with all that this test cannot tell from it at any value",
         "that the loop tries (|cos| > 0.9 at the truth). So nothing can be named rightly. Something unlisted should be told, in a channel",
-        "that holds at least a third of what the effect shows beyond the fitted parameters. `named` are effects that were accepted with",
-        "nothing unlisted told beside them: an impostor is the whole answer then.",
+        "that holds at least a third of what the effect shows beyond the fitted parameters. Whatever is accepted is an impostor. `whole`",
+        "are the runs in which nothing unlisted is told beside it: then it is the whole answer.",
         "",
-        "| planted | amplitude | unlisted, right channel | unlisted | named | nothing said | place, mm off | begin, s off |",
-        "|---|---|---|---|---|---|---|---|",
+        "| planted | amplitude | unlisted, right channel | unlisted | accepted | whole | nothing said | place, mm off | begin, s off |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     kinds = list(dict.fromkeys(r["kind"] for r in runs))
     for times in sorted({r["times"] for r in runs}, reverse=True):
@@ -425,8 +425,9 @@ def _knocked(runs: list[Run]) -> list[str]:
 
 
 def _told_of(runs: Sequence[Run]) -> list[str]:
-    """Cells of a table: unlisted in the right channel, unlisted at all, something named, nothing said."""
-    return [share(of, runs, bound) for of, bound in ((right, at_least), (unlisted, at_least), (impostor, at_most), (silent, at_most))]
+    """Cells of a table: unlisted in the right channel, unlisted at all, something accepted, as the whole answer, nothing said."""
+    good, bad = (right, unlisted), (lambda r: bool(r["accepted"]), impostor, silent)
+    return [share(of, runs, at_least) for of in good] + [share(of, runs, at_most) for of in bad]
 
 
 def _families(runs: list[Run]) -> list[str]:

@@ -7,7 +7,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from thermofit.cli.printing_loop import show
+from thermofit.cli.printing_loop import show, unlisted_lines
+from thermofit.report.unlisted import in_words
 
 
 @pytest.mark.parametrize(
@@ -63,3 +64,16 @@ def test_effects_that_were_not_asked_are_named_in_one_line() -> None:
     out = StringIO()
     show(Console(file=out, width=140), {"ranking": [], "not_asked": ["lamp", "radiation"]})
     assert "not asked  lamp, radiation: this driver, its channels or its records do not tell them\n" in out.getvalue()
+
+
+def test_something_unlisted_without_a_place_says_over_which_state_and_beside_what() -> None:
+    """A misfit that no term takes, and the same as a law over the state; on a terminal and in the verdict."""
+    said = {"channel": "stress", "where": None, "best_listed": None, "resembles": [], "beside": ["rate_power"], "excess_share": 0.44}
+    law = {"variable": "accumulated plastic strain", "largest_MPa": 12.34}
+    for over_state in (None, law):
+        out = StringIO()
+        unlisted_lines(Console(file=out, width=140), {**said, "over_state": over_state})
+        shown, words = out.getvalue(), in_words({**said, "over_state": over_state})
+        assert "44 % of the misfit of stress beside rate_power is systematic" in words and "beside    rate_power" in shown
+        for text in (shown, words):
+            assert ("a yield stress over accumulated plastic strain, up to 12.3" in text) is (over_state is not None)

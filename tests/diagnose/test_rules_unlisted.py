@@ -103,17 +103,25 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for(
     assert (found is not None) is told and (found is None or (found.field is None and found.law is term))
 
 
-@pytest.mark.parametrize(("rows", "there"), [(5, True), (4, False)])
+@pytest.mark.parametrize(
+    ("rows", "smooth", "there"),
+    [(5, False, True), (4, False, False), (4, True, True)],  # structure besides the wild samples is told, without the term
+)
 def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
-    monkeypatch: pytest.MonkeyPatch, rows: int, there: bool
+    monkeypatch: pytest.MonkeyPatch, rows: int, smooth: bool, there: bool
 ) -> None:
-    """Of 20 values, one a second, the term has every second one."""
+    """Of 20 values of a coupon, one a second, the term has every second one."""
     term: Any = SimpleNamespace(basis=SimpleNamespace(rows=np.arange(0, 20, 2)), proof=GOOD)
+    channel = Blocks("theta", np.arange(20), np.zeros(20, dtype=int), np.array([20.0]), np.ones(1), np.zeros(1))
+    left = np.full(20, 3.0) if smooth else np.concatenate([np.zeros(19), [40.0]])
     here: Any = SimpleNamespace(
-        ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None), rows=SimpleNamespace(time=np.arange(20.0))
+        ranking=SimpleNamespace(scores=()),
+        case=SimpleNamespace(parameters=None, model=SimpleNamespace(segments=())),
+        rows=SimpleNamespace(time=np.arange(20.0)),
+        problem=SimpleNamespace(model=SimpleNamespace(left=left)),
     )
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
-    monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
+    monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)
     monkeypatch.setattr(module, "settled", lambda *_: (term, None, ""))
@@ -121,7 +129,8 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "volumes", lambda *_: None)
     monkeypatch.setattr(module, "hints_of", lambda *_: ())
     monkeypatch.setattr(module, "place_of", lambda *_: SimpleNamespace(when=(4.0, 4.0 + 2.0 * (rows - 1))))
-    assert (unlisted(here, None, []) is not None) is there
+    found = unlisted(here, None, [])
+    assert (found is not None) is there and (found is None or (found.field is term) == (rows == 5))
 
 
 @dataclass(frozen=True)

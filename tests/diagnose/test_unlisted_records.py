@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from record_case import BUMP, FREE, POWER, PULSE, TRUTH, case_of
 from refits import refitting
 
+from thermofit.diagnose import unlisted_loop
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.trace import Traced, traced
@@ -73,3 +75,44 @@ def test_a_bump_of_the_yield_stress(tmp_path: Path) -> None:
     assert inside - outside == pytest.approx(10.0 * root * 1.04, rel=0.3)
     assert act(0.03, 1e-3, 293.0, None, 0.0) == 0.0
     assert act(0.03 + 1e-30j, 1e-3, 293.0, None, 1.0).imag != 0.0
+
+
+def test_a_misfit_of_cycles_that_no_term_takes_is_told(scripts: Any) -> None:
+    """Elastic moduli that fall with flow, ten times the smallest that can be seen, and no effect like it in the catalogue. A stress over
+    time turns with every reversal, so that held-out blocks ask for none. At four times the noise the loop had said nothing."""
+    run = {"driver": "point", "kind": "elastic_degradation", "times": 10.0, "knocked": True, "seed": 1410301}
+    row = scripts("operating_run").run_one("point", run)
+    assert row["without"] == ["elastic_degradation"] and row["programme"] == "cycles"
+    assert row["accepted"] == [] and row["unlisted"] == "stress" and row["where"] == {}
+    assert row["after"]["stress"] > 3.0
+
+
+def test_what_accepted_effects_leave_stands_beside_them(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The residual of the base model says how much of it that is; none is asked of where nothing was accepted."""
+    case = case_of(tmp_path, 1)
+    refit = refitting(case.model)
+    parameters, fit = refit(case.parameters, "joint")
+    plain = close_loop(replace(case, parameters=parameters), fit, refit, 3, None)
+    asked: list[Any] = []
+    found = _Replaceable(None, "", (), ())
+
+    def unlisted_there(*given: Any) -> Any:
+        asked.append(given[3])
+        return found
+
+    monkeypatch.setattr(unlisted_loop, "unlisted", unlisted_there)
+    monkeypatch.setattr(unlisted_loop, "in_their_stead", lambda *_: ())
+    for accepted in ((), ("ir_drift",)):
+        _, said = ended(replace(plain, accepted=accepted), refit, None, "auto")
+        assert said is not None and said.beside == accepted
+    assert asked[0] is None and np.array_equal(asked[1], plain.first.columns.residual)
+
+
+@dataclass(frozen=True)
+class _Replaceable:
+    """What the end of the loop asks of something unlisted."""
+
+    field: Any
+    remark: str
+    resembles: tuple[str, ...]
+    beside: tuple[str, ...]

@@ -96,20 +96,21 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         proofs = [p.gain for p in (None if term is None else term.proof, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
             found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), term, there, failed, law))
-    if not found:
-        return None
-    _, structure, listed, term, there, failed, law = max(found, key=lambda f: f[0])
-    others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
-    if term is None:
-        return Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
-    term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
-    remark = "; ".join(words for words in (failed, remark) if words)
-    place = place_of(term, volumes(here.case, term.basis))
-    inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
-    if inside.sum() < LEAST_ROWS:
-        return None
-    told = Unlisted(structure.blocks.channel, structure, listed, term, place, hints_of(here, term), others, parameters, remark=remark)
-    return replace(told, law=law)
+    for _, structure, listed, term, there, failed, law in sorted(found, key=lambda f: -f[0]):
+        others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
+        alone = Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
+        if term is None:
+            return alone
+        term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
+        remark = "; ".join(words for words in (failed, remark) if words)
+        place = place_of(term, volumes(here.case, term.basis))
+        inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
+        if inside.sum() >= LEAST_ROWS:
+            return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark)
+        # The term has taken wild samples; there may be structure besides.
+        if believed_law(law) is not None or _told_alone(here, structure, base):
+            return alone
+    return None
 
 
 def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:

@@ -138,7 +138,7 @@ def _of_means(m: int, rho: np.ndarray) -> np.ndarray:
 def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours:
     """Noise of series of samples, see `differences`, by least squares over _MEANS of log v. Differences tell little of what changes slowly,
     but no more of it is noise than there is at all: its variance is at most the mean square of r. Where a misfit is large beside the noise
-    its curvature shows in the longer means: v grows with m^4, which no noise makes, and these are left out."""
+    its curvature shows in the longer means: v grows with m^5, which no such noise makes, and these are left out."""
     found = [(m, *differences(r, place, time // m)) for m in _MEANS]
     used: list[tuple[int, float, int]] = []
     for m, v, n in found:

@@ -42,8 +42,9 @@ def test_rosenbrock(method):
     assert np.allclose(fit.x, 1.0, atol=2e-3)
 
 
+@pytest.mark.parametrize("method", GRADIENT)
 @pytest.mark.parametrize(("worth", "most"), [(0.0, 400), (3e-3, 40)])
-def test_a_search_that_crawls_ends_where_the_rest_is_not_worth_it(worth: float, most: int) -> None:
+def test_a_search_that_crawls_ends_where_the_rest_is_not_worth_it(worth: float, most: int, method: str) -> None:
     """A bent valley along which a step lowers the objective by a millionth; a fit that ends quickly is not touched."""
 
     def valley(x: np.ndarray) -> np.ndarray:
@@ -51,12 +52,12 @@ def test_a_search_that_crawls_ends_where_the_rest_is_not_worth_it(worth: float, 
 
     fit = minimise(
         problem(valley, [0.0, 0.0], [-10, -5], [10, 5]),
-        "trust-region",
+        method,
         Settings(x_tolerance=1e-9, f_tolerance=1e-9, max_evaluations=400, worth=worth),
     )
     assert not fit.converged and ("at the pace of the last 5 steps" in fit.message) == (worth == 3e-3)
     assert most - 39 <= fit.counts.forward <= most + 20
-    quick = minimise(decay_problem(), "trust-region", Settings(worth=worth))
+    quick = minimise(decay_problem(), method, Settings(worth=worth))
     assert quick.converged
 
 

@@ -54,8 +54,8 @@ NEAR_EVALUATIONS = 16
 NEGLIGIBLE = 3e-5
 """Fall of the mean square that ends a fit of one of the fields: a hundredth of the least that is worth an effect."""
 WORTH = 100.0 * NEGLIGIBLE
-"""Fall of the mean square of the temperatures below which the evaluations left are not made: the least that is worth an effect. Where an
-effect of the heat makes a long valley, a fit may crawl along it for as long as it is let."""
+"""Fall of the mean square below which the evaluations left are not made: the least that is worth an effect. Where an effect makes a long
+valley, a fit may crawl along it for as long as it is let."""
 SETTLED = 0.5
 """Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
@@ -330,7 +330,8 @@ class JointFit:
                 return Fitted(float("inf"), begin, 0.0)
 
             start = walked(at, start[name], name)
-        return self.minimised_on(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE)[0]
+        worth = WORTH if exponents else 0.0
+        return self.minimised_on(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE, worth)[0]
 
     def _wanted(self, model: StageModel, there: Parameters, fit: FitResult, name: str) -> float:
         """How far a Gauss-Newton step with one exponent free beside the fitted parameters would take it; zero where none can be made."""

@@ -16,6 +16,7 @@ from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
 from thermofit.fit.gauss_newton import AT_EDGE, AT_NOISE, UNRESOLVED, full_step, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.linear_model import Step
+from thermofit.fit.pace import Crawls, Pace
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings, relative_drop
 
@@ -74,14 +75,6 @@ def trust_region(evaluations: Evaluations, settings: Settings) -> Ending:
     return Ending(False, f"not converged: scipy says '{result.message}'; raise max_evaluations or start closer")
 
 
-class Crawls(Exception):
-    """The evaluations that are left are not worth their time; ends scipy from inside, never reaches the user."""
-
-
-PACE = 5
-"""Steps whose mean fall of f is the pace of a search: in a bent valley single ones go far and near by turns."""
-
-
 class _Search:
     """What scipy sees: residual (n,) and Jacobian dr/dz (n, n_p) of the scaled variables."""
 
@@ -91,7 +84,7 @@ class _Search:
         self._settings = settings
         self._purpose: Purpose = "step" if evaluations.problem.linearise is None else "linearise"
         self._here: tuple[float, Step] | None = None
-        self._falls: list[float] = []
+        self._pace = Pace(evaluations, settings)
 
     @property
     def at_edge(self) -> bool:
@@ -132,24 +125,5 @@ class _Search:
         self._failed = [self._failed[1], False]
         if message := reached(step, f, residual.size, self._settings):
             raise Reached(message)
-        self._falls.append(f)
-        self._check_pace()
+        self._pace.after(f)
         return np.asarray(matrix)
-
-    def _check_pace(self) -> None:
-        """Crawls where the evaluations left would not lower f by what is worth them."""
-        evaluations, settings = self._evaluations, self._settings
-        if settings.worth <= 0.0 or len(self._falls) <= PACE:
-            return
-        pace, left = (self._falls[-1 - PACE] - self._falls[-1]) / PACE, settings.max_evaluations - len(evaluations.log)
-        here, there = self._falls[-1], self._falls[-1] - pace * left
-        if pace * left < settings.worth * here:
-            raise Crawls(
-                f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f by "
-                f"{pace * left / here:.1e} of itself, less than {settings.worth:g}"
-            )
-        if there > (1.0 - settings.worth) * settings.to_beat:
-            raise Crawls(
-                f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f to {there:.6g}, not below "
-                f"{settings.to_beat:.6g} of another start by more than {settings.worth:g} of it"
-            )

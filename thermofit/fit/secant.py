@@ -24,6 +24,7 @@ from thermofit.fit.gauss_newton import AT_EDGE, AT_NOISE, pinned, reached, unres
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.least_squares import Ending
 from thermofit.fit.linear_model import LinearModel, Step
+from thermofit.fit.pace import Crawls, Pace
 from thermofit.fit.problem import Problem, from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings
 
@@ -132,7 +133,7 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
     ends the search in any case. NumericsError if the start fails or a derivative cannot be had.
     """
     try:
-        state = _first(evaluations, settings)
+        state, pace = _first(evaluations, settings), Pace(evaluations, settings)
         while True:
             full = _full(evaluations, state)
             f = state.local.f
@@ -147,7 +148,10 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
             if end or exhausted:
                 state = _refresh(evaluations, state, settings)
                 continue
+            pace.after(f)
             state = _advance(evaluations, state, settings)
+    except Crawls as end:
+        return Ending(False, str(end))
     except EvaluationLimit as limit:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
 

@@ -22,9 +22,9 @@ class Settings:
     A fit has converged when either is met, with derivatives by the full Gauss-Newton step within the bounds. `max_evaluations` counts
     every forward run, plain or linearised, those of finite differences included. `difference_step` is in units of the scale.
     `initial_step` (units of the scale) opens the simplex or the trust region of the derivative-free methods. `covariance=False` saves
-    the Jacobian at the optimum where the method needs none. `worth` is a relative fall of f: a trust-region search ends, not
-    converged, where all evaluations that are left would not lower f by as much at the pace of its last steps; 0: never. `to_beat` is the f
-    of an end that is known already: there it ends also where they would not lower f that much below it; infinite: there is none.
+    the Jacobian at the optimum where the method needs none. `worth` is a relative fall of f: a search with derivatives ends,
+    not converged, where all evaluations that are left would not lower f by as much at the pace of its last steps; 0: never. `to_beat` is
+    the f of an end that is known already: there it ends also where they would not lower f that much below it; infinite: there is none.
     """
 
     x_tolerance: float = 1e-4

@@ -24,11 +24,12 @@ export MKL_NUM_THREADS = 1
 export OMP_WAIT_POLICY = PASSIVE
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow nightly reliability reliability-quick lowest licences lint docs format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
+.PHONY: help install demo test test-slow as-written nightly reliability reliability-quick lowest licences lint docs format schema bench coverage dead-ends mutations exp1 exp2 exp3 thesis real clean
 
 help:
 	@echo "make demo              identify a small virtual experiment, raw files to table and figures"
 	@echo "make test              quick tests          make test-slow   the tests that take minutes"
+	@echo "make as-written        tutorial, notebooks, wheel in an empty environment, exports, and the report in a browser"
 	@echo "make lint              style, types, import contract, documentation site"
 	@echo "make docs              the documentation site, build/site/index.html"
 	@echo "make format            format the sources   make schema      rewrite the schemas and the generated pages of docs/"
@@ -65,6 +66,11 @@ test: install
 test-slow: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow
+
+# A part of the slow tests that every change has to pass. Without a Chromium the report is not looked at, and the tests say so.
+as-written: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
+	$(BIN)/python -m pytest -q -n $(JOBS) -m as_written
 
 lint: install
 	$(BIN)/ruff check .

@@ -139,6 +139,7 @@ def test_blocks_of_the_tutorial_are_found() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.as_written
 def test_tutorial_runs_as_written(tmp_path: Path) -> None:
     """Every block in its order in one folder, with the exit code that the page tells; the answers are those of the page."""
     program = tmp_path / "bin" / "thermofit"

@@ -131,6 +131,7 @@ def test_demo_study_is_written_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.as_written
 @pytest.mark.parametrize("name", ["identify", "diagnose", "own-effect"])
 def test_notebook_runs_as_written(name: str, tmp_path: Path) -> None:
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")

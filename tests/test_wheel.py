@@ -53,6 +53,7 @@ def run(command: Path, folder: Path, *arguments: str) -> subprocess.CompletedPro
 
 
 @pytest.mark.slow
+@pytest.mark.as_written
 def test_wheel_holds_what_a_user_needs(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {
@@ -65,6 +66,7 @@ def test_wheel_holds_what_a_user_needs(wheel: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.as_written
 def test_demo_and_an_own_folder_run_without_a_clone(command: Path, tmp_path: Path) -> None:
     """demo, then inspect, new and run on the raw folder that it has made, as on one of a user's own."""
     assert run(command, tmp_path, "--version").stdout.strip() == f"thermofit {thermofit.__version__}"

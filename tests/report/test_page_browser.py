@@ -8,24 +8,11 @@ from pathlib import Path
 import pytest
 import report_runs as made
 from browser import Browser, browser, chromium
+from looked_at import BEYOND, OVERLAP, clicked, drawn, opens_well
 
 from thermofit.report.html.page import write_report
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium found: install the package `chromium` to look at the report")
-
-BEYOND = (
-    "[...document.querySelectorAll('main *')].filter(e => !e.closest('.wide') && !e.closest('details:not([open])')"
-    " && e.getBoundingClientRect().right > innerWidth + 1).map(e => e.tagName + '.' + e.className)"
-)
-"""Elements that reach beyond the window and cannot be scrolled to."""
-OVERLAP = (
-    "[...document.querySelectorAll('.card h2, .card h3, .bar, .controls, .slider, canvas')].filter(e => e.offsetParent)"
-    ".map(e => [e, e.getBoundingClientRect()]).filter(([e, a], i, all) => all.slice(i + 1).some(([f, b]) =>"
-    " !e.contains(f) && !f.contains(e) && a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1))"
-    ".map(([e]) => e.id || e.className)"
-)
-"""Blocks that lie on each other."""
-
 
 @pytest.fixture(scope="module")
 def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
@@ -38,18 +25,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(made.whole_run(tmp_path_factory.mktemp("page"))).html
 
 
-def drawn(tab: Browser, name: str) -> str:
-    return str(tab.value(f"document.getElementById('{name}').toDataURL()"))
-
-
 @pytest.mark.parametrize(("width", "dark"), [(400, False), (400, True), (900, False), (1600, False), (1600, True)])
 def test_it_opens_without_complaint(tab: Browser, page: Path, width: int, dark: bool) -> None:
-    tab.open(page, width, dark=dark)
-    assert tab.value("document.documentElement.dataset.ready") == "yes"
-    assert tab.complaints() == [] and tab.requests() == [page.as_uri()]
-    tab.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 50))))")
-    assert tab.value("performance.getEntriesByName('first-contentful-paint')[0].startTime") < 2000
-    assert tab.value("document.documentElement.scrollWidth") <= width and tab.value(BEYOND) == [] and tab.value(OVERLAP) == []
+    opens_well(tab, page, width, dark=dark)
 
 
 def test_slider_flicker_and_click_change_the_picture(tab: Browser, page: Path) -> None:
@@ -69,13 +47,8 @@ def test_slider_flicker_and_click_change_the_picture(tab: Browser, page: Path) -
     tab.value(pause)
     assert drawn(tab, "map") == still, "it stops"
     curves = [drawn(tab, f"plot-{k}") for k in "abc"]
-    tab.value(
-        "(e => { const b = e.getBoundingClientRect();"
-        " e.dispatchEvent(new MouseEvent('click', { clientX: b.left + 0.15 * b.width, clientY: b.top + 0.85 * b.height })); })"
-        "(document.getElementById('map'))"
-    )
-    assert all(drawn(tab, f"plot-{k}") != before for k, before in zip("abc", curves, strict=True))
-    assert "x = -10 mm, y = -15 mm" in tab.value("document.getElementById('point-title').textContent")
+    title, *there = clicked(tab, 0.15, 0.85)
+    assert all(now != before for now, before in zip(there, curves, strict=True)) and "x = -10 mm, y = -15 mm" in title
     tab.value("document.getElementById('map').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowUp' }))")
     assert "x = -10 mm, y = -10 mm" in tab.value("document.getElementById('point-title').textContent")
 

@@ -128,6 +128,7 @@ def test_residuals_over_time_are_those_of_verify(written: dict[str, Any], study:
             np.testing.assert_allclose(residual, record[f"residual/d{name}"].value[n])
 
 
+@pytest.mark.as_written
 def test_paraview_library_opens_the_series(written: dict[str, Any]) -> None:
     pyvista = pytest.importorskip("pyvista", reason="the optional package pyvista (thermofit[paraview]) is not installed")
     path = next(p for p in written["files"]["fields"] if p.endswith("model.pvd"))

@@ -14,6 +14,7 @@ from thermofit.report.html.page import write_report
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium found: install the package `chromium` to look at the report")
 
+
 @pytest.fixture(scope="module")
 def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     with browser(chromium() or "", tmp_path_factory.mktemp("profile")) as opened:

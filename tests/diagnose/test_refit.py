@@ -193,12 +193,14 @@ def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None
     assert any(NAME not in free for _, free, _ in fits)
 
 
-@pytest.mark.parametrize(("converged", "square", "starts"), [(False, 1.0, 2), (True, 1.1, 2), (True, 1.001, 1)])
+@pytest.mark.parametrize(
+    ("converged", "square", "n", "starts"), [(False, 1.0, 0.5, 2), (True, 1.1, 0.5, 2), (True, 1.001, 0.5, 1), (False, 1.0, 0.9, 1)]
+)
 def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
-    monkeypatch: pytest.MonkeyPatch, converged: bool, square: float, starts: int
+    monkeypatch: pytest.MonkeyPatch, converged: bool, square: float, n: float, starts: int
 ) -> None:
-    """Both starts of the temperatures, the second with what the first has reached to beat; the first alone where it began at an optimum.
-    Fits of all together end by their own rule."""
+    """Both starts of the temperatures, the second with what the first has reached to beat; the first alone where it began at an optimum, or
+    leaves little more than the noise. Fits of all together end by their own rule."""
     asked: list[float] = []
     beaten: list[float] = []
 
@@ -214,7 +216,7 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
     monkeypatch.setattr(refit, "evaluation_key", lambda job, start: {})
     monkeypatch.setattr(refit, "checkpoint_folder", lambda job, name: name)
     monkeypatch.setattr(refit, "Checkpoint", lambda *_: None)
-    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=1000)], one_way=True, residual=lambda _: np.array([np.sqrt(square)]))
+    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=n)], one_way=True, residual=lambda _: np.array([np.sqrt(square)]))
     study: Any = SimpleNamespace(setting=lambda name: None)
     settings: Any = SimpleNamespace(tolerance=1e-4, method="least-squares", free=("c0",), model_copy=lambda update: settings)
     parts: Any = SimpleNamespace(heat=lambda parameters: warm)

@@ -56,6 +56,9 @@ NEGLIGIBLE = 3e-5
 WORTH = 100.0 * NEGLIGIBLE
 """Fall of the mean square below which the evaluations left are not made: the least that is worth an effect. Where an effect makes a long
 valley, a fit may crawl along it for as long as it is let."""
+IN_THE_VALLEY = 1.2
+"""Mean square of the temperatures over that of their noise at the end of a refit on a known motion, up to which no other start is tried.
+A wrong valley (a contact that conducts nothing) leaves many times the noise."""
 SETTLED = 0.5
 """Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
@@ -249,7 +252,7 @@ class JointFit:
                 self.failures.extend(said)
                 return found
             before = len(self.failures)
-            there = self._warmed(start, model, label, alone, to_beat)
+            there = self._warmed(start, model, label, alone, to_beat, IN_THE_VALLEY)
             if there is None:
                 raise NumericsError(f"{label}: none of its starts can be run: {self.failures[-1]}")
             self.ends[key] = (there, tuple(self.failures[before:]))
@@ -277,11 +280,15 @@ class JointFit:
         """Where the study starts parameters, of those for which it says so."""
         return {name: start_of(given) for name in names if (given := self.study.setting(name)) is not None}
 
-    def _warmed(self, start: Parameters, model: StageModel, label: str, alone: bool = False, to_beat: float = np.inf) -> Parameters | None:
+    def _warmed(
+        self, start: Parameters, model: StageModel, label: str, alone: bool = False, to_beat: float = np.inf, good: float = 0.0
+    ) -> Parameters | None:
         """Parameters after the better of two fits of the thermal ones to the temperatures, from where they are and from the study's first
-        values; None where neither can be run. The second is left out where `alone` says so, and where the first one begins at an optimum:
-        that of an earlier fit on nearly the same motion (but for `both_starts`). `to_beat`: see `Settings`."""
+        values; None where neither can be run. The second is left out where `alone` says so, where the first one leaves no more than `good`
+        times the mean square of the noise, and where it begins at an optimum: that of an earlier fit on nearly the same motion (but for
+        `both_starts`). `to_beat`: see `Settings`."""
         thermal = felt_by_temperatures(start.free)
+        enough = good * sum(c.n for c in model.comparisons)
         ends: list[tuple[float, int, Parameters]] = []
         for turn, begin in enumerate((start, start.replace(**self._first_values(thermal)))):
             name = f"{label} temperatures {turn}"
@@ -295,7 +302,7 @@ class JointFit:
                 continue
             ends.append((fit.f, turn, there))
             at_optimum = fit.converged and model.residual(start) @ model.residual(start) <= (1.0 + WORTH) * fit.f
-            if alone or (at_optimum and not self.both_starts):
+            if alone or fit.f <= enough or (at_optimum and not self.both_starts):
                 break
         return min(ends)[2].with_free(start.free) if ends else None
 

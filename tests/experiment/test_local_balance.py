@@ -125,7 +125,7 @@ def test_maps_of_a_test_that_lacks_nothing_are_standard_normal() -> None:
 
 
 def test_noise_that_turns_flow_into_unloading_is_no_missing_force() -> None:
-    """At a force that is held the strain does not grow: a far error of it unloads the section elastically, which is fifty times as stiff."""
+    """At a force that is held the strain does not grow: a far error of it unloads the section, elastically and stiffly."""
     spans = named_phases(PHASES)
     found = [significance(balance) for seed in range(8) if (balance := section_force(shown(seed, held=True), spans)) is not None]
     assert len(found) == 8 and not any(m.stands_out for m in found)

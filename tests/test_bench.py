@@ -233,6 +233,7 @@ def test_mesh_of_the_command_line(scripts: Any) -> None:
         bench.mesh_of("12x80")
 
 
+@pytest.mark.slow
 def test_point_section_agrees_with_the_body(scripts: Any) -> None:
     """The deviation that the benchmark prints is that of the same bar: below the promised 1e-6, and no exact zero."""
     found = scripts("bench_point").deviations()

@@ -280,8 +280,8 @@ def _unsound(runs: list[Run]) -> list[str]:
     lines = [f"\nFailed: {r['kind']} x {r['times']:g}, seed {r['seed']}: {r['failed']}" for r in runs if "failed" in r]
     left = Counter((r["kind"], r["times"]) for r in runs if "left_out" in r)
     if left:
-        said = ", ".join(f"{kind} x {times:g} in {n}" for (kind, times), n in left.items())
-        lines.append(f"\nLeft out, because the amplitude lies beyond what can be planted in every programme: {said}.")
+        lines.append("\nLeft out, because the amplitude lies beyond what can be planted in every programme:\n")
+        lines += [f"* {kind} x {times:g}: {n} runs" for (kind, times), n in left.items()]
     return lines
 
 

@@ -198,18 +198,20 @@ def page() -> None:
 
 def _words() -> list[str]:
     return [
-        "Written by `make coverage`. Virtual experiments of the materials of exp1 and exp3, computed once on 18 x 144 x 5 elements and "
-        "identified on another mesh. Every draw has its own noise of cameras and load cell, readings of the thermocouples (0.1 K), "
-        f"calibration of the force (class {CLASS:g}), thickness ({1e3 * THICKNESS:g} um) and width ({1e3 * WIDTH:g} um) as read, scale of "
-        f"the displacements ({SCALE:g}), pose of the infrared camera and rigid motion. The study states these uncertainties, not what was "
-        "drawn.",
+        "Written by `make coverage`. Virtual experiments of the materials of exp1 and exp3 are computed once on 18 x 144 x 5 elements and "
+        "identified on another mesh. Every draw has its own noise of cameras and load cell. Readings of the thermocouples (0.1 K), "
+        f"calibration of the force (class {CLASS:g}), thickness ({1e3 * THICKNESS:g} um) and width ({1e3 * WIDTH:g} um) are drawn. So are "
+        f"the scale of the displacements ({SCALE:g}), the pose of the infrared camera and the rigid motion. The study states these "
+        "uncertainties, not what was drawn.",
         "",
-        "*Held*: intervals of 1.96 combined standard uncertainties that hold the true value, and the range in which that number lies by "
-        "chance in 95 of 100 cases where they are right. *rms z*: departure in standard uncertainties, 1 where these are right. *+-*: "
-        "median combined standard uncertainty; *noise*: the part of it that was called `+-` before. *Error*: rms departure from the "
-        "truth over all draws after the joint fit; *stages*: the same before it, with their combined uncertainty, which is the honest one "
-        "without the joint fit. Draws of the same number share what was drawn of thickness, width and calibrations, which decide E, "
-        "the yield stresses and c0.",
+        "* *Held*: intervals of 1.96 combined standard uncertainties that hold the true value. *By chance*: the range in which that number "
+        "lies in 95 of 100 cases where the intervals are right.",
+        "* *rms z*: departure in standard uncertainties, 1 where these are right.",
+        "* *+-*: median combined standard uncertainty. *Noise*: the part of it that comes from the noise of cameras and load cell.",
+        "* *Error*: rms departure from the truth over all draws after the joint fit. *Stages*: the same before it, with the combined "
+        "uncertainty of the stages.",
+        "",
+        "Draws of the same number share what was drawn of thickness, width and calibrations. These decide E, the yield stresses and c0.",
     ]
 
 

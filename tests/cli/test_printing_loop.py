@@ -77,3 +77,17 @@ def test_something_unlisted_without_a_place_says_over_which_state_and_beside_wha
         assert "44 % of the misfit of stress beside rate_power is systematic" in words and "beside    rate_power" in shown
         for text in (shown, words):
             assert ("a yield stress over accumulated plastic strain, up to 12.3" in text) is (over_state is not None)
+
+
+@pytest.mark.parametrize("failed", ["", "no run there"])
+def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(failed: str) -> None:
+    rows = {} if failed else {"kappa": {"value": 131.23, "sigma": 4.2, "unit": "mW/(mm K)", "joint_fit": 98.76}}
+    said = {
+        **{"channel": "dtheta", "best_listed": None, "resembles": [], "beside": [], "kind": "heat source", "where": {"y_mm": 3.0}},
+        **{"when_s": [1.0, 2.0], "phases": ["cooling"], "unit": "mW", "mean_in_window": 1.0, "hints": []},
+        **{"before": {"held_out": {}}, "after": {"held_out": {}}, "parameters": {"values": rows, "failed": failed}},
+    }
+    out = StringIO()
+    unlisted_lines(Console(file=out, width=140), said)
+    shown = " ".join(out.getvalue().split())
+    assert ("! no run there" in shown) if failed else ("131.2 +- 4" in shown and "98.76" in shown)

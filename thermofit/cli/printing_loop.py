@@ -153,7 +153,21 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
     for hint in said["hints"][:3]:
         out.add_row("goes with (hint)", f"{hint['variable']}, chosen in {100 * hint['frequency']:.0f} % of the halves")
     console.print(out)
+    _parameters(console, said.get("parameters"))
     _more(console, said)
+
+
+def _parameters(console: Console, beside: Mapping[str, Any] | None) -> None:
+    """The base model's parameters beside an unlisted heat, which has driven those of the joint fit off."""
+    if beside is None:
+        return
+    if beside["failed"]:
+        console.print(f"! {beside['failed']}", soft_wrap=True)
+        return
+    table = _table("parameters beside the unlisted heat, which drives those of the joint fit off", ("", "beside it", "joint fit", "unit"))
+    for name, row in beside["values"].items():
+        table.add_row(name, f"{number(row['value'], 4)} +- {row['sigma']:.1g}", number(row["joint_fit"], 4), row["unit"])
+    console.print(table)
 
 
 def _more(console: Console, said: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ which the misfit falls to the noise (discrepancy principle) no data ask for it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -54,7 +54,8 @@ class Basis:
 class Field:
     """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step (p,) of the fitted parameters,
     residual with it (n,), held-out residuals (n,) without and with it, the proof on the rows that feel it, and `effective`, the number of
-    free coefficients that it is worth, tr[(G + lambda R)^-1 G] - p."""
+    free coefficients that it is worth, tr[(G + lambda R)^-1 G] - p. `uncertainty` (p,): standard errors of the fitted parameters beside it,
+    (G + lambda R)^-1: the term is known no better than data and roughness tell it."""
 
     basis: Basis
     q: np.ndarray
@@ -66,6 +67,7 @@ class Field:
     after: np.ndarray
     proof: Proof
     effective: float = 0.0
+    uncertainty: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def values(self) -> np.ndarray:
@@ -147,7 +149,8 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight:
     moved = step[: system.p] / system.size
     proof = proved(basis, rows, (before, after), len(folds))
     effective = float(np.trace(inverse @ system.gram)) - system.p
-    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective)
+    uncertainty = np.sqrt(np.diag(inverse)[: system.p]) / system.size
+    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty)
 
 
 def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:

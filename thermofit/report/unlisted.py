@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from thermofit.core.atomic import replacing
+from thermofit.core.parameters import param
+from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
@@ -40,8 +42,9 @@ class EffectFile:
     proof: Proof
 
 
-def described(study: Study, here: Traced, found: Unlisted | None) -> dict[str, Any] | None:
-    """The entry `unlisted` of a summary; writes the effect file and the figure into the run folder. None where there is nothing."""
+def described(study: Study, here: Traced, found: Unlisted | None, beside: BesideSource | None = None) -> dict[str, Any] | None:
+    """The entry `unlisted` of a summary; writes the effect file and the figure into the run folder. None where there is nothing.
+    `beside`: the parameters beside an unlisted heat."""
     if found is None:
         return None
     file = effect_file(study.name, here, found)
@@ -56,7 +59,16 @@ def described(study: Study, here: Traced, found: Unlisted | None) -> dict[str, A
         with matplotlib.rc_context(STYLE):
             figures = save_figures(study.run_dir / "figures", {FIGURE: unlisted_figure(here, found)})
     made = {"effect_file": None if path is None else str(path), "figure": str(figures[0]) if figures else None}
-    return {**summary_of(here, found, file), **made}
+    return {**summary_of(here, found, file), **made, "parameters": _parameters(here, beside)}
+
+
+def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | None:
+    """Parameters beside an unlisted heat, and as the joint fit has them; None where that is not asked."""
+    if beside is None:
+        return None
+    fitted = here.case.parameters
+    rows = {n: {"value": v, "sigma": beside.sigma[n], "unit": param(n).unit, "joint_fit": fitted[n]} for n, v in beside.value.items()}
+    return {"values": rows, "failed": beside.failed}
 
 
 def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:

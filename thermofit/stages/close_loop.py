@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from thermofit.core.jit import set_threads
+from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.known_fit import known_fit
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
@@ -40,7 +41,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         told = decided(said, closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
         local = locally_told(study, closed.last, parts or found.refit.parts, closed.numerical)
-        summary = {**with_unlisted(told, described(study, closed.last, missing)), "drive": found.drive, **local.entries}
+        beside = beside_source(closed.last, missing)
+        summary = {**with_unlisted(told, described(study, closed.last, missing, beside)), "drive": found.drive, **local.entries}
         return Made({**loop_datasets(closed), **unlisted_datasets(missing), **local.datasets}, summary, parameters)
 
     outcome = produce(task, make, force=force)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from thermofit.core.jit import set_threads
+from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.decide import decided
 from thermofit.diagnose.known_fit import KnownFit, known_fit_datasets
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
@@ -35,7 +36,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         local = locally_told(study, here, found.refit.parts, found.numerical)
-        summary = {**with_unlisted(told, described(study, here, missing)), "drive": found.drive, **local.entries}
+        beside = beside_source(here, missing)
+        summary = {**with_unlisted(told, described(study, here, missing, beside)), "drive": found.drive, **local.entries}
         fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **local.datasets, **fitted}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))

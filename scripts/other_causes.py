@@ -1,0 +1,367 @@
+"""Causes of other forms than the catalogue's, planted into whole tests: raw files in, what does the loop say?
+
+Each cause is an effect file of its own, which the virtual laboratory knows and the study does not: steps, ramps, pulses and oscillations in
+time, sources of a few millimetres, laws with other forms, one jaw, two and three at once. The laboratory has a finer mesh than the study.
+`thermofit simulate` makes the raw files, `thermofit run` and `thermofit close-loop` are given nothing but these.
+
+    python scripts/other_causes.py                    # all that is not there yet; rows go to docs/other_causes.jsonl
+    python scripts/other_causes.py --only pulse-source --specimen steel
+    python scripts/other_causes.py --page             # docs/other-causes.md from the rows
+
+A run is right where every cause that was planted has an answer: an effect of its family was accepted, or something unlisted is told in a
+channel in which it acts. Whatever else was accepted is an impostor. `CAUSES` says, before any run, which effects of the catalogue count as
+the family of a cause.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mutations import sources
+
+import thermofit
+
+ROOT = Path(__file__).resolve().parent.parent
+ROWS, PAGE = ROOT / "docs" / "other_causes.jsonl", ROOT / "docs" / "other-causes.md"
+SURE = 3.0
+"""Combined standard errors within which a parameter of the base model should come back."""
+HEAT, MOTION = ("dtheta", "theta", "heat"), ("du", "u", "force", "stress")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect file without its heading: slot, facet sets, function, the effects of the catalogue that are its family, channels."""
+
+    slot: str
+    function: str
+    family: tuple[str, ...]
+    channels: tuple[str, ...]
+    on: tuple[str, ...] = ()
+
+
+def _source(place: float, width: float, over_time: str) -> str:
+    return (
+        "def heat_source(theta, accumulated, rate, time, x, y, amount):\n"
+        f"    return amount * np.exp(-0.5 * ((y - {place}) / {width}) ** 2) * ({over_time}) + 0.0 * theta\n"
+    )
+
+
+_PULSE = "0.5 * (np.tanh((time - {0}) / 1.5) - np.tanh((time - {1}) / 1.5))"
+_JAWS = ("clamp_drift", "clamp_difference", "local_source")
+_LAWS = ("second_hardening", "linear_hardening", "yield_plateau", "backstress_first", "backstress_second")
+CAUSES: dict[str, Cause] = {
+    "pulse-source": Cause("heat_source", _source(-9.3, 2.2, _PULSE.format(70.0, 130.0)), ("local_source",), HEAT),
+    "ramp-source": Cause("heat_source", _source(13.0, 3.1, "np.log1p(np.exp((time - 60.0) / 8.0)) / 20.0"), ("local_source",), HEAT),
+    "warm-grip": Cause("heat_source", _source(58.0, 5.0, "0.5 * (1.0 + np.tanh((time - 40.0) / 5.0))"), _JAWS, HEAT),
+    "air-step": Cause(
+        "boundary_temperature",
+        "def boundary_temperature(y, time, elapsed, amount):\n    return amount * 0.5 * (1.0 + np.tanh((time - 120.0) / 4.0)) + 0.0 * y\n",
+        ("air_drift", "lamp"),
+        HEAT,
+        ("air",),
+    ),
+    "lamp-pulse": Cause(
+        "surface_flux",
+        f"def surface_flux(theta, time, surroundings, amount):\n    return -amount * {_PULSE.format(55.0, 150.0)} + 0.0 * theta\n",
+        ("lamp", "air_drift"),
+        HEAT,
+        ("air",),
+    ),
+    "jaws-oscillate": Cause(
+        "boundary_temperature",
+        "def boundary_temperature(y, time, elapsed, amount):\n    return amount * np.sin(elapsed / 15.0) + 0.0 * y\n",
+        _JAWS,
+        HEAT,
+        ("clamp",),
+    ),
+    "one-jaw": Cause(
+        "boundary_temperature",
+        "def boundary_temperature(y, time, elapsed, amount):\n    return amount * (1.0 - np.exp(-elapsed / 60.0)) * (y > 0.0)\n",
+        _JAWS,
+        HEAT,
+        ("clamp",),
+    ),
+    "heat-of-early-flow": Cause(
+        "dissipation",
+        "def dissipation(accumulated, rate, theta, law, amount):\n    return 1.0 + amount * np.exp(-accumulated / 0.02)\n",
+        ("stored_energy", "latent_heat"),
+        HEAT,
+    ),
+    "camera-steps": Cause(
+        "sensor",
+        "def sensor(theta, scene, amount):\n    return theta + amount * 0.5 * (1.0 + np.tanh((scene.time - 100.0) / 0.5))[:, None]\n",
+        ("ir_drift",),
+        HEAT,
+    ),
+    "camera-tilts": Cause(
+        "sensor",
+        "def sensor(theta, scene, amount):\n    return theta + amount * scene.position[..., 1] / 20.0 * (scene.time / 400.0)[:, None]\n",
+        ("ir_drift", "initial_gradient", "ir_reflection"),
+        HEAT,
+    ),
+    "rate-by-arsinh": Cause(
+        "yield_stress",
+        "def yield_stress(accumulated, rate, theta, law, amount):\n"
+        "    z = rate / 3e-4\n    return amount * np.log(z + np.sqrt(z * z + 1.0))\n",
+        ("rate_logarithmic", "rate_power"),
+        MOTION,
+    ),
+    "hardening-sets-in": Cause(
+        "yield_stress",
+        "def yield_stress(accumulated, rate, theta, law, amount):\n"
+        "    return amount * 0.01 * np.log(1.0 + np.exp((accumulated - 0.05) / 0.01))\n",
+        _LAWS,
+        MOTION,
+    ),
+    "yield-bump": Cause(
+        "yield_stress",
+        "def yield_stress(accumulated, rate, theta, law, amount):\n    return amount * np.exp(-((accumulated - 0.03) / 0.012) ** 2)\n",
+        _LAWS,
+        MOTION,
+    ),
+    "modulus-saturates": Cause(
+        "free_energy",
+        "def free_energy(accumulated, law, amount):\n    return 1.0 - amount * (1.0 - np.exp(-accumulated / 0.015))\n",
+        ("elastic_degradation",),
+        MOTION,
+    ),
+    "softening-squared": Cause(
+        "yield_factor",
+        "def yield_factor(accumulated, rate, theta, law, amount):\n    return 1.0 - amount * (theta - 296.7) ** 2\n",
+        ("thermal_softening", "softening_power"),
+        MOTION,
+    ),
+    "dic-drifts": Cause(
+        "camera",
+        "def camera(u, scene, amount):\n    return u * (1.0 + amount * (scene.time / scene.time[-1])[:, None, None])\n",
+        ("dic_scale", "dic_out_of_plane", "bending"),
+        MOTION,
+    ),
+}
+RUNS: dict[str, dict[str, float]] = {
+    "pulse-source": {"pulse-source": 0.25},
+    "ramp-source": {"ramp-source": 0.12},
+    "warm-grip": {"warm-grip": 0.5},
+    "air-step": {"air-step": 1.5},
+    "lamp-pulse": {"lamp-pulse": 0.008},
+    "jaws-oscillate": {"jaws-oscillate": 0.8},
+    "one-jaw": {"one-jaw": 1.5},
+    "heat-of-early-flow": {"heat-of-early-flow": 0.5},
+    "camera-steps": {"camera-steps": 0.15},
+    "camera-tilts": {"camera-tilts": 0.3},
+    "rate-by-arsinh": {"rate-by-arsinh": 5.0},
+    "hardening-sets-in": {"hardening-sets-in": 400.0},
+    "yield-bump": {"yield-bump": 8.0},
+    "modulus-saturates": {"modulus-saturates": 0.12},
+    "softening-squared": {"softening-squared": 0.004},
+    "dic-drifts": {"dic-drifts": 0.004},
+    "rate and pulse": {"rate-by-arsinh": 5.0, "pulse-source": 0.25},
+    "lamp pulse and camera step": {"lamp-pulse": 0.008, "camera-steps": 0.15},
+    "hardening and jaws": {"hardening-sets-in": 400.0, "jaws-oscillate": 0.8},
+    "modulus and warm grip": {"modulus-saturates": 0.12, "warm-grip": 0.5},
+    "bump and early heat": {"yield-bump": 8.0, "heat-of-early-flow": 0.5},
+    "one jaw and ramp": {"one-jaw": 1.5, "ramp-source": 0.12},
+    "rate, lamp pulse, camera step": {"rate-by-arsinh": 5.0, "lamp-pulse": 0.008, "camera-steps": 0.15},
+    "bump, air step, warm grip": {"yield-bump": 8.0, "air-step": 1.5, "warm-grip": 0.5},
+}
+"""What is planted in each run, and how much of it."""
+_PROGRAMME = [
+    {"hold": 3.0},
+    {"crosshead_to": 9.5, "rate": 0.14},
+    {"force_to": 1500, "rate": -0.14},
+    {"crosshead_to": 14.0, "rate": 0.28},
+    {"crosshead_to": 19.0, "rate": 0.14},
+    {"force_to": 0.0, "rate": -0.14},
+    {"hold_force_until": 400.0},
+]
+SPECIMENS: dict[str, dict[str, Any]] = {
+    "aluminium": {
+        "truth": {
+            **{"E": 68396.66, "nu": 0.34, "M_y0": 128.92, "M_yinf": 292.73, "H_exp": 10.87, "F": 0.35, "alpha_exp": 20.21e-6},
+            **{
+                "kappa": 133.45,
+                "c0": 2.22,
+                "beta": 0.79,
+                "alpha_air": 14.72,
+                "alpha_clamp": 236.3,
+                "theta_air": 297.4,
+                "theta_clamp": 296.7,
+            },
+        },
+        "specimen": {},
+        "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
+        "of_truth": {"n_x": 5, "n_y": 38, "n_z": 2},
+    },
+    "steel": {
+        "truth": {
+            **{"E": 205000.0, "nu": 0.29, "M_y0": 165.0, "M_yinf": 330.0, "H_exp": 14.0, "F": 0.28, "alpha_exp": 11.8e-6},
+            **{"kappa": 52.0, "c0": 3.62, "beta": 0.88, "alpha_air": 9.5, "alpha_clamp": 340.0, "theta_air": 296.1, "theta_clamp": 296.9},
+        },
+        "specimen": {"gauge_width": 20.0, "thickness": 1.5, "parallel_length": 80.0, "shoulder_radius": 20.0, "grip_width": 30.0},
+        "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
+        "of_truth": {"n_x": 5, "n_y": 38, "n_z": 2},
+    },
+}
+BASE = ("E", "nu", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp")
+
+
+def effect_file(name: str, cause: Cause) -> str:
+    """The effect file of a cause, in the name that its file has."""
+    own = name.replace("-", "_") + "_planted"
+    on = f"ON = {cause.on!r}\n" if cause.on else ""
+    return (
+        f'"""Planted: {name}."""\n\nimport numpy as np\n\nfrom thermofit.core.parameters import Param\n\nSLOT = "{cause.slot}"\n{on}'
+        f'PARAMS = (Param("{own}.amount", "1", 0.0, -1e4, 1e4, 0.1, "amount", probe=0.1),)\n'
+        f'FORMULA = "planted"\nSOURCE = "planted"\n\n\n{cause.function}'
+    )
+
+
+def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """One command of thermofit in a folder."""
+    alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    given = [sys.executable, "-m", "thermofit", *words]
+    return subprocess.run(given, cwd=folder, capture_output=True, text=True, check=False, env={**os.environ, **alone})
+
+
+def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
+    """One run: what the program answers to raw files that hold the planted causes."""
+    planted, made = RUNS[name], SPECIMENS[specimen]
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as kept:
+        folder = Path(kept)
+        own = {cause: cause.replace("-", "_") + "_planted" for cause in planted}
+        for cause, file in own.items():
+            (folder / f"{file}.py").write_text(effect_file(cause, CAUSES[cause]), encoding="utf-8")
+        amounts = {f"{own[cause]}.amount": amount for cause, amount in planted.items()}
+        simulated = {
+            "seed": seed,
+            "mesh": made["of_truth"],
+            "truth": {**made["truth"], **amounts},
+            "programme": _PROGRAMME,
+            "dic": {"stages": 60},
+            "ir": {"frames": 70},
+            **({"specimen": made["specimen"]} if made["specimen"] else {}),
+        }
+        lab = {"name": "lab", "mesh": made["mesh"], "effects": [f"{file}.py" for file in own.values()], "simulate": simulated}
+        (folder / "lab.yaml").write_text(yaml.safe_dump(lab), encoding="utf-8")
+        done = command(folder, "simulate", "lab.yaml", "--run-dir", "lab")
+        if done.returncode != 0:
+            return {"failed": done.stderr[-300:]}
+        new = command(folder, "new", "study.yaml", "--experiment", "lab/raw")
+        if new.returncode != 0:
+            return {"failed": new.stderr[-300:]}
+        mesh = ("--set", f"mesh={json.dumps(made['mesh'])}", "--run-dir", "runs")
+        staged = command(folder, "run", "study.yaml", *mesh)
+        loop = command(folder, "close-loop", "study.yaml", *mesh, "--json")
+        if loop.returncode not in (0, 5):
+            return {"failed": f"exit {loop.returncode}: {loop.stderr[-300:]}", "stages": staged.returncode}
+        record = thermofit.open_run(folder / "runs").record("close-loop")
+        said = record.summary
+        found = {n: record.parameters[n] for n in BASE if n in record.parameters}
+        off = {n: (p.value - made["truth"][n]) / p.sigma for n, p in found.items() if p.sigma}
+    missing = said["unlisted"]
+    return {
+        "accepted": said["accepted"],
+        "like": {n: list(v) for n, v in (said["stand_ins"] or {}).items()},
+        "unlisted": None if missing is None else missing["channel"],
+        "where": None if missing is None else missing.get("where"),
+        "grade": said["grade"],
+        "exit": loop.returncode,
+        "stages": staged.returncode,
+        "balances": said["local_balances"]["where"],
+        "before": {c: row["held_out"] for c, row in _rms(said["before"]).items()},
+        "after": {c: row["held_out"] for c, row in _rms(said["after"]).items()},
+        "off": {n: round(v, 2) for n, v in off.items()},
+        "seconds": round(time.perf_counter() - begin, 1),
+    }
+
+
+def _rms(side: Any) -> dict[str, Any]:
+    """Channels of one side of the summary that have a held-out error."""
+    return {c: row for c, row in side.items() if isinstance(row, Mapping) and "held_out" in row} if isinstance(side, Mapping) else {}
+
+
+def answered(row: Mapping[str, Any], cause: str) -> str:
+    """How a planted cause was answered: by an effect of its family, as unlisted in a channel of its own, or not (empty)."""
+    own = CAUSES[cause]
+    named = [n for n in row["accepted"] if n in own.family or set(row["like"].get(n, ())) & set(own.family)]
+    if named:
+        return named[0]
+    return "unlisted" if row["unlisted"] is not None and row["unlisted"].partition("@")[0] in own.channels else ""
+
+
+def impostors(row: Mapping[str, Any]) -> list[str]:
+    """Accepted effects that are of the family of nothing that was planted; the pose of the camera is none."""
+    families = {n for cause in RUNS[row["run"]] for n in CAUSES[cause].family} | {"ir_registration"}
+    return [n for n in row["accepted"] if n not in families and not set(row["like"].get(n, ())) & families]
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The page of all rows."""
+    good = [r for r in rows if "failed" not in r]
+    right = [r for r in good if all(answered(r, cause) for cause in RUNS[r["run"]])]
+    clean = [r for r in right if not impostors(r)]
+    held = [r for r in good if r["off"] and all(abs(v) <= SURE for v in r["off"].values())]
+    lines = [
+        "# Causes of other forms",
+        "",
+        "Written by `scripts/other_causes.py`. Each cause is an effect file that the virtual laboratory knows and the study does not.",
+        "Raw files are made on a finer mesh. `run` and `close-loop` get nothing but these. A cause is answered where an effect of its",
+        "family was accepted, or something unlisted is told in a channel in which it acts. The script names the families, before any run.",
+        "",
+        f"* Runs: {len(rows)}, of them {len(rows) - len(good)} failed.",
+        f"* Every planted cause answered: **{len(right)} of {len(rows)}** (asked 85 %).",
+        f"* Of these without an impostor beside: {len(clean)}.",
+        f"* All parameters of the base model within {SURE:g} combined standard errors: **{len(held)} of {len(rows)}** (asked 90 %).",
+        f"* Source: {', '.join(sorted({r['source'] for r in rows}))} (digests of the package).",
+        "",
+        "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        if "failed" in r:
+            lines.append(f"| {r['run']} | {r['specimen']} | failed | | | | {' '.join(r['failed'].split())[-120:]} | | |")
+            continue
+        by = ", ".join(answered(r, cause) or f"**{cause}: not**" for cause in RUNS[r["run"]])
+        name, z = max(r["off"].items(), key=lambda item: abs(item[1]), default=("-", 0.0))
+        accepted, beside = (", ".join(names) or "-" for names in (r["accepted"], impostors(r)))
+        lines.append(
+            f"| {r['run']} | {r['specimen']} | {accepted} | {r['unlisted'] or '-'} | {by} | {beside} "
+            f"| {r['grade']}, {r['exit']} | {name} {z:+.1f} | {r['seconds']:.0f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Make what is not there yet, and the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=list(RUNS), default=list(RUNS))
+    parser.add_argument("--specimen", nargs="+", choices=list(SPECIMENS), default=list(SPECIMENS))
+    parser.add_argument("--page", action="store_true", help="write the page from the rows that are there")
+    options = parser.parse_args()
+    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
+    here = sources(ROOT, "thermofit")
+    known = {(r["run"], r["specimen"]) for r in rows if r["source"] == here}
+    todo = [(n, s) for s in options.specimen for n in options.only if (n, s) not in known and not options.page]
+    for name, specimen in todo:
+        row = {"run": name, "specimen": specimen, "source": here, **tried(name, specimen, 100 + list(RUNS).index(name))}
+        rows = [r for r in rows if (r["run"], r["specimen"]) != (name, specimen)] + [row]
+        ROWS.write_text("".join(json.dumps(r) + "\n" for r in rows), encoding="utf-8")
+        print(f"{name} ({specimen}): {row.get('failed') or (row['accepted'], row['unlisted'], row['grade'], row['seconds'])}", flush=True)
+    if rows:
+        PAGE.write_text(page(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -268,8 +268,10 @@ def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
             return {"failed": f"exit {loop.returncode}: {loop.stderr[-300:]}", "stages": staged.returncode}
         record = thermofit.open_run(folder / "runs").record("close-loop")
         said = record.summary
-        found = {n: record.parameters[n] for n in BASE if n in record.parameters}
-        off = {n: (p.value - made["truth"][n]) / p.sigma for n, p in found.items() if p.sigma}
+        found = {n: (p.value, p.sigma) for n, p in record.parameters.items() if n in BASE and p.sigma}
+        beside = (said["unlisted"] or {}).get("parameters") or {"values": {}}
+        found |= {n: (row["value"], row["sigma"]) for n, row in beside["values"].items() if n in BASE}
+        off = {n: (value - made["truth"][n]) / sigma for n, (value, sigma) in found.items()}
     missing = said["unlisted"]
     return {
         "accepted": said["accepted"],

@@ -13,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -172,14 +172,19 @@ def main() -> None:
     parser.add_argument("--driver", choices=tuple(DRIVERS), help="one driver only")
     parser.add_argument("--only", default="", help="kind of run: none, an effect, a pair as a+b, or knocked")
     parser.add_argument("--nulls", type=int, help=f"coupon records with nothing planted ({DRIVERS['point'].nulls})")
+    parser.add_argument("--seed", type=int, help="first seed of the runs, for fresh ones beside those that are kept; needs --driver")
     parser.add_argument("--jobs", type=int, default=2, help="processes side by side (2)")
     parser.add_argument("--at-most", type=int, help="make no more than so many runs in this call")
     chosen = parser.parse_args()
+    if chosen.seed is not None and chosen.driver is None:
+        parser.error("--seed needs --driver: seeds of drivers must not overlap")
     chosen.docs.mkdir(parents=True, exist_ok=True)
     kept = chosen.docs / ROWS
     done = kept_rows(kept)
     if not chosen.write:
         drivers = DRIVERS if chosen.driver is None else {chosen.driver: DRIVERS[chosen.driver]}
+        if chosen.seed is not None:
+            drivers = {name: replace(driver, seed=chosen.seed) for name, driver in drivers.items()}
         runs = [r for name, d in drivers.items() for r in plan(name, d, chosen.nulls if name == "point" else None)]
         runs = [r for r in runs if key({**sources(), **r}) not in done and chosen.only in ("", *kinds_of(r))][: chosen.at_most]
         begin = time.perf_counter()

@@ -282,16 +282,11 @@ def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
         "exit": loop.returncode,
         "stages": staged.returncode,
         "balances": said["local_balances"]["where"],
-        "before": {c: row["held_out"] for c, row in _rms(said["before"]).items()},
-        "after": {c: row["held_out"] for c, row in _rms(said["after"]).items()},
+        "before": said["before"]["held_out"],
+        "after": said["after"]["held_out"],
         "off": {n: round(v, 2) for n, v in off.items()},
         "seconds": round(time.perf_counter() - begin, 1),
     }
-
-
-def _rms(side: Any) -> dict[str, Any]:
-    """Channels of one side of the summary that have a held-out error."""
-    return {c: row for c, row in side.items() if isinstance(row, Mapping) and "held_out" in row} if isinstance(side, Mapping) else {}
 
 
 def answered(row: Mapping[str, Any], cause: str) -> str:
@@ -322,7 +317,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "Raw files are made on a finer mesh. `run` and `close-loop` get nothing but these. A cause is answered where an effect of its",
         "family was accepted, or something unlisted is told in a channel in which it acts. The script names the families, before any run.",
         "",
-        f"* Runs: {len(rows)}, of them {len(rows) - len(good)} failed.",
+        f"* Runs made: {len(rows)} of {len(RUNS) * len(SPECIMENS)}, of them {len(rows) - len(good)} failed.",
         f"* Every planted cause answered: **{len(right)} of {len(rows)}** (asked 85 %).",
         f"* Of these without an impostor beside: {len(clean)}.",
         f"* All parameters of the base model within {SURE:g} combined standard errors: **{len(held)} of {len(rows)}** (asked 90 %).",

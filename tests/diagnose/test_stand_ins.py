@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 from refits import fitted, refitting
 from seen_field import case_of
 
 from thermofit.core.errors import NumericsError
+from thermofit.diagnose import stand_ins as module
+from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.loop import Closed, close_loop, like_of
 from thermofit.diagnose.stand_ins import stand_ins, with_stand_ins
 from thermofit.diagnose.trace import Traced
@@ -71,3 +76,27 @@ def test_without_the_effect_the_model_is_run_and_where_that_fails_taken_to_first
         raise NumericsError("no equilibrium")
 
     assert stand_ins(replace(here, case=replace(here.case, model=replace(here.case.model, errors=fails))), "ir_drift") == (ALIKE,)
+
+
+@pytest.mark.parametrize(
+    ("worse", "motion", "told"),
+    [(1.5, False, True), (1.0, False, False), (1.5, True, False), (None, False, False)],
+    ids=["worse", "as well", "acts on the motion", "no start runs"],
+)
+def test_a_refit_on_the_known_motion_tells_what_one_step_could_not(
+    worse: float | None, motion: bool, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alike to first order; the refit begins without what was accepted."""
+    here = beside(closed().last, 1.0)
+    begun: list[Any] = []
+
+    def refitted(there: Traced, scores: Any, fit: Any, settings: Any, freed: bool) -> Any:
+        begun.append((there.case.parameters["ir_drift.rate"], "ir_drift.rate" in there.case.parameters.free, scores[0].effect, freed))
+        return None if worse is None else SimpleNamespace(held_out=worse * held_out_of(here))
+
+    monkeypatch.setattr(module, "refitted", refitted)
+    if motion:
+        monkeypatch.setattr(module, "felt_by_temperatures", lambda names: tuple(n for n in names if not n.startswith(ALIKE)))
+    warm = replace(here, case=replace(here.case, heated=lambda parameters: SimpleNamespace()))
+    assert stand_ins(warm, "ir_drift") == (() if told else (ALIKE,))
+    assert begun == ([] if motion else [(0.0, False, ALIKE, True)])

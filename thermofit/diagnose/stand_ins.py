@@ -3,7 +3,8 @@
 A family is what one angle tells, |cos| above a limit. But where an amplitude of a hundred standard errors gives way to another effect at
 |cos| 0.9, forty of them are left: data that are good enough tell the two apart. So every effect of the family is put in the stead of the
 accepted one, which goes back to neutral by a run, with all other parameters stepping beside it; it stays a stand-in where held-out data are
-predicted as well. Of coupons all of them were refitted already, and that has told.
+predicted as well. One step from so far off may reach what no fit does: where temperatures show both, the stand-in is refitted on the known
+motion, and its end decides. Of coupons all of them were refitted already, and that has told.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from thermofit.core.parameters import param
 from thermofit.diagnose.backward import held_out_of, without_effects
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.loop import Closed, like_of
+from thermofit.diagnose.retraced import hidden, refitted
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.fit.linear_model import LinearModel
 
 
@@ -46,9 +49,32 @@ def stand_ins(here: Traced, name: str, family: tuple[str, ...] = ()) -> tuple[st
         names = here.problem.dormant[other][0]
         instead = rest.with_columns(blocks[other], room_of(here.case.parameters, names)).predicted(here.split.folds)
         better = compared(instead, now, here.rows, folds, here.problem.model.noise, here.columns.residual)
-        if better.gain <= SURE * better.sigma:
+        if better.gain <= SURE * better.sigma and not _told_by_refit(here, name, other):
             found.append((better.gain, other))
     return tuple(other for _, other in sorted(found))
+
+
+def _told_by_refit(here: Traced, name: str, other: str) -> bool:
+    """Whether a refit with the other effect in the stead of the accepted one, on the known motion, predicts held-out data worse. False
+    where temperatures do not show both, or no start of it can be run: then nothing tells them."""
+    both = (*effect(name).names, *effect(other).names)
+    if here.case.heated is None or len(felt_by_temperatures(both)) < len(both):
+        return False
+    off, parameters = {n: param(n).neutral for n in effect(name).names}, here.case.parameters
+    there = parameters.replace(**off).with_free(tuple(n for n in parameters.free if n not in off))
+    try:
+        fit = here.case.heated(parameters)
+        end = (
+            None
+            if fit is None
+            else refitted(replace(here, case=replace(here.case, parameters=there)), (hidden(other),), fit, {}, freed=True)
+        )
+    except NumericsError:
+        return False
+    if end is None:
+        return False
+    now, folds = held_out_of(here), len(here.split.held_out)
+    return compared(end.held_out, now, here.rows, folds, here.problem.model.noise, here.columns.residual).convinces
 
 
 def _amplitudes(here: Traced, name: str) -> np.ndarray:

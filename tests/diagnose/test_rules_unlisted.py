@@ -11,7 +11,7 @@ import pytest
 
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose import unlisted_loop as loop
-from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.held_out import Proof, Rows
 from thermofit.diagnose.unlisted import believed, closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_loop import in_their_stead, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
@@ -138,6 +138,7 @@ class Model:
     """Predicts nothing; its bounds do not matter."""
 
     bounds: Any = None
+    noise: Any = None
 
     def predicted(self, _: Any) -> np.ndarray:
         return np.zeros(2)
@@ -151,20 +152,31 @@ class Term:
     basis: Any = None
     before: Any = None
     after: Any = None
+    residual: Any = None
     proof: Proof = GOOD
 
 
-@pytest.mark.parametrize("better", [True, False])
-def test_a_heat_at_protected_parameters_has_to_predict_better_than_the_optimum(monkeypatch: pytest.MonkeyPatch, better: bool) -> None:
-    """Beside protected parameters a fit without it is no rival: held-out data are compared with the optimum's, else it is sought there."""
-    here: Any = SimpleNamespace(problem=SimpleNamespace(model=Model()), split=SimpleNamespace(folds=[], held_out=(None,) * 5), rows=None)
+@pytest.mark.parametrize(
+    ("better", "near", "taken"),
+    [(True, 1.0, "protected"), (True, 0.5, "optimum"), (True, None, "protected"), (False, 1.0, "optimum")],
+    ids=["as well at the optimum", "worse than at the optimum", "none at the optimum", "no better than without"],
+)
+def test_a_heat_at_protected_parameters_has_to_predict_better_than_the_optimum(
+    monkeypatch: pytest.MonkeyPatch, better: bool, near: float | None, taken: str
+) -> None:
+    """Beside protected parameters a fit without it is no rival: held-out data are compared with the optimum's, without and with a term
+    there; else it is sought there."""
+    rows = Rows(np.zeros(200, dtype=int), np.arange(200.0), np.zeros((200, 2)), np.zeros(200, dtype=int))
+    here: Any = SimpleNamespace(problem=SimpleNamespace(model=Model()), split=SimpleNamespace(folds=[], held_out=(None,) * 5), rows=rows)
     there: Any = SimpleNamespace()
-    terms = {id(here): Term("optimum"), id(there): Term("protected")}
+    left = np.random.default_rng(2).normal(size=200)
+    optimum = None if near is None else Term("optimum", after=near * left, residual=left)
+    terms = {id(here): optimum, id(there): Term("protected", after=left, residual=left)}
     monkeypatch.setattr(module, "undriven", lambda *_: (there, ""))
     monkeypatch.setattr(module, "term_of", lambda where, _: terms[id(where)])
     monkeypatch.setattr(module, "proved", lambda *_: GOOD if better else replace(GOOD, gain=0.001))
     term, where, failed = sought(here, cast(Any, None))
-    assert (where is there) is better and cast(Any, term).name == ("protected" if better else "optimum") and failed == ""
+    assert cast(Any, term).name == taken and (where is there) is (taken == "protected") and failed == ""
 
 
 @pytest.mark.parametrize(("worse", "closer"), [(0.09, True), (0.11, False)])

@@ -18,7 +18,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.held_out import Proof, compared
 from thermofit.diagnose.retraced import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
@@ -135,7 +135,8 @@ def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, st
     run there failed.
 
     A heat of a body is sought at protected parameters, and stays with these: a term of few hats is not all that is missing, and a fit
-    beside it would drive them off again. It has to predict held-out data better than the optimum without it does; else it is sought there.
+    beside it would drive them off again. It has to predict held-out data better than the optimum without it does, and no worse than a term
+    at the optimum; else it is sought there. Where the data hardly tell the parameters beside a broad source, they smear the term.
     """
     there, failed = undriven(here, structure)
     term = term_of(there, structure)
@@ -145,7 +146,10 @@ def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, st
         before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
         term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
         if believed(term):
-            return term, there, failed
+            near, folds = term_of(here, structure), len(here.split.held_out)
+            if near is None or not compared(term.after, near.after, here.rows, folds, here.problem.model.noise, near.residual).convinces:
+                return term, there, failed
+            return near, here, failed
     return term_of(here, structure), here, failed
 
 

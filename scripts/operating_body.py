@@ -1,7 +1,8 @@
 """Virtual full-field tests for the operating figures: fields of a body with a planted effect, and the loop on a coarser model of it.
 
 The data come from a finer mesh and half the time steps, with noise of both cameras and of the load cell, whose record is smoothed as any
-other; the fit knows nothing of what was planted. The pace of the loading and the noise of the cameras are drawn by the seed.
+other; the fit knows nothing of what was planted. The pace of the loading and the noise of the cameras are drawn by the seed. So are the
+thickness of the specimen beside the declared one and the pose of the infrared camera, whose standard errors of landmarks the fit knows.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from thermofit.experiment.forward import Run, march_settings, sampler, specimen_
 from thermofit.experiment.instruments import Instruments
 from thermofit.experiment.joint import Joint, joint_settings, station_names
 from thermofit.experiment.known_effects import effects_of_fields
-from thermofit.experiment.priors import effect_priors
+from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.residuals import named_phases
+from thermofit.identify.solve import within
 from thermofit.observe.force import smooth_force
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.staging import job
@@ -47,6 +49,10 @@ TRUTH = {
 }
 FREE = ("E", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 NOISE = {"u": 0.002, "theta": 0.025, "force": 4.0}
+REGISTRATION = {"shift_y": 0.1, "shift_x": 0.1, "rotation": 0.003, "scale": 0.003}
+"""Standard errors of the pose of the infrared camera, mm, rad and 1: landmarks picked to half a pixel of 0.25 mm over 44 mm."""
+THICKNESS_ERROR = 0.01
+"""Standard deviation of the thickness over the declared one, which every test takes for exact."""
 PACES = {"half-rate": 2.0, "usual-rate": 1.0, "twice-rate": 0.5}
 """Times of the loading over the usual ones, by the name of the programme."""
 STUDY = """
@@ -111,7 +117,33 @@ def _blank_test(world: World) -> Measured:
     sigma = {name: world.noise * world.declared.get(name, 1.0) * NOISE[name] for name in ("u", "theta")}
     u, theta = _blank(t, "u", sigma["u"], 2, "mm"), _blank(t, "theta", sigma["theta"], 1, "K")
     observed = force_observation(t, steps, NOISE["force"])
-    return Measured(SPECIMEN, TRUTH["theta_air"], TRUTH["theta_clamp"], u, theta, observed, every, 4.0, phases)
+    registration = {f"ir_registration.{name}": sigma for name, sigma in REGISTRATION.items()}
+    blank = Measured(SPECIMEN, TRUTH["theta_air"], TRUTH["theta_clamp"], u, theta, observed, every, 4.0, phases)
+    return replace(blank, registration=registration)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a test has otherwise than is declared: thickness over the declared one, and pose of the infrared camera by Param."""
+
+    thickness: float
+    pose: Mapping[str, float]
+
+    def seen(self, xy: np.ndarray) -> np.ndarray:
+        """The points (n, 2) that the camera sees where it takes them for xy, mm (`effects.ir_registration`)."""
+        p = self.pose
+        x, y = xy[:, 0], xy[:, 1]
+        away = (p["shift_x"] - p["rotation"] * y + p["scale"] * x, p["shift_y"] + p["rotation"] * x + p["scale"] * y)
+        return np.asarray(xy + np.stack(away, axis=1))
+
+
+AS_DECLARED = Setup(1.0, dict.fromkeys(REGISTRATION, 0.0))
+
+
+def setup(world: World) -> Setup:
+    """The specimen and the camera of a seed."""
+    random = world.random("specimen")
+    return Setup(1.0 + THICKNESS_ERROR * random.normal(), {name: sigma * random.normal() for name, sigma in REGISTRATION.items()})
 
 
 def _recorded(world: World, random: np.random.Generator) -> LoadSteps:
@@ -130,17 +162,36 @@ def _study(text: str) -> Study:
         return load_study(source)
 
 
-def _case(joint: Joint, data: Measured, parameters: Parameters, largest_strain: float) -> Case:
-    spans = named_phases(data.phases)
-    return Case(
-        joint.model,
-        parameters,
-        effects_of_fields(infrared=True),
-        spans,
-        station_names(),
-        scored=joint.scored,
-        largest_strain=largest_strain,
-    )
+@dataclass(frozen=True)
+class Problem:
+    """The joint fit of a test as the command makes it: its parts, the study with the bounds of the pose, and the parameters of the pose."""
+
+    study: Study
+    joint: Joint
+    pose: frozenset[str]
+
+    def case(self, joint: Joint, data: Measured, parameters: Parameters, largest_strain: float) -> Case:
+        """What the loop is asked of, at parameters."""
+        return Case(
+            joint.model,
+            parameters,
+            effects_of_fields(infrared=True),
+            named_phases(data.phases),
+            station_names() | self.pose,
+            scored=joint.scored,
+            largest_strain=largest_strain,
+            bounds=self.study.bounds,
+            pose=self.pose,
+        )
+
+
+def problem(data: Measured, base: Parameters, size: MeshSize) -> Problem:
+    """The joint fit of a test with a pose of the camera that is a datum of its landmarks."""
+    study = _study(STUDY)
+    told = pose_bounds(study, data.registration)
+    settings = joint_settings(study, (*FREE, *told), data)
+    joint = Joint(study, data, settings, size, beside=effect_priors(study, data.registration))
+    return Problem(within(study, base, told), joint, frozenset(told))
 
 
 @dataclass(frozen=True)
@@ -154,17 +205,19 @@ class Fields:
         """The tests of a seed, see `worlds`."""
         return worlds(seed, tuple(PACES), ("u", "theta"))
 
-    def measured(self, world: World, planted: Mapping[str, float]) -> Measured:
-        """A virtual test of the truth with planted Params, from a finer mesh and half the time steps, with noise."""
-        study = _study(STUDY)
+    def measured(self, world: World, planted: Mapping[str, float], its: Setup | None = None) -> Measured:
+        """A virtual test of the truth with planted Params, from a finer mesh and half the time steps, with noise. Its specimen and its
+        camera are those of the seed, or what is given."""
+        study, its = _study(STUDY), its or setup(world)
         blank, parameters = _blank_test(world), Parameters.of({**TRUTH, **planted})
         t, force, _ = programme(world.programme)
         fine = np.interp(np.arange(2 * len(t) - 1) / 2.0, np.arange(len(t)), t)
-        body = specimen_body(study, blank, self.true)
+        actual = replace(blank, specimen=replace(SPECIMEN, thickness=its.thickness * SPECIMEN.thickness))
+        body = specimen_body(study, actual, self.true)
         history: History = Run(body, Loading(fine, np.interp(fine, t, force)), march_settings(study, "full"))(parameters)
         steps = LoadSteps(fine, np.interp(fine, t, force), np.zeros(len(fine)))
-        observations = {"u": blank.displacement, "theta": blank.temperature}
         assert blank.temperature is not None
+        observations = {"u": blank.displacement, "theta": replace(blank.temperature, xy=its.seen(blank.temperature.xy))}
         samplers = {name: sampler(body, o, steps) for name, o in observations.items() if o is not None}
         run = Run(body, Loading(fine, steps.force), march_settings(study, "full"))
         look = Instruments(run, samplers, {n: o for n, o in observations.items() if o is not None}, TRUTH["theta_air"])
@@ -184,33 +237,34 @@ class Fields:
             temperature=replace(blank.temperature, value=theta),
         )
 
-    def _joint(self, study: Study, data: Measured) -> Joint:
-        return Joint(study, data, joint_settings(study, FREE, data), self.fit, beside=effect_priors(study))
-
     def closed(self, world: World, data: Measured, folder: Path, without: Collection[str] = ()) -> tuple[Closed, Unlisted | None]:
         """The loop on a test, from the fit of the base model on, and what it leaves unlisted; a first fit, which knows nothing of its mesh,
         stands for the stages. Effects `without` are not in its catalogue."""
         study = _study(STUDY)
-        base = study.start_parameters(data).with_free(FREE)  # type: ignore[arg-type]
+        base = study.start_parameters(data)
         base = base.replace(theta_air=data.theta_air, theta_clamp=data.theta_clamp, theta_ref=TRUTH["theta_ref"])
-        joint, task = self._joint(study, data), job(folder, "operating", {}, {})
+        asked = problem(data, base, self.fit)
+        study, joint, base = asked.study, asked.joint, base.with_free(asked.joint.settings.free)
+        task = job(folder, "operating", {}, {})
         staged, _ = JointFit(study, joint.settings, joint.model, task, 2 * JOINT_EVALUATIONS, parts=joint)(base, "stages")
         corrected_ = corrected(joint, staged)
         joint = corrected_.joint
         refit = JointFit(study, joint.settings, joint.model, task, parts=joint)
         parameters, fit = replace(refit, at_most=2 * JOINT_EVALUATIONS)(staged, "joint")
-        case = _case(joint, data, parameters, corrected_.largest_strain)
+        case = asked.case(joint, data, parameters, corrected_.largest_strain)
         known = tuple(e for e in case.known if e.name not in without)
         case = replace(case, known=known, heated=refit.heated, moved=refit.moved)
         found = close_loop(case, fit, refit, study.diagnosis.max_effects, corrected_.left)
         return ended(found, found.refit, found.numerical, study.diagnosis.held_out)
 
     def at_truth(self, world: World) -> Traced:
-        """The trace of a test with nothing planted and its noise as it is, at the truth: what smallest amplitudes are told by."""
-        study = _study(STUDY)
-        data, truth = self.measured(replace(world, declared={}), {}), Parameters.of(TRUTH, FREE)
-        found = corrected(self._joint(study, data), truth)
-        return traced(_case(found.joint, data, truth, found.largest_strain))
+        """The trace of a test with nothing planted and its noise as it is, at the truth: what smallest amplitudes are told by. Specimen and
+        camera are as they are declared."""
+        data = self.measured(replace(world, declared={}), {}, AS_DECLARED)
+        asked = problem(data, Parameters.of(TRUTH, FREE), self.fit)
+        truth = Parameters.of(TRUTH, asked.joint.settings.free)
+        found = corrected(asked.joint, truth)
+        return traced(asked.case(found.joint, data, truth, found.largest_strain))
 
 
 SMALL = Fields(MeshSize(n_x=3, n_y=20, n_z=1), MeshSize(n_x=5, n_y=36, n_z=2))

@@ -20,7 +20,7 @@ from thermofit.effects.catalogue import Effect
 from thermofit.experiment.known_motion import acts_in_heat
 
 __all__ = ["World", "alike_to", "directions", "off_grid", "secondary", "smallest", "stream_of", "worlds"]
-STREAMS = ("world", "secondary", "noise", "truth", "memory")
+STREAMS = ("world", "secondary", "noise", "truth", "memory", "specimen")
 FACTOR = 2.0
 """Noise is between the usual one over FACTOR and FACTOR times it, and so is a wrong declared one beside the true one."""
 WRONG = 1.0 / 3.0

@@ -243,6 +243,20 @@ def test_phases_of_both_models_stand_side_by_side(run: Path) -> None:
     assert all((r.verified, r.last, r.floor) == (2.0, 1.0, pytest.approx(0.1)) for r in rows)
 
 
+def test_parameters_beside_an_unlisted_heat_are_on_the_page(tmp_path: Path) -> None:
+    values = {"kappa": {"value": 141.5, "sigma": 2.5, "unit": "mW/(mm K)", "joint_fit": 97.25}}
+    unlisted = {"channel": "dtheta", "where": None, "when_s": None, "excess_share": 0.1, "parameters": {"values": values, "failed": ""}}
+    told, failed, alone = (tmp_path / name for name in ("told", "failed", "alone"))
+    made.whole_run(told, unlisted=unlisted, trustworthy=False)
+    _, page, _ = page_of(told)
+    assert "Parameters beside it" in page.texts["h3"] and {"141.5", "2.5", "97.25"} <= set(page.texts["td"]) and page.wrong == []
+    made.whole_run(failed, unlisted={**unlisted, "parameters": {"values": {}, "failed": "a run failed"}}, trustworthy=False)
+    _, page, _ = page_of(failed)
+    assert "a run failed" in page.texts["p"] and "141.5" not in page.texts["td"]
+    made.whole_run(alone, unlisted={**unlisted, "parameters": None}, trustworthy=False)
+    assert "Parameters beside it" not in page_of(alone)[1].texts["h3"]
+
+
 def test_nothing_of_the_data_is_markup(tmp_path: Path) -> None:
     h = made.HOSTILE
     unlisted = {"channel": h, "where": None, "when_s": None, "excess_share": 0.1, "effect_file": h}

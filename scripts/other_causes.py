@@ -176,15 +176,23 @@ RUNS: dict[str, dict[str, float]] = {
     "bump, air step, warm grip": {"yield-bump": 8.0, "air-step": 1.5, "warm-grip": 0.5},
 }
 """What is planted in each run, and how much of it."""
-_PROGRAMME = [
-    {"hold": 3.0},
-    {"crosshead_to": 9.5, "rate": 0.14},
-    {"force_to": 1500, "rate": -0.14},
-    {"crosshead_to": 14.0, "rate": 0.28},
-    {"crosshead_to": 19.0, "rate": 0.14},
-    {"force_to": 0.0, "rate": -0.14},
-    {"hold_force_until": 400.0},
-]
+
+
+def _programme(largest: float) -> list[dict[str, float]]:
+    """Rest, loading at two rates with a part of an unloading between, unloading, cooling; `largest` displacement of the crosshead in mm,
+    below that of the largest force."""
+    rate = 0.14 * largest / 19.0
+    return [
+        {"hold": 3.0},
+        {"crosshead_to": 0.5 * largest, "rate": rate},
+        {"force_to": 1500.0, "rate": -rate},
+        {"crosshead_to": 0.74 * largest, "rate": 2.0 * rate},
+        {"crosshead_to": largest, "rate": rate},
+        {"force_to": 0.0, "rate": -rate},
+        {"hold_force_until": 400.0},
+    ]
+
+
 SPECIMENS: dict[str, dict[str, Any]] = {
     "aluminium": {
         "truth": {
@@ -200,6 +208,7 @@ SPECIMENS: dict[str, dict[str, Any]] = {
             },
         },
         "specimen": {},
+        "largest": 19.0,
         "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
         "of_truth": {"n_x": 5, "n_y": 38, "n_z": 2},
     },
@@ -209,6 +218,7 @@ SPECIMENS: dict[str, dict[str, Any]] = {
             **{"kappa": 52.0, "c0": 3.62, "beta": 0.88, "alpha_air": 9.5, "alpha_clamp": 340.0, "theta_air": 296.1, "theta_clamp": 296.9},
         },
         "specimen": {"gauge_width": 20.0, "thickness": 1.5, "parallel_length": 80.0, "shoulder_radius": 20.0, "grip_width": 30.0},
+        "largest": 13.0,
         "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
         "of_truth": {"n_x": 5, "n_y": 38, "n_z": 2},
     },
@@ -248,7 +258,7 @@ def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
             "seed": seed,
             "mesh": made["of_truth"],
             "truth": {**made["truth"], **amounts},
-            "programme": _PROGRAMME,
+            "programme": _programme(made["largest"]),
             "dic": {"stages": 60},
             "ir": {"frames": 70},
             **({"specimen": made["specimen"]} if made["specimen"] else {}),

@@ -84,10 +84,11 @@ def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(
     rows = {} if failed else {"kappa": {"value": 131.23, "sigma": 4.2, "unit": "mW/(mm K)", "joint_fit": 98.76}}
     said = {
         **{"channel": "dtheta", "best_listed": None, "resembles": [], "beside": [], "kind": "heat source", "where": {"y_mm": 3.0}},
-        **{"when_s": [1.0, 2.0], "phases": ["cooling"], "unit": "mW", "mean_in_window": 1.0, "hints": []},
+        **{"when_s": [1.0, 2.0], "phases": ["cooling"], "unit": "mW", "amount": {"value": 1.234, "sigma": 0.4}, "hints": []},
         **{"before": {"held_out": {}}, "after": {"held_out": {}}, "parameters": {"values": rows, "failed": failed}},
     }
     out = StringIO()
     unlisted_lines(Console(file=out, width=140), said)
     shown = " ".join(out.getvalue().split())
+    assert "1.234 +- 0.4" in shown
     assert ("! no run there" in shown) if failed else ("131.2 +- 4" in shown and "98.76" in shown)

@@ -19,11 +19,11 @@ from thermofit.cli.printing_loop import unlisted_lines
 from thermofit.core.jsonable import jsonable
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, best_listed, unlisted
+from thermofit.diagnose.unlisted import Unlisted, best_listed, unlisted, volumes
 from thermofit.diagnose.unlisted_effect import heat_file
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_loop import ended
-from thermofit.diagnose.unlisted_place import compact, when_of
+from thermofit.diagnose.unlisted_place import compact, place_of, when_of
 from thermofit.diagnose.unlisted_structure import structures
 from thermofit.experiment.residuals import Span
 from thermofit.report.unlisted import described, in_words, summary_of, unlisted_datasets, with_unlisted
@@ -59,6 +59,32 @@ def test_a_spot_is_found_where_when_and_as_strong_as_it_is(power: float, at: tup
     assert said["after"]["fit"]["theta"] == pytest.approx(0.02, rel=0.1)
     words = with_unlisted({"verdict": "x", "trustworthy": True}, said)
     assert words["trustworthy"] is False and "heat source" in words["verdict"] and in_words(said) in words["verdict"]
+
+
+def test_the_amount_has_a_standard_error_that_holds_it() -> None:
+    """Knots are 2.5 s apart: beside that doubt of the window what noise makes of the power is small, but not where it is weak."""
+    strong, weak = [], []
+    for seed in (0, 1, 4):
+        here, found = diagnosed(seed, spot(30.0, -5.0, 8.0, (40.0, 75.0)))
+        assert found is not None and found.place is not None
+        assert found.field is not None
+        strong.append(found.place)
+        said = summary_of(here, found, None)
+        assert said["amount"] == {"value": found.place.size, "sigma": found.place.doubt, "unit": "mW"} and "+-" in in_words(said)
+        loose = replace(found.field, posterior=400.0 * found.field.posterior)
+        weak.append(place_of(loose, volumes(here.case, loose.basis)))
+    assert all(0.02 < p.doubt / p.size < 0.06 and abs(p.size - 30.0) < 3.0 * p.doubt for p in strong)
+    assert all(w.size == pytest.approx(p.size) and w.doubt > 4.0 * p.doubt for w, p in zip(weak, strong, strict=True))
+
+
+@pytest.mark.parametrize(("local", "balance"), [(None, "heat"), ("inside", "heat"), ("outside", "boundary")])
+def test_which_balance_lacks_it(tmp_path: Path, local: str | None, balance: str) -> None:
+    """A heat that the balance of observed pieces does not miss comes from outside the observed field."""
+    here, found = diagnosed(2, spot(30.0, -5.0, 8.0, (40.0, 75.0)))
+    maps = [{"balance": "force", "channel": "du", "where": "outside"}, {"balance": "heat", "channel": "theta", "where": local}]
+    study = cast(Study, SimpleNamespace(name="strip", run_dir=tmp_path / "run"))
+    said = described(study, here, found, None, None if local is None else {"maps": maps})
+    assert said is not None and said["balance"] == balance
 
 
 def test_nothing_is_unlisted_where_nothing_is_missing() -> None:

@@ -147,7 +147,8 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
         out.add_row(key, value if isinstance(value, str) else str(value) if isinstance(value, bool) else number(value))
     out.add_row("from, to in s", ", ".join(number(t) for t in said["when_s"]))
     out.add_row("phases", ", ".join(said["phases"]))
-    out.add_row(f"mean in that window, {said['unit']}", number(said["mean_in_window"]))
+    amount = said["amount"]
+    out.add_row(f"mean in that window, {said['unit']}", f"{number(amount['value'])} +- {amount['sigma']:.1g}")
     for channel, before in said["before"]["held_out"].items():
         out.add_row(f"held-out {channel} without, with", f"{before:.4g}, {said['after']['held_out'][channel]:.4g}")
     for hint in said["hints"][:3]:

@@ -54,8 +54,9 @@ class Basis:
 class Field:
     """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step (p,) of the fitted parameters,
     residual with it (n,), held-out residuals (n,) without and with it, the proof on the rows that feel it, and `effective`, the number of
-    free coefficients that it is worth, tr[(G + lambda R)^-1 G] - p. `uncertainty` (p,): standard errors of the fitted parameters beside it,
-    (G + lambda R)^-1: the term is known no better than data and roughness tell it."""
+    free coefficients that it is worth, tr[(G + lambda R)^-1 G] - p. `uncertainty` (p,) and `posterior` (m, m): standard errors of the
+    fitted parameters beside it, and covariance of the coefficients beside these, (G + lambda R)^-1: the term is known no better than
+    data and roughness tell it. `covariance` is what the noise alone makes of it."""
 
     basis: Basis
     q: np.ndarray
@@ -68,6 +69,7 @@ class Field:
     proof: Proof
     effective: float = 0.0
     uncertainty: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    posterior: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def values(self) -> np.ndarray:
@@ -150,7 +152,8 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight:
     proof = proved(basis, rows, (before, after), len(folds))
     effective = float(np.trace(inverse @ system.gram)) - system.p
     uncertainty = np.sqrt(np.diag(inverse)[: system.p]) / system.size
-    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty)
+    posterior = inverse[system.p :, system.p :]
+    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty, posterior)
 
 
 def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:

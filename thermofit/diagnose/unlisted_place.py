@@ -18,7 +18,8 @@ HALF = 0.5
 @dataclass(frozen=True)
 class Place:
     """Centroid and extent (standard deviation) in mm, time window s; `time` (n_k,) s and `strength` (n_k,) with its standard error: power
-    in mW where volumes are known, else the mean coefficient; `size`: mean of strength in the window; `total`: its integral over it."""
+    in mW where volumes are known, else the mean coefficient; `size`: mean of strength in the window; `doubt`: its standard error beside
+    fitted parameters, the ends of the window known to the distance of knots; `total`: its integral over it."""
 
     centroid: tuple[float, float]
     extent: tuple[float, float]
@@ -27,6 +28,7 @@ class Place:
     strength: np.ndarray
     sigma: np.ndarray
     size: float
+    doubt: float
     total: float
 
 
@@ -60,9 +62,29 @@ def place_of(field: Field, volumes: np.ndarray | None) -> Place:
     cx, cy = float(share @ x), float(share @ y)
     extent = (float(np.sqrt(share @ (x - cx) ** 2)), float(np.sqrt(share @ (y - cy) ** 2)))
     length = window[1] - window[0]
-    clipped = np.linspace(window[0], window[1], 200)
-    size = float(np.mean(np.interp(clipped, grid.time, strength))) if length > 0.0 else float(strength[np.argmax(np.abs(strength))])
-    return Place((cx, cy), extent, window, grid.time, strength, sigma, size, size * length)
+    mean_of = _mean_of(grid.time, window, int(np.argmax(np.abs(strength))))
+    size = float(mean_of @ strength)
+    # By places and components: how the strength at a knot follows its coefficients.
+    slope = np.broadcast_to(weights[None, :, None], flat.shape)
+    if grid.components != 1:
+        slope = flat / (grid.places * np.maximum(strength, 1e-300)[:, None, None])
+    along = (mean_of[:, None, None] * slope).ravel()[field.basis.chosen]
+    own = field.posterior[: len(along), : len(along)]
+    variance = max(float(along @ own @ along), 0.0)
+    if length > 0.0:
+        # Either end is as likely anywhere between two knots; power times length is what the data hold.
+        between = float(np.interp(0.5 * sum(window), grid.time[:-1], np.diff(grid.time))) if len(grid.time) > 1 else 0.0
+        variance += (size * between / length) ** 2 / 6.0
+    doubt = float(np.sqrt(variance))
+    return Place((cx, cy), extent, window, grid.time, strength, sigma, size, doubt, size * length)
+
+
+def _mean_of(time: np.ndarray, window: tuple[float, float], strongest: int) -> np.ndarray:
+    """Weights (n_k,) of the knots in the mean over a window; those of the strongest knot alone where it has no length."""
+    if window[1] <= window[0]:
+        return np.asarray(np.arange(len(time)) == strongest, dtype=float)
+    at = np.linspace(window[0], window[1], 200)
+    return np.stack([np.interp(at, time, row).mean() for row in np.eye(len(time))])
 
 
 def _sigma(field: Field, weights: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
 from thermofit.diagnose.unlisted_effect import camera_file, heat_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
+from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Missing
 from thermofit.experiment.trust import grade
 from thermofit.records.artefact import Dataset
@@ -29,6 +31,8 @@ from thermofit.study.study import Study
 
 NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress"}
 WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress"}
+BALANCES = {"theta": "heat", "u": "motion"}
+"""Balance that lacks something by the observed field that shows it; any other one shows stresses."""
 FIGURE = "unlisted"
 
 
@@ -42,9 +46,15 @@ class EffectFile:
     proof: Proof
 
 
-def described(study: Study, here: Traced, found: Unlisted | None, beside: BesideSource | None = None) -> dict[str, Any] | None:
+def described(
+    study: Study,
+    here: Traced,
+    found: Unlisted | None,
+    beside: BesideSource | None = None,
+    local: Mapping[str, Any] | None = None,
+) -> dict[str, Any] | None:
     """The entry `unlisted` of a summary; writes the effect file and the figure into the run folder. None where there is nothing.
-    `beside`: the parameters beside an unlisted heat."""
+    `beside`: the parameters beside an unlisted heat; `local`: the entry `local_balances`."""
     if found is None:
         return None
     file = effect_file(study.name, here, found)
@@ -59,7 +69,15 @@ def described(study: Study, here: Traced, found: Unlisted | None, beside: Beside
         with matplotlib.rc_context(STYLE):
             figures = save_figures(study.run_dir / "figures", {FIGURE: unlisted_figure(here, found)})
     made = {"effect_file": None if path is None else str(path), "figure": str(figures[0]) if figures else None}
-    return {**summary_of(here, found, file), **made, "parameters": _parameters(here, beside)}
+    return {**summary_of(here, found, file), **made, "balance": _balance(found.channel, local), "parameters": _parameters(here, beside)}
+
+
+def _balance(channel: str, local: Mapping[str, Any] | None) -> str:
+    """The balance that lacks something: `boundary` where the local balance of heat closes, so that it comes from outside what is seen."""
+    kind = BALANCES.get(observed_field(channel), "stress")
+    maps = () if local is None else local["maps"]
+    outside = any(m["balance"] == kind and m["channel"] == channel and m["where"] == "outside" for m in maps)
+    return "boundary" if kind == "heat" and outside else kind
 
 
 def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | None:
@@ -88,8 +106,14 @@ def in_words(said: dict[str, Any]) -> str:
         law = said["over_state"]
         return share if law is None else f"a yield stress over {law['variable']}, up to {number(law['largest_MPa'])} MPa ({share})"
     a, b = said["when_s"]
-    size = f"{number(said['mean_in_window'])} {said['unit']}"
+    size = amount_in_words(said)
     return f"a {said['kind']} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
+
+
+def amount_in_words(said: Mapping[str, Any]) -> str:
+    """How much it is, with its standard error."""
+    amount = said["amount"]
+    return f"{number(amount['value'])} +- {amount['sigma']:.1g} {amount['unit']}"
 
 
 def place_in_words(where: dict[str, Any]) -> str:
@@ -156,6 +180,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
             "y_mm": place.centroid[1],
             "extent_x_mm": place.extent[0],
             "extent_y_mm": place.extent[1],
+            "extent_mm": place.extent[1],
             "both_sides": missing.folded and field.basis.kind == "heat",
         }
     unit = "mW" if field.basis.kind == "heat" and not missing.records else field.basis.unit
@@ -166,6 +191,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
         "when_s": [float(when[0]), float(when[1])],
         "phases": phases,
         "unit": unit,
+        "amount": {"value": place.size, "sigma": place.doubt, "unit": unit},
         "mean_in_window": place.size,
         "energy_mJ": place.total if unit == "mW" else None,
         "over_time": {"time_s": time.tolist(), "value": strength.tolist(), "sigma": sigma.tolist()},

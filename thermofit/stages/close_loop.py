@@ -37,12 +37,12 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found, closed, missing = end.found, end.closed, end.missing
         write_study(study, closed, study.run_dir / STUDY)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
-        said = loop_summary(found, closed, study.run_dir / STUDY)
-        told = decided(said, closed.last, added_families(closed), found.refit.parts)
+        told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
         local = locally_told(study, closed.last, parts or found.refit.parts, closed.numerical)
         beside = beside_source(closed.last, missing)
-        summary = {**with_unlisted(told, described(study, closed.last, missing, beside)), "drive": found.drive, **local.entries}
+        said = described(study, closed.last, missing, beside, local.entries["local_balances"])
+        summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}
         return Made({**loop_datasets(closed), **unlisted_datasets(missing), **local.datasets}, summary, parameters)
 
     outcome = produce(task, make, force=force)

@@ -37,7 +37,8 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         local = locally_told(study, here, found.refit.parts, found.numerical)
         beside = beside_source(here, missing)
-        summary = {**with_unlisted(told, described(study, here, missing, beside)), "drive": found.drive, **local.entries}
+        said = described(study, here, missing, beside, local.entries["local_balances"])
+        summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}
         fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **local.datasets, **fitted}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))

@@ -226,8 +226,11 @@ def unlisted_words(said: Mapping[str, Any]) -> str:
         place = f"in record {where['record']}"
     else:
         place = f"at {'|x|' if where.get('both_sides') else 'x'} = {where['x_mm']:.3g} mm, y = {where['y_mm']:.3g} mm"
-    kind, size, unit = said.get("kind"), float(said.get("mean_in_window") or 0.0), said.get("unit")
-    return f"a {kind} of {size:.3g} {unit} {place} from {when[0]:.4g} to {when[1]:.4g} s that no listed effect explains ({share})"
+    # Artefacts of earlier versions hold no standard error of it.
+    amount = said.get("amount") or {"value": said.get("mean_in_window") or 0.0, "sigma": None, "unit": said.get("unit")}
+    doubt = "" if amount["sigma"] is None else f" +- {amount['sigma']:.1g}"
+    size = f"{amount['value']:.3g}{doubt} {amount['unit']}"
+    return f"a {said.get('kind')} of {size} {place} from {when[0]:.4g} to {when[1]:.4g} s that no listed effect explains ({share})"
 
 
 # Errors.

@@ -159,7 +159,8 @@ count again (`scripts/operating_figures.py --write`). Data come from another dis
 rates, at three temperatures or at one, or moved through everything once. The record has a temperature or none. Bodies are loaded at three
 paces (`scripts/operating_body.py`). Their thickness is off by 1 % (standard deviation), which no fit knows. The infrared camera lies beside
 the specimen by the errors of its landmarks, 0.1 mm, 3 mrad and 0.3 %, which every fit knows. The noise lies
-between half and twice the usual one. In a third of the runs the declared noise of each quantity is wrong by up to a factor of two. In another third the noise of neighbouring samples is alike, with a correlation of 0.3 to
+between half and twice the usual one. In a third of the runs the declared noise of each quantity is wrong by up to a factor of two. In
+another third the noise of neighbouring samples is alike, with a correlation of 0.3 to
 0.8 (`memory` of a row). Rows without that word are of scripts that drew none.
 **Secondary values of a planted effect** (exponents, times, widths, rates) lie between two values that the loop scans. Every gap is as
 likely as any other. Where the order of magnitude counts, they are drawn by logarithms. They are never nearer to a scanned value than a

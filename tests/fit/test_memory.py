@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from thermofit.fit.linear_model import LinearModel
-from thermofit.fit.memory import autoregressive, memories, neighbours, noise_operator, tapered_correlation
+from thermofit.fit.memory import (
+    Neighbours,
+    autoregressive,
+    differences,
+    memories,
+    neighbours,
+    noise_operator,
+    rough_in_place,
+    tapered_correlation,
+)
 
 
 def remembering(n: int, rho: float, rng: np.random.Generator) -> np.ndarray:
@@ -122,8 +131,38 @@ def test_lag_is_where_the_correlation_has_fallen() -> None:
 
 
 def test_autoregressive_operator_is_its_matrix() -> None:
-    """rho^|i - j| within each segment, nothing between them."""
-    apply = autoregressive([30, 1, 20], [0.7, 0.9, 0.0])
-    expected = np.eye(51)
-    expected[:30, :30] = 0.7 ** np.abs(np.subtract.outer(np.arange(30), np.arange(30)))
-    assert apply(np.eye(51)) == pytest.approx(expected, abs=1e-12)
+    """rho^|i - j| within each series, whose rows need not follow one another, nothing between them; samples may be missing."""
+    series = np.array([*[0] * 29, 1, *[2] * 20, *[3] * 30])
+    sample = np.array([*range(10), *range(11, 30), 0, *range(20), *range(30)])
+    mixed = np.random.default_rng(11).permutation(len(series))
+    series, sample = series[mixed], sample[mixed]
+    rho = np.array([0.7, 0.9, 0.0, 0.4])
+    together = series[:, None] == series[None, :]
+    apart = np.abs(np.subtract.outer(sample, sample))
+    expected = np.where(together, np.where(apart == 0, 1.0, rho[series][:, None] ** apart), 0.0)
+    assert autoregressive(series, sample, rho)(np.eye(len(series))) == pytest.approx(expected, abs=1e-12)
+
+
+def test_smooth_functions_of_the_place_are_no_noise() -> None:
+    """Of a misfit that is cubic in the place, and changes with time, nothing is left; of white noise all but what ten coefficients take."""
+    rng = np.random.default_rng(12)
+    n_t, n_s = 20, 80
+    xy = rng.uniform(-1.0, 1.0, size=(n_s, 2)) * [8.0, 30.0]
+    time, point, component = (v.ravel() for v in np.meshgrid(np.arange(n_t), np.arange(n_s), [0, 1], indexing="ij"))
+    x, y = xy[point].T
+    smooth = (1.0 + component) * (np.sin(time) * y**3 / 1e4 + np.cos(3.0 * time) * x * y + 5.0 * x**2 + time)
+    assert np.abs(rough_in_place(smooth, component, time, xy[point])).max() < 1e-9 * np.abs(smooth).max()
+    noise = rng.normal(size=len(time))
+    left = rough_in_place(noise + smooth, component, time, xy[point])
+    assert left @ left / len(left) == pytest.approx(1.0 - 10.0 / n_s, abs=0.05)
+    few = point < 25
+    assert len(rough_in_place(noise[few], component[few], time[few], xy[point[few]])) == 0
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+def test_sums_over_places_that_have_a_variance_of_their_own(rho: float) -> None:
+    """Sums of noise whose places go together by threes, from the second differences of single times."""
+    rng = np.random.default_rng(13)
+    noise = np.sqrt(3.0) * remembering(60000, rho, rng)
+    v = differences(noise, np.zeros(60000, dtype=int), np.arange(60000))[0]
+    assert Neighbours(1.0, rho).of_blocks(v) == pytest.approx(3.0 * (1.0 + rho) / (1.0 - rho), rel=0.1)

@@ -18,6 +18,8 @@ import yaml
 POWER, PLACE, WINDOW, RADIUS = 30.0, (0.0, 9.0), (38.0, 62.0), 3.0
 """mW of the whole specimen, mm from the middle, s, mm."""
 THICKNESS = 1.2
+LEFT = 3.4e-3
+"""K beyond the noise that an answer may leave."""
 LISTED = (
     {"lamp.absorbed": 0.05, "lamp.start": 40.0},
     {"latent_heat.heat": 150.0, "latent_heat.centre": 0.012, "latent_heat.width": 0.006},
@@ -52,7 +54,7 @@ def virtual_test(folder: Path, planted: dict[str, float], effects: tuple[str, ..
     """Study of a test whose raw files hold what is planted; neither its mesh nor its catalogue are those of the virtual experiment."""
     content = tiny.tree(folder / "truth")
     content["simulate"] |= {
-        "mesh": {"n_x": 3, "n_y": 26, "n_z": 1},
+        "mesh": {"n_x": 3, "n_y": 38, "n_z": 1},
         "truth": {**tiny.TRUTH, **planted},
         "programme": [{"hold": 3.0}, {"crosshead_to": 3.5, "rate": 0.14}, {"force_to": 0.0, "rate": -0.14}, {"hold_force_until": 80.0}],
         "dic": {"stages": 16, "spacing": 2.0},
@@ -65,7 +67,7 @@ def virtual_test(folder: Path, planted: dict[str, float], effects: tuple[str, ..
     content["stages"]["thermal"]["free"] = ["alpha_exp", "kappa", "c0", "beta", "alpha_air", "alpha_clamp"]
     content["parameters"] |= {"alpha_air": {"start": 10.0, "bounds": [0.0, 100.0]}, "alpha_clamp": {"start": 300.0, "bounds": [10.0, 2e4]}}
     fit = {k: v for k, v in content.items() if k not in ("simulate", "gridsearch", "sensitivity")}
-    fit |= {"experiment": str(folder / "truth" / "raw"), "run_dir": str(folder / "run"), "mesh": {"n_x": 2, "n_y": 14, "n_z": 1}}
+    fit |= {"experiment": str(folder / "truth" / "raw"), "run_dir": str(folder / "run"), "mesh": {"n_x": 2, "n_y": 22, "n_z": 1}}
     path = folder / "study.yaml"
     path.write_text(yaml.safe_dump(fit), encoding="utf-8")
     return path
@@ -92,9 +94,12 @@ def test_a_heated_spot_is_unlisted(tmp_path: Path) -> None:
     assert abs(where["y_mm"] - PLACE[1]) < RADIUS
     assert np.allclose(said["when_s"], WINDOW, atol=4.0)
     assert said["mean_in_window"] == pytest.approx(POWER, rel=0.2)
+    amount = said["amount"]
+    assert abs(amount["value"] - POWER) < 3.0 * amount["sigma"] < POWER and said["balance"] == "heat"
     before, after = (said[word]["held_out"]["dtheta"] for word in ("before", "after"))
     floor = found["channels"]["dtheta"]["floor_rms"]
-    assert after < 1.02 * floor < 1.1 * floor < before
+    # Hats of several millimetres leave a little of a spot of three; a nodal temperature is known to 7 mK.
+    assert np.sqrt(after**2 - floor**2) < LEFT and before > 1.1 * floor
     assert Path(said["effect_file"]).is_file() and Path(said["figure"]).is_file()
 
 
@@ -106,4 +111,5 @@ def test_a_source_of_the_catalogue_is_named_and_not_called_unlisted(tmp_path: Pa
     assert code == 0 and found["accepted"] == [amplitude.partition(".")[0]] and found["unlisted"] is None, found["verdict"]
     said = found["parameters"][amplitude]
     assert said["value"] == pytest.approx(value, abs=4.0 * said["sigma"]) and said["sigma"] < 0.1 * value
-    assert found["after"]["held_out"]["dtheta"] < 1.02 * found["channels"]["dtheta"]["floor_rms"]
+    after, floor = found["after"]["held_out"]["dtheta"], found["channels"]["dtheta"]["floor_rms"]
+    assert np.sqrt(max(after**2 - floor**2, 0.0)) < LEFT

@@ -12,20 +12,17 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, at_its_end, columns_of, linearised, scans
 from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
-from thermofit.diagnose.held_out import Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.held_out import FEWEST, Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.remembered import noise_of, remembered
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.priors import improbable
 from thermofit.experiment.trust import Bounds, physical
-from thermofit.fit.covariance import NoiseOperator
 from thermofit.fit.linear_model import LinearModel, Room, projection
-from thermofit.fit.memory import Neighbours, autoregressive, neighbours
 from thermofit.fit.result import FitResult
 
 PLAIN = 4.0
 """Standard errors of the square sum of noise beyond which a residual holds something."""
-HARDLY_ALIKE = 0.1
-"""Correlation below which samples of a coupon count as independent of a held-out block."""
 PROVED_AT_MOST = 8
 """Effects for which held-out data are asked."""
 _BLOCKS = (25, 5)
@@ -122,38 +119,13 @@ def _clocked(case: Case, rows: Rows) -> Rows:
     return replace(rows, time=np.unique(rows.time, return_inverse=True)[1].astype(float)) if case.cheap else rows
 
 
-def neighbours_of(case: Case, residual: np.ndarray) -> tuple[Neighbours, ...]:
-    """Noise of each segment of a coupon's residual (n,), as neighbouring samples of all records of its channel show it; none on bodies."""
-    lengths = case.model.segments or ()
-    ends = np.cumsum([c.n for c in case.model.comparisons])
-    channel = np.searchsorted(ends, np.cumsum(lengths))  # that of priors is beyond the last one
-    record = np.repeat(np.arange(len(lengths)), lengths)
-    sample = np.concatenate([np.arange(n) for n in lengths]) if lengths else np.zeros(0, dtype=int)
-    of_channel = {}
-    for k in np.unique(channel):
-        own = np.isin(record, np.flatnonzero(channel == k))
-        place = record[own] - record[own].min()
-        of_channel[k] = neighbours(residual[own], place, sample[own]) if k < len(ends) else Neighbours(1.0, 0.0)
-    return tuple(of_channel[k] for k in channel)
-
-
-def noise_of(case: Case, alike: Sequence[Neighbours]) -> NoiseOperator | None:
-    """Applies the correlation of the noise to columns (n, k): what the comparisons know of it, and on coupons what neighbouring samples
-    have in common; None where it is white."""
-    if any(c.noise is not None for c in case.model.comparisons):
-        return case.model.noise
-    if not any(one.rho > 0.0 for one in alike):
-        return None
-    return autoregressive(case.model.segments or (), [one.rho for one in alike])
-
-
 def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto", memory: float = 0.0) -> Split:
     """Held-out data: load phases where there are several ("phases"), else buffered blocks ("blocks"); "auto" takes blocks.
 
     Blocks see every phase, so that a parameter which a single phase determines is not lost with it; `fitted` (n, p) are the columns of the
     fitted parameters, of which every fold still sees enough. Their buffer in space is not shorter than the noise hangs together: else a
-    seen point would tell the noise of a held-out one. So it is in time on coupons, whose clock are the samples: `memory` is how many of
-    them it hangs together. Records and experiments have blocks of their own.
+    seen point would tell the noise of a held-out one. So it is in time: `memory` is how long it hangs together, in samples on coupons,
+    whose clock they are. A body is seen in few frames, and its blocks become longer for it. Records and experiments have blocks of their own.
     """
     clock = "samples" if case.cheap else "s"
     rows = _clocked(case, rows)
@@ -163,7 +135,8 @@ def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto", memo
             return found
     used = rows.channel >= 0
     length = float(np.ptp(rows.xy[used, 1]))
-    shape = (_BLOCKS[0], _BLOCKS[1] if length > 0.0 else 1)
+    longest = np.inf if case.cheap or memory <= 0.0 else 0.5 * float(np.ptp(rows.time[used])) / memory
+    shape = (int(np.clip(longest, FEWEST, _BLOCKS[0])), _BLOCKS[1] if length > 0.0 else 1)
     names = [span.record or span.experiment for span in case.spans]
     of_span = np.array([names.index(name) for name in names])
     here = of_span[np.where(used, rows.phase, 0)]
@@ -189,9 +162,9 @@ def traced(
     """
     found = linearised(case, fit)
     rows = case.rows
-    alike = neighbours_of(case, found.residual)
+    alike = remembered(case, rows, found.residual)
     if split is None:
-        split = split_of(case, rows, found.fitted, how, max((one.lag(HARDLY_ALIKE) for one in alike), default=0.0))
+        split = split_of(case, rows, found.fitted, how, alike.lag(case, rows))
     groups = groups_of(_clocked(case, rows), np.ones(len(rows.time), dtype=bool))
     noise = noise_of(case, alike)
     room = room_of(case.parameters, case.parameters.free, case.reach)

@@ -1,8 +1,8 @@
 """Structure in a residual: how much of its square sum hangs together in blocks of time and place, above both floors.
 
 With S_b the sum of the n_b whitened rows of a block, noise alone gives E[S_b^2 / n_b] = v, one where sigma is right. v is taken from
-differences of block means in time, so that neither a wrong sigma nor noise that neighbours share looks like structure; of coupons, whose
-samples follow closely, with the correlation that such differences show (`fit.memory`). What all times of a point have in common (the
+differences of block means in time, with what samples that follow each other share (`remembered`), so that neither a wrong sigma nor noise
+that neighbours share looks like structure. What all times of a point have in common (the
 reference of dtheta) comes on top, and so does the error of the discretisation. The excess
 
     X = sum_b [S_b^2 / n_b - v_b - 4 N_b^2 / n_b]
@@ -19,8 +19,9 @@ import numpy as np
 from thermofit.core.parameters import bare_name
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.remembered import remembered
 from thermofit.diagnose.score import OVER_NUMERICAL
-from thermofit.fit.memory import differences, neighbours
+from thermofit.fit.memory import differences
 
 BLOCKS = (16, 6, 2)
 """Blocks in time, y and x."""
@@ -66,14 +67,14 @@ class Structure:
 
 def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarray | None) -> tuple[Structure, ...]:
     """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual."""
-    out, at = [], 0
+    out, at, memory = [], 0, remembered(case, rows, residual)
     for k, comparison in enumerate(case.model.comparisons):
         own = np.arange(at, at + comparison.n)
         at += comparison.n
         block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
         count = np.bincount(block).astype(float)
-        coupon = case.model.segments is not None
-        level = neighbours(residual[own], *series).of_sums if coupon else differences(residual[own], *series)[0]
+        alike = memory.of_channel[k]
+        level = alike.of_sums if case.model.segments is not None else alike.of_blocks(differences(residual[own], *series)[0])
         noise = np.full(len(count), level) + shared_part(case, own, block, count, len(residual))
         error = np.zeros(len(count)) if numerical is None else OVER_NUMERICAL * np.bincount(block, numerical[own], len(count)) ** 2 / count
         blocks = Blocks(case.channels[k], own, block, count, noise, error)

@@ -27,6 +27,8 @@ _WHITE = 0.15
 """Correlation of neighbours below which noise counts as white: that of white noise comes out as large by chance."""
 _SMOOTH = 1.5
 """Times the largest growth of v from one mean to the next that an autoregressive process makes; beyond, it is a smooth misfit."""
+_DEGREE, _POINTS = 3, 3
+"""Degree in the place of what counts as smooth, and points at a time for each of its coefficients at least."""
 _MEDIAN = 0.4549
 """Median of chi-square with one degree of freedom."""
 
@@ -106,6 +108,10 @@ class Neighbours:
         """Variance of the sum of many samples over their number: variance (1 + rho) / (1 - rho)."""
         return self.variance * (1.0 + self.rho) / (1.0 - self.rho)
 
+    def of_blocks(self, v: float) -> float:
+        """The same of sums over places, which have a variance of their own, from the v of their second differences in time."""
+        return v / float(_of_means(1, np.array([self.rho]))[0]) * (1.0 + self.rho) / (1.0 - self.rho)
+
     def lag(self, least: float) -> float:
         """Samples after which the correlation is below `least`."""
         return float(np.log(least) / np.log(self.rho)) if self.rho > 0.0 else 0.0
@@ -160,19 +166,37 @@ def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours
     return Neighbours(float(np.exp(level[best])), float(_RHO[best]))
 
 
-def autoregressive(lengths: Sequence[int], rho: Sequence[float]) -> Callable[[np.ndarray], np.ndarray]:
-    """Applies C, C_ij = rho^|i - j| within each segment, to columns (n, k): a filter forwards and one backwards."""
+def rough_in_place(r: np.ndarray, component: np.ndarray, time: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """What smooth functions of the place leave of r (n,): at every time (n,), and of every component (n,), the polynomial of degree _DEGREE
+    in xy (n, 2) that fits best is taken off. What a model misses of a field is smooth in place, its noise is not. Empty where so few
+    points are seen at a time that little would be left."""
+    at = 2.0 * (xy - xy.mean(axis=0)) / np.maximum(np.ptp(xy, axis=0), 1e-300) if len(xy) else xy
+    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+    basis = np.stack([at[:, 0] ** i * at[:, 1] ** j for i, j in powers], axis=1)
+    out, order = np.empty_like(r), np.lexsort((component, time))
+    at_once = np.flatnonzero(np.any(np.diff(np.stack([time[order], component[order]]), axis=1) != 0, axis=0)) + 1
+    for own in np.split(order, at_once):
+        if len(own) < _POINTS * len(powers):
+            return np.zeros(0)
+        out[own] = r[own] - basis[own] @ np.linalg.lstsq(basis[own], r[own], rcond=1e-10)[0]
+    return out
+
+
+def autoregressive(series: np.ndarray, sample: np.ndarray, rho: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Applies C, C_ij = rho^|sample_i - sample_j| within each series and none between them, to columns (n, k): a filter forwards and one
+    backwards. `series` and `sample` (n,) number the series of every row and its place there, `rho` (n_series,) is that of each."""
+    parts = []
+    for one in np.unique(rho[rho > 0.0]):
+        own = np.flatnonzero(np.isin(series, np.flatnonzero(rho == one)))
+        parts.append((float(one), own, sample[own], np.unique(series[own], return_inverse=True)[1]))
 
     def apply(columns: np.ndarray) -> np.ndarray:
-        out, at = columns.astype(float).copy(), 0
-        for length, one in zip(lengths, rho, strict=True):
-            part = slice(at, at + length)
-            at += length
-            if one == 0.0 or length < 2:
-                continue
-            own = columns[part]
-            ahead, back = (lfilter([1.0], [1.0, -one], v, axis=0) for v in (own, own[::-1]))
-            out[part] = ahead + back[::-1] - own
+        out = columns.astype(float).copy()
+        for one, own, at, column in parts:
+            full = np.zeros((int(at.max()) + 1, int(column.max()) + 1, columns.shape[1]))
+            full[at, column] = columns[own]
+            ahead, back = (lfilter([1.0], [1.0, -one], v, axis=0) for v in (full, full[::-1]))
+            out[own] = (ahead + back[::-1] - full)[at, column]
         return out
 
     return apply

@@ -163,6 +163,13 @@ def test_noise_that_groups_of_rows_show_makes_a_gain_less_sure() -> None:
     assert found.sigma > 2.0 * compare_of().sigma
 
 
+def test_groups_that_agree_by_chance_make_no_gain_surer_than_independent_noise() -> None:
+    """The same change everywhere of which the same is left everywhere: the scatter of the gain is nothing."""
+    rows = line(600)
+    found = compared(np.full(600, 1.1), np.ones(600), rows, 5)
+    assert found.sigma == pytest.approx(2.0 * np.sqrt(600 * 0.01) / (600 * 1.21))
+
+
 def test_the_scatter_of_the_gain_is_the_other_bound() -> None:
     """A change that is the same in every group is sure, however much of its noise would hang together."""
     rows, after = line(600), 0.1 * EVEN

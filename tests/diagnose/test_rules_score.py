@@ -72,10 +72,18 @@ def test_a_fall_by_an_estimate_that_cannot_be_is_none() -> None:
 
 
 def test_the_threshold_is_passed_by_chance_in_one_of_twenty_tests() -> None:
-    """One direction, or the same three times: 1.96. Two independent ones: 1 - 0.95^(1/2) for each."""
-    one, two = E1[:, None], E2[:, None]
-    assert threshold_of([]) == pytest.approx(1.959964) and threshold_of([one, 3.0 * one, one]) == pytest.approx(1.959964)
-    assert threshold_of([one, two]) == pytest.approx(norm.isf(0.5 * (1.0 - np.sqrt(0.95))))
+    """One direction, or the same three times: 1.96. Of n independent ones: 1 - 0.95^(1/n) for each, however often one is asked; an effect of
+    two Params counts by its chi-square."""
+    one, two, drawn = E1[:, None], E2[:, None], 0.04
+    assert threshold_of([]) == pytest.approx(1.959964) and threshold_of([one, 3.0 * one, one]) == pytest.approx(1.959964, abs=drawn)
+    every = np.eye(20)
+
+    def sidak(n: int) -> float:
+        return float(norm.isf(0.5 * (1.0 - 0.95 ** (1.0 / n))))
+
+    assert threshold_of([one, two]) == pytest.approx(sidak(2), abs=drawn)
+    assert threshold_of([*(every[:, [k]] for k in range(11)), *[every[:, [0]]] * 30]) == pytest.approx(sidak(11), abs=drawn)
+    assert threshold_of([every[:, 2 * k : 2 * k + 2] for k in range(10)]) == pytest.approx(sidak(10), abs=drawn)
 
 
 def test_rows_that_hang_together_widen_the_standard_error() -> None:

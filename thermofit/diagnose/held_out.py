@@ -226,7 +226,7 @@ def compared(
     it to columns (n, k); None: independent) or from what groups of rows show, whichever is larger. `left` (n,) is what a fit of all rows
     with the effect leaves, nothing but noise where the model is complete; without it r + d stands for that, which scatters more where
     the effect is predicted imperfectly. The other is the scatter of the gain between groups, which holds how unevenly the effect shows
-    in the test.
+    in the test. It is never smaller than what independent noise makes of it: groups that agree by chance tell nothing.
     """
     used = np.isfinite(before) & np.isfinite(after)
     without, with_effect = before[used] ** 2, after[used] ** 2
@@ -238,7 +238,9 @@ def compared(
     channel = rows.channel[used]
     by_channel = {int(c): (float(without[channel == c].mean()), float(with_effect[channel == c].mean())) for c in np.unique(channel)}
     gain = 1.0 - float(with_effect.sum()) / total
-    sigma = min(2.0 * variance**0.5, scatter(without - with_effect - gain * without, groups) ** 0.5) / total
+    uneven = scatter(without - with_effect - gain * without, groups)
+    least = 4.0 * float(change @ change)
+    sigma = max(least, min(4.0 * variance, uneven)) ** 0.5 / total
     return Proof(float(without.mean()), float(with_effect.mean()), by_channel, gain, sigma, folds)
 
 

@@ -75,7 +75,9 @@ def _of_records(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _of_points(case: Case, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of a body: one series for each component that is compared at a point, one for each prior."""
-    series, sample, channel = [], [], []
+    series: list[np.ndarray] = []
+    sample: list[np.ndarray] = []
+    channel: list[int] = []
     for k, c in enumerate(case.model.comparisons):
         own = np.unique(c.rows[:, 1] * (c.rows[:, 2].max(initial=0) + 1) + c.rows[:, 2], return_inverse=True)[1]
         series.append(own + len(channel))

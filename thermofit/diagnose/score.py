@@ -26,6 +26,8 @@ ALIKE = 0.9
 """|cos| of two effects above which a test cannot tell them apart."""
 LEVEL = 0.05
 """Chance that any effect at all passes the threshold where there is none."""
+DRAWS, SEED = 20_000, 5
+"""Residuals of noise from which that chance is told, and where their random numbers begin."""
 OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
 CONVINCING = SURE + (SURE**2 + 2.0) ** 0.5
@@ -165,13 +167,23 @@ def _family(effect: str, alike: Mapping[tuple[str, str], float]) -> tuple[str, .
 
 
 def threshold_of(blocks: Sequence[np.ndarray]) -> float:
-    """|z| that the largest of all effects exceeds by chance with probability LEVEL: Sidak with the effective number of directions."""
+    """|z| that the largest of all effects exceeds by chance with probability LEVEL, columns (n, k) of each: the quantile of the largest of
+    |U^T g| over the blocks, U an orthonormal basis of each, drawn for DRAWS residuals g of white noise."""
     if not blocks:
         return float(norm.isf(LEVEL / 2.0))
-    a = np.concatenate([b / np.linalg.norm(b, axis=0) for b in blocks], axis=1)
-    values = np.linalg.eigvalsh(a.T @ a)
-    count = float(values.sum() ** 2 / (values**2).sum())
-    return float(norm.isf(0.5 * (1.0 - (1.0 - LEVEL) ** (1.0 / max(count, 1.0)))))
+    bases = [projection(b).basis for b in blocks]
+    whole = np.concatenate(bases, axis=1)
+    values, vectors = np.linalg.eigh(whole.T @ whole)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    along = (root @ np.random.default_rng(SEED).normal(size=(len(root), DRAWS))) ** 2
+    largest, at = np.zeros(DRAWS), 0
+    for basis in bases:
+        degrees = basis.shape[1]
+        size = along[at : at + degrees].sum(axis=0)
+        at += degrees
+        # As unlikely as the |z| of one normal number.
+        largest = np.maximum(largest, np.sqrt(size) if degrees == 1 else norm.isf(0.5 * chi2.sf(size, degrees)))
+    return float(np.quantile(largest, 1.0 - LEVEL))
 
 
 def _score(

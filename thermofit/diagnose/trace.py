@@ -125,7 +125,8 @@ def split_of(case: Case, rows: Rows, fitted: np.ndarray, how: str = "auto", memo
     Blocks see every phase, so that a parameter which a single phase determines is not lost with it; `fitted` (n, p) are the columns of the
     fitted parameters, of which every fold still sees enough. Their buffer in space is not shorter than the noise hangs together: else a
     seen point would tell the noise of a held-out one. So it is in time: `memory` is how long it hangs together, in samples on coupons,
-    whose clock they are. A body is seen in few frames, and its blocks become longer for it. Records and experiments have blocks of their own.
+    whose clock they are. A body is seen in few frames, and its blocks become longer for it. Records and experiments have blocks of their
+    own.
     """
     clock = "samples" if case.cheap else "s"
     rows = _clocked(case, rows)

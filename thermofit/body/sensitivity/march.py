@@ -57,8 +57,8 @@ from thermofit.point.state import LAMBDA, N_FULL, N_STATE
 
 MAX_SWEEPS = 20
 MENDINGS = 100
-"""Answers after which the rates of the internal forces of a step have to balance. With a factor kept from a step in which other points flowed
-each of them leaves up to 0.8 of what was there."""
+"""Answers after which the rates of the internal forces of a step have to balance. With a factor kept from a step in which other points
+flowed each of them leaves up to 0.8 of what was there."""
 _RESOLVED = 2e-3
 """Last relative change of theta' that is not worth another solve for u'."""
 _FORCE_SHARE = 4e-3

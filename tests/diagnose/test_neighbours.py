@@ -111,6 +111,17 @@ def test_frames_of_a_body_remember() -> None:
     assert apply is not None and apply(one)[2 * POINTS * 10, 0] == pytest.approx(2.0)
 
 
+def test_noise_that_is_declared_too_small() -> None:
+    """Temperatures scatter twice as much as declared: four times the covariance. Displacements scatter half as much, which is no gain."""
+    here, rows = body()
+    residual = seen(2, (0.0, 0.0)) * np.where(rows.channel == 1, 2.0, np.where(rows.channel == 0, 0.5, 1.0))
+    found = remembered(here, rows, residual)
+    apply = noise_of(here, found)
+    assert apply is not None
+    spread = apply(np.ones((len(residual), 1)))[:, 0]
+    assert spread[rows.channel == 1] == pytest.approx(4.0, rel=0.1) and np.all(spread[rows.channel != 1] == 1.0)
+
+
 def test_blocks_of_a_body_are_longer_than_its_memory() -> None:
     """A block of frames is held out with a buffer of half of it at most."""
     here, rows = body()

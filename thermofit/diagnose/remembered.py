@@ -18,6 +18,8 @@ from thermofit.fit.memory import Neighbours, autoregressive, neighbours, rough_i
 
 HARDLY_ALIKE = 0.1
 """Correlation below which samples count as independent of a held-out block."""
+_DECLARED = 1.1
+"""Variance of the noise of a body over the declared one up to which this counts as right."""
 _SPACING = 0.75
 """Quantile of the times between frames of a body: frames are denser where more happens."""
 
@@ -36,6 +38,12 @@ class Remembered:
     def rho(self) -> np.ndarray:
         """Correlation (n_series,) of one sample with the next."""
         return np.array([0.0 if k < 0 else self.of_channel[k].rho for k in self.channel])
+
+    @property
+    def size(self) -> np.ndarray:
+        """Standard deviation (n,) over the declared one, where that is clearly too small."""
+        variance = np.array([1.0 if k < 0 else self.of_channel[k].variance for k in self.channel])[self.series]
+        return np.sqrt(np.where(variance > _DECLARED, variance, 1.0))
 
     def lag(self, case: Case, rows: Rows) -> float:
         """Time after which noise is HARDLY_ALIKE, in samples on coupons, in s on bodies; the longest of all channels."""
@@ -59,7 +67,7 @@ def remembered(case: Case, rows: Rows, residual: np.ndarray) -> Remembered:
             found.append(neighbours(r, place, sample[own]))
             continue
         rough = rough_in_place(r, comparisons[k].rows[:, 2], sample[own], rows.xy[own])
-        found.append(Neighbours(1.0, neighbours(rough, place, sample[own]).rho if len(rough) else 0.0))
+        found.append(neighbours(rough, place, sample[own]) if len(rough) else Neighbours(1.0, 0.0))
     return Remembered(tuple(found), series, sample, channel)
 
 
@@ -96,13 +104,18 @@ def _spacing(time: np.ndarray) -> float:
 
 
 def noise_of(case: Case, found: Remembered) -> NoiseOperator | None:
-    """Applies the correlation of the noise to columns (n, k): what the comparisons know of it, and what samples share beside; None where it
-    is white."""
+    """Applies the covariance of the noise to columns (n, k): what the comparisons know of it, and what samples share beside; on a body with
+    the variance that frames show, where that declared is too small. None where it is white and as declared."""
     known = case.model.noise if any(c.noise is not None for c in case.model.comparisons) else None
-    rho = found.rho
-    if not np.any(rho > 0.0):
+    rho, size = found.rho, found.size[:, None]
+    if case.cheap or np.all(size == 1.0):
+        size = np.ones((1, 1))
+    if not np.any(rho > 0.0) and np.all(size == 1.0):
         return known
     shared = autoregressive(found.series, found.sample, rho)
-    if known is None:
-        return shared
-    return lambda columns: known(columns) + shared(columns) - columns
+
+    def apply(columns: np.ndarray) -> np.ndarray:
+        scaled = size * columns
+        return np.asarray(size * (shared(scaled) if known is None else known(scaled) + shared(scaled) - scaled))
+
+    return apply

@@ -168,8 +168,8 @@ def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours
 
 def rough_in_place(r: np.ndarray, component: np.ndarray, time: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """What smooth functions of the place leave of r (n,): at every time (n,), and of every component (n,), the polynomial of degree _DEGREE
-    in xy (n, 2) that fits best is taken off. What a model misses of a field is smooth in place, its noise is not. Empty where so few
-    points are seen at a time that little would be left."""
+    in xy (n, 2) that fits best is taken off. What a model misses of a field is smooth in place, its noise is not, and keeps its variance.
+    Empty where so few points are seen at a time that little would be left."""
     at = 2.0 * (xy - xy.mean(axis=0)) / np.maximum(np.ptp(xy, axis=0), 1e-300) if len(xy) else xy
     powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
     basis = np.stack([at[:, 0] ** i * at[:, 1] ** j for i, j in powers], axis=1)
@@ -178,7 +178,8 @@ def rough_in_place(r: np.ndarray, component: np.ndarray, time: np.ndarray, xy: n
     for own in np.split(order, at_once):
         if len(own) < _POINTS * len(powers):
             return np.zeros(0)
-        out[own] = r[own] - basis[own] @ np.linalg.lstsq(basis[own], r[own], rcond=1e-10)[0]
+        left = r[own] - basis[own] @ np.linalg.lstsq(basis[own], r[own], rcond=1e-10)[0]
+        out[own] = left * np.sqrt(len(own) / (len(own) - len(powers)))
     return out
 
 

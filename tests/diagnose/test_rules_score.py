@@ -72,8 +72,8 @@ def test_a_fall_by_an_estimate_that_cannot_be_is_none() -> None:
 
 
 def test_the_threshold_is_passed_by_chance_in_one_of_twenty_tests() -> None:
-    """One direction, or the same three times: 1.96. Of n independent ones: 1 - 0.95^(1/n) for each, however often one is asked; an effect of
-    two Params counts by its chi-square."""
+    """One direction, or the same three times: 1.96. Of n independent ones: 1 - 0.95^(1/n) for each, however often one is asked. An effect
+    of two Params counts by its chi-square."""
     one, two, drawn = E1[:, None], E2[:, None], 0.04
     assert threshold_of([]) == pytest.approx(1.959964) and threshold_of([one, 3.0 * one, one]) == pytest.approx(1.959964, abs=drawn)
     every = np.eye(20)

@@ -22,11 +22,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from mutations import sources
 
@@ -39,12 +40,18 @@ SURE = 3.0
 HEAT, MOTION = ("dtheta", "theta", "heat"), ("du", "u", "force", "stress")
 
 
+Camera = Callable[[np.ndarray, np.ndarray, float, float], np.ndarray]
+IR, DIC = "ir", "dic"
+"""In place of a slot: what a camera writes is changed in its raw files."""
+
+
 @dataclass(frozen=True)
 class Cause:
-    """An effect file without its heading: slot, facet sets, function, the effects of the catalogue that are its family, channels."""
+    """An effect file without its heading: slot, facet sets, function, the effects of the catalogue that are its family, channels. Of a
+    camera (IR, DIC) the function gives the values of pixels or points from these, their places y in mm, the time in s and the amount."""
 
     slot: str
-    function: str
+    function: str | Camera
     family: tuple[str, ...]
     channels: tuple[str, ...]
     on: tuple[str, ...] = ()
@@ -98,15 +105,10 @@ CAUSES: dict[str, Cause] = {
         ("stored_energy", "latent_heat"),
         HEAT,
     ),
-    "camera-steps": Cause(
-        "sensor",
-        "def sensor(theta, scene, amount):\n    return theta + amount * 0.5 * (1.0 + np.tanh((scene.time - 100.0) / 0.5))[:, None]\n",
-        ("ir_drift",),
-        HEAT,
-    ),
+    "camera-steps": Cause(IR, lambda theta, y, time, amount: theta + amount * (time > 100.0), ("ir_drift",), HEAT),
     "camera-tilts": Cause(
-        "sensor",
-        "def sensor(theta, scene, amount):\n    return theta + amount * scene.position[..., 1] / 20.0 * (scene.time / 400.0)[:, None]\n",
+        IR,
+        lambda theta, y, time, amount: theta + amount * y / 20.0 * time / 400.0,
         ("ir_drift", "initial_gradient", "ir_reflection"),
         HEAT,
     ),
@@ -143,10 +145,7 @@ CAUSES: dict[str, Cause] = {
         MOTION,
     ),
     "dic-drifts": Cause(
-        "camera",
-        "def camera(u, scene, amount):\n    return u * (1.0 + amount * (scene.time / scene.time[-1])[:, None, None])\n",
-        ("dic_scale", "dic_out_of_plane", "bending"),
-        MOTION,
+        DIC, lambda u, y, time, amount: u * (1.0 + amount * time / 400.0), ("dic_scale", "dic_out_of_plane", "bending"), MOTION
     ),
 }
 RUNS: dict[str, dict[str, float]] = {
@@ -237,6 +236,25 @@ def effect_file(name: str, cause: Cause) -> str:
     )
 
 
+def change_raw(raw: Path, cause: Cause, amount: float) -> None:
+    """Change what a camera has written into the files of a raw folder."""
+    pixel = yaml.safe_load((raw / "experiment.yaml").read_text(encoding="utf-8"))["ir"]["landmarks"]
+    ends = np.array(pixel["length"])
+    mm = float(pixel["length_mm"]) / float(np.linalg.norm(ends[0] - ends[1]))
+    assert callable(cause.function)
+    for path in sorted((raw / cause.slot).glob("*.csv")):
+        lines = path.read_text(encoding="ascii").splitlines()
+        time, head = float(lines[0].split(":")[1]), 1 if cause.slot == IR else 2
+        table = np.loadtxt(lines[head:], delimiter=",", ndmin=2)
+        if cause.slot == IR:
+            y = mm * (0.5 * (len(table) - 1) - np.arange(len(table)))[:, None]
+            table = cause.function(table, y, time, amount)
+        else:
+            table[:, 4:] = cause.function(table[:, 4:], table[:, 2:3], time, amount)
+        rows = [",".join(f"{v:.3f}" if cause.slot == IR else f"{v:.6g}" for v in row) for row in table]
+        path.write_text("\n".join([*lines[:head], *rows]) + "\n", encoding="ascii")
+
+
 def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """One command of thermofit in a folder."""
     alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
@@ -250,10 +268,10 @@ def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as kept:
         folder = Path(kept)
-        own = {cause: cause.replace("-", "_") + "_planted" for cause in planted}
+        own = {cause: cause.replace("-", "_") + "_planted" for cause in planted if CAUSES[cause].slot not in (IR, DIC)}
         for cause, file in own.items():
             (folder / f"{file}.py").write_text(effect_file(cause, CAUSES[cause]), encoding="utf-8")
-        amounts = {f"{own[cause]}.amount": amount for cause, amount in planted.items()}
+        amounts = {f"{own[cause]}.amount": amount for cause, amount in planted.items() if cause in own}
         simulated = {
             "seed": seed,
             "mesh": made["of_truth"],
@@ -268,6 +286,8 @@ def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
         done = command(folder, "simulate", "lab.yaml", "--run-dir", "lab")
         if done.returncode != 0:
             return {"failed": done.stderr[-300:]}
+        for cause in planted.keys() - own.keys():
+            change_raw(folder / "lab" / "raw", CAUSES[cause], planted[cause])
         new = command(folder, "new", "study.yaml", "--experiment", "lab/raw")
         if new.returncode != 0:
             return {"failed": new.stderr[-300:]}

@@ -20,11 +20,32 @@ def study(scripts: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_every_cause_is_an_effect_file_that_loads(study: Any, tmp_path: Path) -> None:
     """Loading tries the function, at neutral and off it, and its derivatives."""
     for name, cause in study.CAUSES.items():
+        if callable(cause.function):  # what a camera writes
+            continue
         path = tmp_path / f"{name.replace('-', '_')}_planted.py"
         path.write_text(study.effect_file(name, cause), encoding="utf-8")
         load_effect(path)
     assert len(study.RUNS) >= 24 and len(study.SPECIMENS) == 2
     assert {cause for run in study.RUNS.values() for cause in run} == set(study.CAUSES)
+
+
+def test_causes_of_cameras_change_what_they_wrote(study: Any, tmp_path: Path) -> None:
+    """Temperatures by time and place, displacements and no places; heads of files stay."""
+    (tmp_path / "experiment.yaml").write_text("ir: {landmarks: {length: [[0, 1], [4, 1]], length_mm: 20.0}}", encoding="utf-8")
+    for name in ("ir", "dic"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "ir" / "frame_0001.csv").write_text("# time_s: 200.000\n" + "20.000,21.000\n" * 5, encoding="ascii")
+    stage = "# time_s: 200.000\nid,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm\n7,1.5,-20,0.6,0.1,2,0.01\n"
+    (tmp_path / "dic" / "stage_0001.csv").write_text(stage, encoding="ascii")
+    study.change_raw(tmp_path, study.CAUSES["camera-steps"], 0.15)
+    study.change_raw(tmp_path, study.CAUSES["camera-tilts"], 0.4)
+    head, *rows = (tmp_path / "ir" / "frame_0001.csv").read_text(encoding="ascii").splitlines()
+    assert head == "# time_s: 200.000"
+    # Rows are 5 mm apart, the first one at y = 10 mm: 0.4 K per 20 mm and 400 s.
+    assert [row.split(",")[1] for row in rows] == ["21.250", "21.200", "21.150", "21.100", "21.050"]
+    study.change_raw(tmp_path, study.CAUSES["dic-drifts"], 0.1)
+    lines = (tmp_path / "dic" / "stage_0001.csv").read_text(encoding="ascii").splitlines()
+    assert lines[:2] == stage.splitlines()[:2] and lines[2] == "7,1.5,-20,0.6,0.105,2.1,0.0105"
 
 
 def test_families_are_effects_of_the_catalogue(study: Any) -> None:

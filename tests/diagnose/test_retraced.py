@@ -121,11 +121,10 @@ def test_what_refits_cannot_tell_apart_is_one_family() -> None:
     assert set(first.family) == {"ir_drift", "ir_reflection"} and {"ir_drift", "air_drift"} <= set(refitted.warmed)
 
 
-# With seed 1 the clock stands at the threshold: whether it is asked depends on the last digits of the fit without it.
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_predicts_held_out_data_alike_is_one_family_though_it_looks_otherwise(seed: int) -> None:
     """The jaws drift. A clock and a drift of the air answer to nothing in common, and each takes equally little of it away."""
-    _, refitted = traces(seed, **{"clamp_drift.rate": 0.03})
+    _, refitted = traces(seed, **{"clamp_drift.rate": 0.04})
     found = {s.effect: s.family for s in refitted.ranking.scores}
     assert found["clamp_drift"] == ("clamp_drift",) and "air_drift" in found["ir_clock"]
     assert abs(refitted.proofs["air_drift"].gain - refitted.proofs["ir_clock"].gain) < 0.05

@@ -71,6 +71,8 @@ def test_the_amount_has_a_standard_error_that_holds_it() -> None:
         strong.append(found.place)
         said = summary_of(here, found, None)
         assert said["amount"] == {"value": found.place.size, "sigma": found.place.doubt, "unit": "mW"} and "+-" in in_words(said)
+        bare = place_of(found.field, volumes(here.case, found.field.basis)).doubt
+        assert bare < found.place.doubt < 2.0 * bare, "parameters that follow the term move it"
         loose = replace(found.field, posterior=400.0 * found.field.posterior)
         weak.append(place_of(loose, volumes(here.case, loose.basis)))
     assert all(0.02 < p.doubt / p.size < 0.06 and abs(p.size - 30.0) < 3.0 * p.doubt for p in strong)

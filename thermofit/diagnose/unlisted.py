@@ -101,9 +101,14 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         alone = Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
         if term is None:
             return alone
+        first = term
         term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
         remark = "; ".join(words for words in (failed, remark) if words)
         place = place_of(term, volumes(here.case, term.basis))
+        if term is not first:
+            # Neither the parameters at the optimum nor those that have followed a term of few hats are those without what is missing.
+            moved = place.size - place_of(first, volumes(here.case, first.basis)).size
+            place = replace(place, doubt=float(np.hypot(place.doubt, moved)))
         inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
         if inside.sum() >= LEAST_ROWS:
             return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark)

@@ -19,7 +19,8 @@ HALF = 0.5
 class Place:
     """Centroid and extent (standard deviation) in mm, time window s; `time` (n_k,) s and `strength` (n_k,) with its standard error: power
     in mW where volumes are known, else the mean coefficient; `size`: mean of strength in the window; `doubt`: its standard error beside
-    fitted parameters, the ends of the window known to the distance of knots; `total`: its integral over it."""
+    fitted parameters, the ends of the window known to the distance of knots (`unlisted` adds what it moves by where these follow the
+    term); `total`: its integral over it."""
 
     centroid: tuple[float, float]
     extent: tuple[float, float]

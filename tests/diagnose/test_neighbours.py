@@ -88,7 +88,7 @@ def test_white_noise_needs_none() -> None:
     white = np.random.default_rng(3).normal(size=2 * N + 1)
     assert noise_of(case(), remembered(case(), ROWS, white)) is None
     here, rows = body()
-    found = remembered(here, rows, seen(0, (0.0, 0.0)))
+    found = remembered(here, rows, 0.9 * seen(0, (0.0, 0.0)))
     assert noise_of(here, found) is None and found.lag(here, rows) == 0.0
 
 

@@ -18,10 +18,6 @@ from thermofit.fit.memory import Neighbours, autoregressive, neighbours, rough_i
 
 HARDLY_ALIKE = 0.1
 """Correlation below which samples count as independent of a held-out block."""
-_DECLARED = 1.1
-"""Variance of the noise of a body over the declared one up to which this counts as right."""
-_SPACING = 0.75
-"""Quantile of the times between frames of a body: frames are denser where more happens."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +37,8 @@ class Remembered:
 
     @property
     def size(self) -> np.ndarray:
-        """Standard deviation (n,) over the declared one, where that is clearly too small."""
-        variance = np.array([1.0 if k < 0 else self.of_channel[k].variance for k in self.channel])[self.series]
-        return np.sqrt(np.where(variance > _DECLARED, variance, 1.0))
+        """Standard deviation (n,) over the declared one, where that is too small."""
+        return np.sqrt(np.array([1.0 if k < 0 else max(self.of_channel[k].variance, 1.0) for k in self.channel]))[self.series]
 
     def lag(self, case: Case, rows: Rows) -> float:
         """Time after which noise is HARDLY_ALIKE, in samples on coupons, in s on bodies; the longest of all channels."""
@@ -98,14 +93,14 @@ def _of_points(case: Case, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _spacing(time: np.ndarray) -> float:
-    """A usual time in s between frames at times (n,); 0 where there is one."""
+    """Mean time in s between frames at times (n,); 0 where there is one."""
     known = np.unique(time)
-    return float(np.quantile(np.diff(known), _SPACING)) if len(known) > 1 else 0.0
+    return float(np.mean(np.diff(known))) if len(known) > 1 else 0.0
 
 
 def noise_of(case: Case, found: Remembered) -> NoiseOperator | None:
     """Applies the covariance of the noise to columns (n, k): what the comparisons know of it, and what samples share beside; on a body with
-    the variance that frames show, where that declared is too small. None where it is white and as declared."""
+    the variance that frames show, where that declared is too small. None where it is white, and no larger than declared."""
     known = case.model.noise if any(c.noise is not None for c in case.model.comparisons) else None
     rho, size = found.rho, found.size[:, None]
     if case.cheap or np.all(size == 1.0):

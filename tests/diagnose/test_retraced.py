@@ -121,6 +121,14 @@ def test_what_refits_cannot_tell_apart_is_one_family() -> None:
     assert set(first.family) == {"ir_drift", "ir_reflection"} and {"ir_drift", "air_drift"} <= set(refitted.warmed)
 
 
+def test_noise_that_frames_share_makes_a_refit_less_sure() -> None:
+    """Of nine times the variance along any change: the same fall is a third as many standard errors."""
+    here, plain = traces(1, **{"clamp_drift.rate": 0.03})
+    noisy = replace(here, problem=replace(here.problem, model=replace(here.problem.model, noise=lambda v: 9.0 * v)))
+    one, nine = (next(s for s in r.ranking.scores if s.effect == "clamp_drift") for r in (plain, retraced(noisy)))
+    assert nine.z == pytest.approx(one.z / 3.0, rel=0.05) and nine.predicted_drop == pytest.approx(one.predicted_drop)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_predicts_held_out_data_alike_is_one_family_though_it_looks_otherwise(seed: int) -> None:
     """The jaws drift. A clock and a drift of the air answer to nothing in common, and each takes equally little of it away."""

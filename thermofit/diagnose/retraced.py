@@ -26,6 +26,7 @@ from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import felt_by_temperatures
 from thermofit.experiment.priors import beyond_error
+from thermofit.fit.covariance import NoiseOperator
 from thermofit.fit.linear_model import LinearModel, projection
 from thermofit.fit.result import FitResult
 
@@ -323,7 +324,7 @@ def refitted(
     before = here.problem.model.predicted(here.split.folds)
     thermal = felt_by_temperatures(parameters.free)
     mine = shown_rows(here)
-    noise = None if here.problem.model.noise is None else fit.model.noise
+    noise = _of_rows(here.problem.model.noise, mine)
     warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal, here.case.reach))
     predicted = warm.predicted(restricted(here.split, mine).folds)
     left, after = here.columns.residual.copy(), before.copy()
@@ -335,8 +336,28 @@ def refitted(
         # A drift acts through a film: the data know the product, and the quotient has no standard error that says how far it is from
         # nothing.
         fall = max(float(np.sum(here.columns.residual[mine] ** 2)) - warm.f, 0.0)
-        score = replace(score, z=max(score.z, float(np.sqrt(fall * len(warm.residual) / warm.f))), predicted_drop=fall)
+        variance = max(warm.f / len(warm.residual), _variance_along(warm.residual - here.columns.residual[mine], noise))
+        score = replace(score, z=max(score.z, float(np.sqrt(fall / variance))), predicted_drop=fall)
     return _End(score, parameters, left, after, proof)
+
+
+def _of_rows(noise: NoiseOperator | None, mine: np.ndarray) -> NoiseOperator | None:
+    """A noise for the rows (n,) that are `mine` alone."""
+    if noise is None:
+        return None
+
+    def apply(columns: np.ndarray) -> np.ndarray:
+        whole = np.zeros((len(mine), columns.shape[1]))
+        whole[mine] = columns
+        return noise(whole)[mine]
+
+    return apply
+
+
+def _variance_along(change: np.ndarray, noise: NoiseOperator | None) -> float:
+    """Variance of the noise along a change (n,) of the residual."""
+    size = float(change @ change)
+    return 1.0 if noise is None or size == 0.0 else float(change @ noise(change[:, None])[:, 0]) / size
 
 
 def _scored_there(here: Traced, score: Score, parameters: Parameters, there: LinearModel, mine: np.ndarray) -> Score:

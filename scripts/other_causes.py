@@ -353,6 +353,9 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         f"* All parameters of the base model within {SURE:g} combined standard errors: **{len(held)} of {len(rows)}** (asked 90 %).",
         f"* Source: {', '.join(sorted({r['source'] for r in rows}))} (digests of the package).",
         "",
+        "Where a law has another form than the planted one, parameters that it shares a sum with are those of that form. M_y0 and M_yinf beside",
+        "a rate law are the yield stress at no rate, which both forms extrapolate to. Their intervals do not hold that.",
+        "",
         "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | s |",
         "|---|---|---|---|---|---|---|---|---|",
     ]

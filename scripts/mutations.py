@@ -31,8 +31,7 @@ from pathlib import Path
 
 import yaml
 
-from thermofit.core.atomic import replacing
-from thermofit.core.folders import CACHE_VARIABLE
+from thermofit.core.files import CACHE_VARIABLE, replacing
 
 ROOT = Path(__file__).resolve().parent.parent
 LIST = ROOT / "scripts" / "mutations.yaml"

@@ -24,7 +24,7 @@ from typing import Any
 
 from mutations import LIST, digest, sources, with_helpers
 
-from thermofit.core.atomic import replacing
+from thermofit.core.files import replacing
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "runs" / "reliability"

@@ -22,8 +22,8 @@ from thesis_read import Statement
 from thesis_runs import COST, INTERPOLATED, MESHES, ROOT, SECTIONS, Place, chosen, cpu_of, execute, note_total, place_of
 from thesis_tables import document
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import ThermofitError
+from thermofit.core.files import replacing
 
 PAGES = ROOT / "docs" / "reproduction"
 MODULES = {"5.3": thesis_53, "5.4": thesis_54, "5.5": thesis_55}

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.atomic import replacing
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
+from thermofit.core.files import replacing
 from thermofit.records.artefact import Record, open_record
 from thermofit.records.staging import artefact_path
 

@@ -18,7 +18,7 @@ from thermofit.records.artefact import RecordContent, fresh, write_record
 def house(folder: Path) -> Path:
     texts = {
         "core/parameters.py": "E = 1.0",
-        "core/atomic.py": "",
+        "core/files.py": "",
         "study/models.py": "",
         "effects/film.py": "A = 1",
         "point/update.py": "",
@@ -47,7 +47,7 @@ def test_edit_of_a_possible_kernel_source_changes_the_kernel_digest(tmp_path: Pa
 @pytest.mark.parametrize(
     "name",
     [
-        "core/atomic.py",
+        "core/files.py",
         "core/errors_more.py",
         "study/models.py",
         "observe/threads.py",

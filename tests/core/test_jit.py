@@ -14,7 +14,7 @@ import pytest
 
 from thermofit.core import digest, jit
 from thermofit.core.errors import StudyError
-from thermofit.core.folders import CACHE_VARIABLE, cache_root
+from thermofit.core.files import CACHE_VARIABLE, cache_root
 
 CALLEE = """
 from thermofit.core.jit import kernel
@@ -64,7 +64,7 @@ def house(tmp_path: Path) -> Path:
         (package / room).mkdir(parents=True)
         (package / room / "__init__.py").write_text("")
     (package / "__init__.py").write_text("")
-    for name in ("jit", "digest", "errors", "files", "folders"):
+    for name in ("jit", "digest", "errors", "files"):
         shutil.copy(digest.PACKAGE / "core" / f"{name}.py", package / "core")
     (package / "effects" / "callee.py").write_text(CALLEE.format(factor=2.0, shift=1.0))
     (package / "law" / "caller.py").write_text(CALLER)
@@ -140,7 +140,7 @@ def test_threads_are_limited_to_the_machine() -> None:
         jit.set_threads(0)
 
 
-@pytest.mark.parametrize("module", ["records.artefact", "records.checkpoint", "records.progress", "core.digest", "core.atomic"])
+@pytest.mark.parametrize("module", ["records.artefact", "records.checkpoint", "records.progress", "core.digest", "core.files"])
 def test_records_import_numba_only_for_kernels(module: str) -> None:
     text = f"import sys, thermofit.{module}; assert 'numba' not in sys.modules, 'numba'; assert 'rich' not in sys.modules, 'rich'"
     environment = {**os.environ, "PYTHONPATH": str(digest.PACKAGE.parent)}

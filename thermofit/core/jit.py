@@ -23,7 +23,7 @@ import numba
 
 from thermofit.core.digest import kernel_digest
 from thermofit.core.errors import StudyError
-from thermofit.core.folders import cache_root
+from thermofit.core.files import cache_root
 
 KEEP_DAYS = 30.0
 """Caches that no process has used for so long are removed."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
+from thermofit.core.files import replacing
 from thermofit.core.parameters import AT, param
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.diagnose.loop import Closed

@@ -15,7 +15,7 @@ from meshio.xdmf import TimeSeriesWriter
 from thermofit.body.element.stress import cauchy_stress, deformation_gradients
 from thermofit.body.heat.equation import PointHistory, dissipation_of_points
 from thermofit.body.solve.history import State, Watch, point_history
-from thermofit.core.atomic import replacing
+from thermofit.core.files import replacing
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.forward import march_settings, run_of

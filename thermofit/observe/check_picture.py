@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from thermofit.core.atomic import replacing
 from thermofit.core.experiment import CELSIUS, Landmarks, Specimen
+from thermofit.core.files import replacing
 from thermofit.observe.camera import CameraPose, specimen_to_pixel
 
 _HEIGHT = 8.0

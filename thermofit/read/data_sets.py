@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 from thermofit.core.digest import file_digest
 from thermofit.core.errors import DataError, StudyError
-from thermofit.core.folders import cache_root
+from thermofit.core.files import cache_root
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.study.errors import near_miss
 

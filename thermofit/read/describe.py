@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS
+from thermofit.core.files import replacing
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.read.file_groups import FileGroup, group_files, visible_files
 from thermofit.read.formats.contents import Content, DicSequence, DicStage, Record, Records, ThermalFrames

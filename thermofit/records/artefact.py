@@ -3,7 +3,7 @@
 Layout, schema version 1. Root attributes: `schema`, `schema_version`, `stage`, `thermofit_version`, `source_digest`, `created` (UTC),
 `packages` (JSON), `identity` (unlike for each writing), `seed` (absent where nothing was drawn), `config` (JSON),
 `inputs` (JSON: name -> sha256), `input_paths` (JSON), `summary` (JSON), `sealed` (true: a line with the checksum of the content follows
-its end, `core.sealed`). Every dataset has the text attributes `unit` ("1" where it has
+its end, `core.files`). Every dataset has the text attributes `unit` ("1" where it has
 none) and `dims` (names of its axes, separated by blanks). Where the entries along the axes called `parameter` have units of their own,
 `unit` is "mixed" and `units` (JSON) lists them; the unit of an entry is the product of those of its places. `parameters/NAME` is a scalar
 dataset with the attributes of ParameterResult. Only this module writes HDF5; files of other programmes are read by `foreign_hdf5`.
@@ -32,12 +32,10 @@ import h5py
 import numpy as np
 
 from thermofit import __version__
-from thermofit.core.atomic import remove_partial, replacing
 from thermofit.core.digest import path_digest, source_digest
 from thermofit.core.errors import DataError, NumericsError, StudyError, ThermofitError
-from thermofit.core.files import check_regular
+from thermofit.core.files import check_regular, remove_partial, replacing, seal, seal_holds
 from thermofit.core.jsonable import json_text, jsonable
-from thermofit.core.sealed import seal, seal_holds
 from thermofit.records.foreign_hdf5 import own, refuse_elsewhere
 
 SCHEMA = "thermofit"

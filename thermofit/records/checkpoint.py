@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.core.atomic import remove_partial, replacing
 from thermofit.core.errors import StudyError
-from thermofit.core.sealed import seal, seal_holds
+from thermofit.core.files import remove_partial, replacing, seal, seal_holds
 from thermofit.records.stopping import keeps, kept
 
 _KEY_FILE = "key"

@@ -23,8 +23,8 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-from thermofit.core.atomic import remove_partial
 from thermofit.core.errors import StudyError
+from thermofit.core.files import remove_partial
 
 LOCK = ".lock"
 _held: set[Path] = set()

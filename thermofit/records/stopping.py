@@ -2,7 +2,7 @@
 
 A batch system announces the end of a job by a signal (Slurm: `--signal=USR1@120`, then SIGTERM, then SIGKILL after 30 s). The command
 finishes the evaluation that it is at, keeps it, and ends with exit code 130; the same command then resumes behind it. Where no evaluations
-are kept there is nothing to wait for, and it ends at once. What is written is whole or not there at any moment in any case (`core.atomic`).
+are kept there is nothing to wait for, and it ends at once. What is written is whole or not there at any moment in any case (`core.files`).
 """
 
 from __future__ import annotations

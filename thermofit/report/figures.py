@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
+from thermofit.core.files import replacing
 from thermofit.experiment.residuals import Span
 
 STYLE: dict[Any, Any] = {

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from thermofit.core.atomic import replacing
+from thermofit.core.files import replacing
 from thermofit.core.parameters import param
 from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.held_out import Proof

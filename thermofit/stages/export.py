@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
+from thermofit.core.files import replacing
 from thermofit.core.jit import set_threads
 from thermofit.core.jsonable import json_text
 from thermofit.experiment.forms import experiment_of

@@ -8,8 +8,8 @@ from typing import Any
 
 import matplotlib
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError, ThermofitError
+from thermofit.core.files import replacing
 from thermofit.experiment.fields import INTERPOLATE
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.verification import identified_stages

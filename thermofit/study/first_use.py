@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from thermofit.core.digest import file_digest
-from thermofit.core.folders import cache_root
+from thermofit.core.files import cache_root
 
 _SEEN = "effects-used"
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from thermofit.core.atomic import remove_partial, temporary_beside
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import CELSIUS, Landmarks
+from thermofit.core.files import remove_partial, temporary_beside
 from thermofit.observe.face import face_grid
 from thermofit.study.virtual import VirtualInstruments
 from thermofit.virtual.dic import measure_dic, write_dic

@@ -14,8 +14,8 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
 from matplotlib import rc_context
 
-from thermofit.core.atomic import replacing
 from thermofit.core.errors import StudyError
+from thermofit.core.files import replacing
 from thermofit.core.jsonable import jsonable
 from thermofit.report.balances import GROUP, maps_of, significance_figure
 from thermofit.report.figures import STYLE, png

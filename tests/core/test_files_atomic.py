@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from thermofit.core.atomic import remove_partial, replacing
+from thermofit.core.files import remove_partial, replacing
 
 
 def dead_pid() -> int:

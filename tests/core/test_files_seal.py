@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from thermofit.core.sealed import seal, seal_holds
+from thermofit.core.files import seal, seal_holds
 
 
 @pytest.mark.parametrize("content", [b"", b"x", bytes(range(256)) * 9000])

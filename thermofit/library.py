@@ -21,7 +21,7 @@ from thermofit.core.errors import DataError, StudyError
 from thermofit.records.artefact import ParameterResult, Record, layout, open_record
 from thermofit.records.result import is_trustworthy, result_of
 from thermofit.stages import CHAIN, NECKING_CHAIN, stage_function
-from thermofit.study.demo import demo_study
+from thermofit.study.paths import demo_study
 from thermofit.study.study import Study
 from thermofit.study.study import load_study as read_study
 

@@ -7,7 +7,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from thermofit.cli.printing_loop import show, unlisted_lines
+from thermofit.cli.printing import show_loop, unlisted_lines
 from thermofit.report.unlisted import in_words
 
 
@@ -28,7 +28,7 @@ def test_gain_on_held_out_data_in_words_that_can_be_read(gain: float | None, sai
         "held_out_sigma": 0.002,
     }
     out = StringIO()
-    show(Console(file=out, width=140), {"ranking": [{**row, "detectable": 0.01, "accepted": False, "remark": ""}]})
+    show_loop(Console(file=out, width=140), {"ranking": [{**row, "detectable": 0.01, "accepted": False, "remark": ""}]})
     assert f" {said} " in next(line for line in out.getvalue().splitlines() if "lamp" in line)
 
 
@@ -38,7 +38,7 @@ def test_errors_with_their_standard_errors_beside_both_floors() -> None:
     floors = {"floor": {"dtheta": 0.025, "dtheta@second": 0.025}, "numerical": {"dtheta": 0.0012345}}
     error = {"fit": fit, "fit_sigma": {"dtheta": 0.0003}, "held_out": held, "held_out_sigma": {"dtheta": 0.00031, "dtheta@second": None}}
     out = StringIO()
-    show(Console(file=out, width=140), {"ranking": [], "before": {**error, **floors}, "after": {**error, **floors}})
+    show_loop(Console(file=out, width=140), {"ranking": [], "before": {**error, **floors}, "after": {**error, **floors}})
     lines = out.getvalue().splitlines()
     own, other = (next(line for line in lines if f" {name} " in line) for name in ("dtheta", "dtheta@second"))
     assert own.count(" 0.02905 +- 0.0003 ") == 2 and own.count(" 0.02911 +- 0.0003 ") == 2 and " 0.0012 " in own
@@ -52,7 +52,7 @@ def test_the_ranking_shows_the_predicted_drop_of_chi_square_within_the_page() ->
     more = {"estimate": estimate, "held_out_gain": 0.1, "held_out_sigma": 0.01, "detectable": 0.0123456, "accepted": False}
     remark = "not significant, and a remark that is long enough to need two lines"
     out = StringIO()
-    show(Console(file=out, width=140), {"ranking": [{**row, **more, "remark": remark}]})
+    show_loop(Console(file=out, width=140), {"ranking": [{**row, **more, "remark": remark}]})
     lines = out.getvalue().splitlines()
     assert "chi2 drop" in lines[2] and all(len(line) <= 140 for line in lines)
     first = next(line for line in lines if "103.26" in line)
@@ -62,7 +62,7 @@ def test_the_ranking_shows_the_predicted_drop_of_chi_square_within_the_page() ->
 
 def test_effects_that_were_not_asked_are_named_in_one_line() -> None:
     out = StringIO()
-    show(Console(file=out, width=140), {"ranking": [], "not_asked": ["lamp", "radiation"]})
+    show_loop(Console(file=out, width=140), {"ranking": [], "not_asked": ["lamp", "radiation"]})
     assert "not asked  lamp, radiation: this driver, its channels or its records do not tell them\n" in out.getvalue()
 
 

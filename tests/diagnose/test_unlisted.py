@@ -15,7 +15,7 @@ from refits import fitted, refitting
 from rich.console import Console
 from strip import MODEL, Source, numerical, spot, strip_case
 
-from thermofit.cli.printing_loop import unlisted_lines
+from thermofit.cli.printing import unlisted_lines
 from thermofit.core.jsonable import jsonable
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced

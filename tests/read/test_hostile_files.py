@@ -241,9 +241,7 @@ def test_first_use_of_an_effect_file_is_said(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("THERMOFIT_EFFECTS", raising=False)
     file, study = tmp_path / "shift.py", tiny.write(tmp_path, {**tiny.tree(tmp_path / "run"), "effects": ["shift.py"]})
-    code = (
-        "import sys; from thermofit.study import first_use as f; from thermofit.study.study import load_study; from pathlib import Path\n"
-    )
+    code = "import sys; from thermofit.study import paths as f; from thermofit.study.study import load_study; from pathlib import Path\n"
     code += "f.cache_root = lambda: Path(sys.argv[2])\nload_study(sys.argv[1])"
 
     def said() -> str:

@@ -30,7 +30,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import effect
 from thermofit.export.card import Card, Visited, card_of, flow_curve, heat_share, visited_by
 from thermofit.export.card_texts import CARDS, ratios
-from thermofit.export.finished import Finished, finished
+from thermofit.export.results import Finished, finished
 from thermofit.export.tables import covariances, csv_text, latex_text, tables_of
 from thermofit.records.artefact import Dataset, Record, RecordContent, of_parameters, open_record, write_record
 from thermofit.records.staging import artefact_path

@@ -330,7 +330,7 @@ def demo(
 ) -> None:
     """The quickstart study, from a folder of its own."""
     with reporting(json):
-        from thermofit.study.demo import demo_study
+        from thermofit.study.paths import demo_study
 
         study = demo_study(to)
         _run_chain(Common(study, tuple(settings or ()), to / "run", force, json), None, last)

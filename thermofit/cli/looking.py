@@ -11,7 +11,6 @@ from rich.console import Console
 
 from thermofit.cli.catalogue import LOOK
 from thermofit.cli.failure import reporting
-from thermofit.cli.numbers import number
 from thermofit.cli.options import AsJson
 from thermofit.core.errors import StudyError
 
@@ -88,7 +87,7 @@ def _show(
 
 def _print_budget(console: Console, told: Mapping[str, Any]) -> None:
     """A row for every parameter and cause."""
-    from thermofit.cli.printing import table
+    from thermofit.cli.printing import number, table
 
     rows = []
     for name, found in told["budget"].items():
@@ -103,6 +102,8 @@ def _print_budget(console: Console, told: Mapping[str, Any]) -> None:
 def _print_values(console: Console, name: str, described: Mapping[str, Any]) -> None:
     """The range of a dataset, and its values as numpy shortens them."""
     import numpy as np
+
+    from thermofit.cli.printing import number
 
     value = np.array(described["values"], dtype=object)
     try:
@@ -157,7 +158,7 @@ def _diff(
 
 
 def _print_differences(console: Console, found: Mapping[str, Any]) -> None:
-    from thermofit.cli.printing import table
+    from thermofit.cli.printing import number, table
 
     rows = []
     for p in found["parameters"]:

@@ -31,7 +31,7 @@ from thermofit.experiment.shared_noise import Modes, shared
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
-from thermofit.study.diagnosis import THERMOCOUPLES
+from thermofit.study.models import THERMOCOUPLES
 from thermofit.study.section import PRESETS, MeshSize, mesh_size
 from thermofit.study.stages import Channel, ChannelSettings, StageSettings
 from thermofit.study.study import Study

@@ -18,7 +18,7 @@ from thermofit.read.formats.clock import Above0, Rules
 from thermofit.read.ranges import Doubt
 from thermofit.read.raw_text import read_lines, shorten
 from thermofit.study.errors import content_error, sentence
-from thermofit.study.landmarks import PickedLandmarks
+from thermofit.study.models import PickedLandmarks
 from thermofit.study.section import Count, Number, Section, Whole, expected
 
 DESCRIPTION = "experiment.yaml"

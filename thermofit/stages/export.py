@@ -14,8 +14,7 @@ from thermofit.experiment.forms import experiment_of
 from thermofit.export.card import card_of
 from thermofit.export.card_texts import CARDS
 from thermofit.export.fields import measured_series, model_series
-from thermofit.export.finished import Finished, finished
-from thermofit.export.results import results_of
+from thermofit.export.results import Finished, finished, results_of
 from thermofit.export.tables import csv_text, latex_text, markdown_text, printed, tables_of
 from thermofit.records.artefact import open_record
 from thermofit.records.staging import artefact_path

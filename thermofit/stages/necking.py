@@ -18,7 +18,7 @@ from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.records.staging import Made, Outcome, job, produce
 from thermofit.report.figures import STYLE, save_figures
 from thermofit.report.figures_necking import NeckingPicture, necking_figure
-from thermofit.study.necking import Necking
+from thermofit.study.models import Necking
 from thermofit.study.study import Study
 
 NAME = "necking"

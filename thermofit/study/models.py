@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StrictBool, Tag, model_validator
+import numpy as np
+from pydantic import AfterValidator, Field, StrictBool, Tag, ValidationError, field_validator, model_validator
 
+from thermofit.core.experiment import Landmarks
 from thermofit.core.parameters import AT, acting, bare_name, param
+from thermofit.core.parameters import THERMOCOUPLES as THERMOCOUPLES
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon
-from thermofit.study.diagnosis import Diagnosis
-from thermofit.study.errors import content_error
-from thermofit.study.experiments import Experiments, check_experiments
+from thermofit.study.errors import content_error, sentence
 from thermofit.study.geometry import Geometry, StaticTest
-from thermofit.study.landmarks import PickedLandmarks
 from thermofit.study.literature import Candidates, LiteratureValues, check_literature
-from thermofit.study.necking import Necking
 from thermofit.study.search import GridSearch, Sensitivity
 from thermofit.study.section import (
     Count,
@@ -34,14 +33,189 @@ from thermofit.study.section import (
     Times,
     Whole,
     check_law,
+    expected,
     hardening_error,
     no_repeats,
     physical_error,
     word_or,
 )
-from thermofit.study.stages import PlasticStage, Stages, StageSettings
+from thermofit.study.stages import Channel, Free, PlasticStage, StageName, Stages, StageSettings, Window
 from thermofit.study.virtual import Simulate
 from thermofit.study.windows import Mask
+
+
+class OwnExperiment(Section):
+    """One test of several. What is absent is that of the study."""
+
+    experiment: str | None = None
+    """Raw folder, relative to the study file; absent: a virtual experiment, in <run_dir>/<name>/raw."""
+    held_out: StrictBool = False
+    """True: predicted by `validate`, never fitted."""
+    parameters: ParameterSettings = Field(default={})
+    """Starts, or fixed values, of this test's own parameters, such as alpha_air."""
+    fit_own: Annotated[tuple[ParameterName, ...], AfterValidator(no_repeats)] = ()
+    """Of a held-out test: its own boundary and measurement parameters that are fitted on its own data before it is predicted."""
+    specimen: SpecimenOverride | None = None
+    windows: dict[StageName, Window] = Field(default={})
+    """Windows of the stages on this test."""
+    simulate: dict[str, Any] | None = None
+    """Keys of the section `simulate` that differ in this test, where it is virtual."""
+
+
+ExperimentName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+Experiments = dict[ExperimentName, OwnExperiment]
+
+
+def virtual_of(common: Simulate | None, own: OwnExperiment, number: int, key: str) -> Simulate | None:
+    """The virtual experiment of a test: the study's, with its own keys; another seed for each. None where there is no `simulate`.
+
+    Raises the error of the section where the keys do not fit.
+    """
+    if common is None or own.experiment is not None:
+        return None
+    tree = merged({**common.model_dump(mode="json"), "seed": common.seed + number}, own.simulate or {})
+    try:
+        return Simulate.model_validate(tree)
+    except ValidationError as error:
+        guilty, text = sentence(error.errors()[0])
+        raise content_error(f"does not fit: {text}", key=f"{key}.simulate.{guilty}") from None
+
+
+def merged(tree: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """A tree of keys with some of them changed, section by section."""
+    out = dict(tree)
+    for key, value in changes.items():
+        inner = out.get(key)
+        out[key] = merged(inner, value) if isinstance(inner, dict) and isinstance(value, dict) else value
+    return out
+
+
+def check_experiments(experiments: Experiments, common: Simulate | None, named: dict[str, str]) -> None:
+    """Every test has data, and every name <param>@<test> (by the key that holds it) means one of them that is fitted."""
+    for number, (name, own) in enumerate(experiments.items()):
+        key = f"experiments.{name}"
+        if own.experiment is None and common is None:
+            raise content_error("is missing: name its raw folder, or describe a virtual experiment under 'simulate'", f"{key}.experiment")
+        if own.fit_own and not own.held_out:
+            raise content_error("is given, but this test is fitted anyway; leave it out, or add held_out: true", f"{key}.fit_own")
+        virtual_of(common, own, number, key)
+    for where, text in named.items():
+        name = text.partition(AT)[2]
+        if name and name not in experiments:
+            raise content_error(f"names {text}, but there is no experiment '{name}' under 'experiments'", where)
+        if name and experiments[name].held_out:
+            raise content_error(f"names {text}, but '{name}' is held out; expected a test that is fitted", where)
+
+
+Pixel = Annotated[tuple[Number, Number], expected("a pixel [row, col]")]
+
+
+class EdgeMark(Section):
+    """One pixel on an edge."""
+
+    p1: Pixel
+    note: str = ""
+
+
+class EdgeMarks(EdgeMark):
+    """Two pixels on one edge."""
+
+    p2: Pixel
+
+
+class LengthMark(EdgeMarks):
+    """Two pixels [row, col] that lie `length_mm` apart."""
+
+    length_mm: Positive
+
+
+class CircleMarks(EdgeMarks):
+    """Three pixels on a circle around the specimen's centre."""
+
+    p3: Pixel
+
+
+class PickedLandmarks(Section):
+    """Landmarks of one frame; all four are needed."""
+
+    length: LengthMark
+    edge_left: EdgeMarks
+    edge_right: EdgeMark
+    circle: CircleMarks
+    note: str = ""
+
+    def of_frame(self, frame: int) -> Landmarks:
+        """The same as arrays, picked in the frame of this number."""
+        length, left, circle = self.length, self.edge_left, self.circle
+        return Landmarks(
+            frame=frame,
+            length=np.array([length.p1, length.p2]),
+            length_mm=length.length_mm,
+            edge_left=np.array([left.p1, left.p2]),
+            edge_right=np.array(self.edge_right.p1),
+            circle=np.array([circle.p1, circle.p2, circle.p3]),
+        )
+
+
+Index = Annotated[Whole, Field(ge=0)]
+
+
+class Necking(Section):
+    """Equal force through every cross-section identifies the shape of the hardening curve (see docs/real-necking.md)."""
+
+    file: str
+    """Displacements of a grid of points at every frame, relative to the study file; may hold ${VARIABLES}."""
+    load_axis: Literal["x", "y"]
+    """Axis of the file along which the force acts."""
+    hardening_rate: Annotated[Number, Field(gt=1)]
+    """d ln(stress) / d(log. strain) in the necking section at the first frame: prescribed, because kinematics fix the law only up to it."""
+    fit_frames: tuple[Index, Index]
+    """First and last frame compared, counted from 0; the strain counts from the first one, later frames test the prediction."""
+    rows: tuple[Index, Index] | None = None
+    """First and last row of the grid that are used, counted from 0 along the load; null: all. Leave out fillets."""
+    rows_per_section: Annotated[Whole, Field(ge=1)] = 4
+    """Rows of the grid whose strain is averaged to that of one cross-section."""
+    noise: Positive | None = None
+    """Standard deviation of the strain of a section; null: estimated from its jumps from frame to frame."""
+
+    @model_validator(mode="after")
+    def _ranges_increase(self) -> Necking:
+        for key, least in (("fit_frames", 4), ("rows", 2)):
+            given = getattr(self, key)
+            if given is not None and given[1] - given[0] < least:
+                raise content_error(
+                    f"is [{given[0]}, {given[1]}]; expected the first and the last one, at least {least} apart, counted from 0", key=key
+                )
+        return self
+
+
+class Diagnosis(Section):
+    """`diagnose` and `close-loop`: mesh, held-out data, number of effects."""
+
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1), AfterValidator(no_repeats)] | None = None
+    """Channels of the joint model; null: all that the stages compare."""
+    free: Free | None = None
+    """Parameters that take part; null: all that any stage identifies, and the thermocouples with their error."""
+    mesh: Mesh | None = None
+    """Mesh of the joint model; null: that of the study, but not finer than `coarse`. The error of mesh and steps is measured and counts."""
+    held_out: Literal["blocks", "phases"] = "blocks"
+    """What the fit does not see: buffered blocks of time and length, or whole load phases."""
+    max_effects: Annotated[Whole, Field(ge=0, le=20)] = 3
+    """Most effects that `close-loop` adds."""
+    priors: dict[ParameterName, Positive | None] = Field(default={})
+    """Standard error of a declared value in the unit of the parameter; null: none. For the thermocouples `theta_air`, `theta_clamp` it is
+    0.1 K where nothing is given. For an effect it is that of its amplitude about neutral (`clamp_difference.difference` 0.5 K)."""
+
+    @field_validator("priors")
+    @classmethod
+    def _declared(cls, given: dict[str, float | None]) -> dict[str, float | None]:
+        """Thermocouples and amplitudes of effects; what a test identifies has no declared value."""
+        for name in given:
+            if AT in name or (name not in THERMOCOUPLES and ("." not in name or param(name).scan)):
+                expected = f"{', '.join(THERMOCOUPLES)} or the amplitude <effect>.<param> of an effect, for all experiments"
+                raise content_error(f"has no declared value; expected {expected}", key=name)
+        return given
+
 
 FROM_EXPERIMENT = tuple(name for name in acting("film", "reference") if param(name).unit == "K")
 """Parameters that need no start: thermocouples of the experiment give it."""

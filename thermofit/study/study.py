@@ -20,10 +20,8 @@ from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.errors import near_miss, sentence
-from thermofit.study.experiments import OwnExperiment, virtual_of
-from thermofit.study.first_use import first_uses, notice
-from thermofit.study.models import Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of
-from thermofit.study.paths import path_from
+from thermofit.study.models import OwnExperiment, Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of, virtual_of
+from thermofit.study.paths import first_uses, notice, path_from
 from thermofit.study.reading import reading, seen
 from thermofit.study.section import MeshSize, ParameterStart, mesh_size
 from thermofit.study.series import with_series

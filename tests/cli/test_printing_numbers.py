@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from thermofit.cli.numbers import bounds, number, percent, seconds, with_error
+from thermofit.cli.printing import bounds, number, percent, seconds, with_error
 
 
 @pytest.mark.parametrize(

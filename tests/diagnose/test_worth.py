@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose.comparing import criteria, independent, length_scale, time_scale
 from thermofit.diagnose.held_out import Rows, split_by_experiment
-from thermofit.diagnose.worth import criteria, independent, length_scale, time_scale
-from thermofit.experiment.literature import literature_rows
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.verification import literature_rows
 from thermofit.observe.comparison import plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.artefact import ParameterResult

@@ -15,7 +15,7 @@ from thermofit.effects import catalogue
 from thermofit.effects.catalogue import HEAT, KINEMATICS, LOAD, MEASUREMENT, Effect, effect, effects, load_effect
 from thermofit.experiment.missing import Grid
 from thermofit.identify import user_effects
-from thermofit.identify.effect_trial import trial_of, try_effect
+from thermofit.identify.user_effects import trial_of, try_effect
 from thermofit.law.composition import law_effects
 from thermofit.law.page import law_of
 

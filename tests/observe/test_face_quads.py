@@ -8,11 +8,11 @@ import pytest
 from thermofit.body.mesh.shapes import bar_mesh, plate_with_hole_mesh
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.experiment import DicField, Specimen
+from thermofit.experiment.static import turned
 from thermofit.observe.end_motion import end_motion
 from thermofit.observe.face_quads import distance_to_edge, face_quads
 from thermofit.observe.noise import local_scatter
 from thermofit.observe.observation import face_operator
-from thermofit.read.static_points import turned
 from thermofit.study.section import MeshSize
 
 PLATE = Specimen(20.0, 3.0, 80.0, 0.0, 20.0, 80.0, 0.0)

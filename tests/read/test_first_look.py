@@ -10,7 +10,7 @@ from seen_test import pulled, write_raw
 from typer.testing import CliRunner
 
 from thermofit.cli.app import app
-from thermofit.read.first_look import FirstLook, looked_at
+from thermofit.read.plausible import FirstLook, looked_at
 from thermofit.study.study import load_study
 
 METALS = {

@@ -24,10 +24,9 @@ from thermofit.report.html.content import Report, report_schema
 from thermofit.report.html.gather import report_of
 from thermofit.report.html.maps import field_of_rows, pairs, raster
 from thermofit.report.html.methods import methods_text, references
-from thermofit.report.html.packed import packed, unpacked
 from thermofit.report.html.page import write_report
 from thermofit.report.html.run_folder import read_run
-from thermofit.report.html.views import BUDGET, views_of
+from thermofit.report.html.views import BUDGET, packed, unpacked, views_of
 
 VOID = {"meta", "input", "br", "img", "link", "hr"}
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "report.schema.json"

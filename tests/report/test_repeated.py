@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermofit.report.html.repeated import Loading, first_loading, scatter_of
+from thermofit.report.html.gather import Loading, first_loading, scatter_of
 
 TIME = np.linspace(0.0, 100.0, 401)
 STRAIN = np.interp(TIME, [0.0, 60.0, 80.0, 100.0], [0.001, 0.061, 0.041, 0.101])

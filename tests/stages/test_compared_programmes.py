@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from thermofit.report.tables_identifiability import programme_rows
+from thermofit.report.identifiability import programme_rows
 from thermofit.stages.identifiability import compare_verdict
 
 

@@ -14,9 +14,17 @@ from scipy.optimize import brentq
 
 from thermofit.cli.app import app
 from thermofit.core.errors import DataError, StudyError
-from thermofit.identify.necking import Sections, fit_sections, necking_linearised, necking_problem, sections_of
-from thermofit.identify.necking_check import other_rates
-from thermofit.identify.necking_law import HardeningLaw, held_strain, section_states
+from thermofit.identify.necking import (
+    HardeningLaw,
+    Sections,
+    fit_sections,
+    held_strain,
+    necking_linearised,
+    necking_problem,
+    other_rates,
+    section_states,
+    sections_of,
+)
 from thermofit.read.section_strain import SectionStrain
 from thermofit.records.staging import Outcome
 from thermofit.stages.necking import run, sections

@@ -14,7 +14,7 @@ import tiny
 import yaml
 
 from thermofit.effects.catalogue import FILE_SLOTS, MATERIAL
-from thermofit.identify.effect_trial import trial_of
+from thermofit.identify.user_effects import trial_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 

@@ -19,20 +19,47 @@ from thermofit.core.parameters import AT, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
 from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
-from thermofit.diagnose.decide_words import acted_on
 from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
-from thermofit.effects.catalogue import Effect, effect, effect_of_param, effects, is_of_effect
+from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, MEASUREMENT, Effect, effect, effect_of_param, effects, is_of_effect
 from thermofit.experiment.coupon_records import CouponTest
 from thermofit.experiment.coupon_sensor import SENSOR, shown_rates
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.fit.linear_model import projection
+from thermofit.observe.stations import CAMERA
 from thermofit.point.driver import PointSettings, simulate_rates
 from thermofit.point.driver import Programme as Driven
 from thermofit.point.programmes import PROGRAMMES, Named, Usual, programme
+
+FIELD_OF_DISPLACEMENT, FIELD_OF_TEMPERATURE = "the field of displacement", "the field of temperature"
+FORCE, MACHINE = "the channel of force", "the machine between crosshead and specimen"
+_BASE = {"hill_anisotropy": FIELD_OF_DISPLACEMENT}
+"""What mechanisms of the base law act on that is not a field of temperature."""
+
+
+def acts_on(e: Effect) -> str:
+    """What an effect acts on, in words; of an effect of the load the record that it changes."""
+    if e.slot in LOAD:
+        values = (float(p.probe or p.neutral) for p in e.params)
+        force, _ = e.act(np.ones(2), np.zeros(2), *values)
+        return FORCE if np.any(force != 1.0) else MACHINE
+    if e.slot in BASE:
+        return _BASE.get(e.name, FIELD_OF_TEMPERATURE)
+    if e.slot in (*KINEMATICS, *CAMERA):
+        return FIELD_OF_DISPLACEMENT
+    return FIELD_OF_TEMPERATURE if e.slot in (*HEAT, *MEASUREMENT) else "the material"
+
+
+def acted_on(names: Sequence[str]) -> str:
+    """Names of effects, each group with what it acts on: "lamp and ir_drift, which act on the field of temperature"."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(acts_on(effect(name)), []).append(name)
+    return ", nor ".join(f"{' and '.join(own)}, which act{'s' if len(own) == 1 else ''} on {what}" for what, own in groups.items())
+
 
 FAINT = 0.05
 """Part of a column that the fitted parameters leave below which a test is said to show an effect hardly."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from thermofit.body.solve.history import History
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Parameters, bare_name
 from thermofit.effects.catalogue import Effect
@@ -18,11 +19,11 @@ from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
 from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
+from thermofit.experiment.forward import nodal_gauge
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
-from thermofit.experiment.planted import planted
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
@@ -33,6 +34,7 @@ from thermofit.experiment.stage_errors import StageErrors, stage_errors
 from thermofit.experiment.start import feasible_start, other_starts
 from thermofit.experiment.verification import Checked, KnownErrors
 from thermofit.experiment.window import window_times
+from thermofit.observe.observation import FieldObservation
 from thermofit.records.artefact import Record
 from thermofit.records.staging import artefact_path
 from thermofit.study.models import FROM_EXPERIMENT
@@ -410,3 +412,44 @@ class UnseenBody:
 def unseen_bodies(study: Study) -> tuple[UnseenBody, ...]:
     """The declared held-out experiments of a study."""
     return tuple(UnseenBody(study, BodyExperiment(study.one_of(name), name)) for name in study.held_out)
+
+
+def planted(study: Study, data: Measured, settings: StageSettings, before: Parameters, after: Parameters) -> Measured:
+    """Measured fields with the difference of two predictions added: displacements mm, temperatures K, the force N where it does not drive
+    the model, and the elongation mm of the sections where it does. NumericsError where a run fails."""
+    joint = Joint(study, data, settings, diagnosis_mesh(study))
+    new, old = (joint.run(parameters) for parameters in (after, before))
+    shown = [joint.prediction.of(history, parameters) for history, parameters in ((new, after), (old, before))]
+
+    def changed(observation: FieldObservation) -> FieldObservation:
+        return replace(observation, value=observation.value + (shown[0][observation.name] - shown[1][observation.name]))
+
+    out = replace(data, displacement=changed(data.displacement))
+    if data.temperature is not None:
+        out = replace(out, temperature=changed(data.temperature))
+    if "force" in shown[0]:
+        out = replace(out, force=changed(data.force))
+    return _stretched(out, joint, new, old) if study.force.drives == "force" else out
+
+
+def _stretched(data: Measured, joint: Joint, new: History, old: History) -> Measured:
+    """The data with the elongation that DIC saw changed as two runs under the same force say: should the sections drive the model later."""
+    mesh = joint.run.body.mesh
+    if data.gauge is not None:
+        weights = nodal_gauge(mesh, data.gauge)
+    else:
+        y = mesh.nodes[:, 1]
+        ends = [np.isclose(y, end).astype(float) for end in (y.max(), y.min())]
+        weights = ends[0] / ends[0].sum() - ends[1] / ends[1].sum()
+    longer = (new.u[:, :, 1] - old.u[:, :, 1]) @ weights
+    longer -= longer[0]
+
+    def at(time: np.ndarray) -> np.ndarray:
+        return np.interp(time, new.time, longer)
+
+    def stepped(steps: LoadSteps) -> LoadSteps:
+        return steps if steps.elongation is None else replace(steps, elongation=steps.elongation + at(steps.time))
+
+    seen = data.stretched
+    moved = None if seen is None else replace(seen, elongation=seen.elongation + at(seen.time))
+    return replace(data, stretched=moved, steps={name: stepped(steps) for name, steps in data.steps.items()})

@@ -15,9 +15,8 @@ from thermofit.experiment.coupon_elastic import STRAIGHT, ElasticLine, elastic_l
 from thermofit.experiment.fields import INTERPOLATE, TestPhase
 from thermofit.observe.noise import robust_sigma, second_differences
 from thermofit.read.coupon import read_coupon
-from thermofit.records.artefact import Dataset, Record
+from thermofit.records.artefact import Dataset, Record, read_current
 from thermofit.records.staging import Made, artefact_path
-from thermofit.records.stale import read_current
 from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 

@@ -15,9 +15,8 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.observe.end_motion import Gauge
 from thermofit.observe.observation import FieldObservation
-from thermofit.records.artefact import Dataset, Record
+from thermofit.records.artefact import Dataset, Record, read_current
 from thermofit.records.staging import artefact_path
-from thermofit.records.stale import read_current
 from thermofit.study.study import Study
 
 INTERPOLATE = "interpolate"

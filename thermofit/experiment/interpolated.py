@@ -56,9 +56,8 @@ from thermofit.observe.selection import masked
 from thermofit.observe.triangles import point_spacing
 from thermofit.read.plausible import asked
 from thermofit.read.raw import read_experiment
-from thermofit.records.artefact import Dataset, Record, read_record
+from thermofit.records.artefact import Dataset, Record, read_current, read_record
 from thermofit.records.staging import Made, artefact_path
-from thermofit.records.stale import read_current
 from thermofit.study.geometry import STRAIGHT
 from thermofit.study.section import mesh_size
 from thermofit.study.study import Study

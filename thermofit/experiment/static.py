@@ -7,6 +7,7 @@ x across. Sigma is the scatter of every point about the plane through its neighb
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,43 @@ from thermofit.observe.face_quads import FaceQuads, distance_to_edge, face_quads
 from thermofit.observe.noise import local_scatter
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import masked
-from thermofit.read.static_points import static_points
+from thermofit.read.formats.contents import DicStage
+from thermofit.read.formats.registry import read_native
 from thermofit.records.artefact import Dataset
 from thermofit.records.staging import Made
 from thermofit.study.geometry import StaticTest
 from thermofit.study.section import mesh_size
 from thermofit.study.study import Study
+
+
+@dataclass(frozen=True)
+class StaticPoints:
+    """`xy` (n, 2) and `u` (n, 2) mm, x across and y along the load; nan where not correlated. `remarks`: what the reader said."""
+
+    xy: np.ndarray
+    u: np.ndarray
+    remarks: tuple[str, ...]
+
+
+def static_points(path: Path, load_axis: str, centre: tuple[float, float]) -> StaticPoints:
+    """The points of one stage, turned by 90 degrees where the load acts along the file's x. DataError for every defect."""
+    if not path.is_file():
+        raise DataError(f"{path}: the field of the static test does not exist; correct the key static.field or the folder experiment")
+    content = read_native(path)
+    if not isinstance(content, DicStage) or content.reference is None or content.displacement is None:
+        raise DataError(f"{path}: {type(content).__name__} found, expected one DIC stage with coordinates and displacements of its points")
+    if content.length_unit != "mm":
+        raise DataError(f"{path}: coordinates in {content.length_unit or 'an unknown unit'}, expected mm; export the field in mm")
+    xy, u = content.reference[:, :2] - np.asarray(centre), content.displacement[:, :2]
+    if load_axis == "x":
+        xy, u = turned(xy), turned(u)
+    return StaticPoints(xy, u, content.traits.remarks)
+
+
+def turned(vector: np.ndarray) -> np.ndarray:
+    """Vectors (n, 2) in axes turned by 90 degrees: what pointed along x points along y."""
+    return np.stack([-vector[:, 1], vector[:, 0]], axis=1)
+
 
 LOADED = 1.0
 """s; time of the load step; the specimen rests at 0."""

@@ -8,8 +8,7 @@ from typing import Any
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.jsonable import jsonable
-from thermofit.records.artefact import Record, layout, open_record
-from thermofit.records.stale import other_sources, stale
+from thermofit.records.artefact import Record, layout, open_record, other_sources, stale
 
 
 def result_of(record: Record) -> dict[str, Any]:

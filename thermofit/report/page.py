@@ -12,9 +12,8 @@ from thermofit.experiment.residuals import named_phases
 from thermofit.experiment.verification import IDENTIFY
 from thermofit.experiment.window import window_times
 from thermofit.records.artefact import Record
-from thermofit.report.figures_curves import force_figure, over_time_figure, stress_stretch_figure, temperature_figure
+from thermofit.report.figures_curves import force_figure, over_time_figure, records_figures, stress_stretch_figure, temperature_figure
 from thermofit.report.figures_maps import residual_maps, rms_maps
-from thermofit.report.figures_records import records_figures
 from thermofit.report.figures_search import correlation_figure, objective_figure
 from thermofit.report.tables import parameter_rows, phase_rows, remark_lines, report_text, stale_lines, table
 from thermofit.study.study import Study

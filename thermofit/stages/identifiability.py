@@ -28,18 +28,21 @@ from thermofit.records.key import read_of
 from thermofit.records.progress import progress
 from thermofit.records.staging import Job, Made, Outcome, job, produce
 from thermofit.report.figures import STYLE, save_figures
-from thermofit.report.figures_identifiability import correlations_figure, profile_figure, programmes_figure, spectrum_figure
-from thermofit.report.tables_identifiability import (
+from thermofit.report.identifiability import (
     Row,
     correlation_rows,
+    correlations_figure,
     determined_rows,
     flat_rows,
     interval_rows,
     intervals_json,
     move_remarks,
+    profile_figure,
     programme_rows,
+    programmes_figure,
     sensitive,
     shift_rows,
+    spectrum_figure,
     spectrum_rows,
 )
 from thermofit.study.study import Study

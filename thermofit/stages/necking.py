@@ -10,9 +10,21 @@ import matplotlib
 import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
-from thermofit.identify.necking import BOUNDS, NeckingFit, Sections, fit_sections, predicted, sections_of
-from thermofit.identify.necking_check import Onset, contraction, held_out, neck_shape, onset, other_rates
-from thermofit.identify.necking_law import HardeningLaw
+from thermofit.identify.necking import (
+    BOUNDS,
+    HardeningLaw,
+    NeckingFit,
+    Onset,
+    Sections,
+    contraction,
+    fit_sections,
+    held_out,
+    neck_shape,
+    onset,
+    other_rates,
+    predicted,
+    sections_of,
+)
 from thermofit.read.section_strain import read_grid, section_strain
 from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.records.staging import Made, Outcome, job, produce

@@ -13,10 +13,9 @@ from thermofit.core.files import replacing
 from thermofit.experiment.fields import INTERPOLATE
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.verification import identified_stages
-from thermofit.records.artefact import Record, open_record, read_record
+from thermofit.records.artefact import Record, open_record, read_record, stale
 from thermofit.records.key import drifted
 from thermofit.records.staging import Made, Outcome, artefact_path, job, produce
-from thermofit.records.stale import stale
 from thermofit.report.figures import FORMATS, STYLE, save_figures
 from thermofit.report.html.page import HTML, Written, write_report
 from thermofit.report.page import figures_of, text_of

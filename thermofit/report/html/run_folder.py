@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from thermofit.core.errors import StudyError, ThermofitError
-from thermofit.records.artefact import Record, open_record
-from thermofit.records.stale import stale
+from thermofit.records.artefact import Record, open_record, stale
 
 FIRST = ("simulate", "calibrate-ir", "interpolate")
 IDENTIFY = ("identify-elastic", "identify-plastic", "identify-thermal")

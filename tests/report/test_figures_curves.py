@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from thermofit.records.artefact import Dataset
-from thermofit.report import figures_records
+from thermofit.report import figures_curves
 
 
 class Verify:
@@ -38,11 +38,11 @@ class Verify:
 def no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of the search need records of identifications, which are not the point here."""
     for name in ("objective_figure", "correlation_figure"):
-        monkeypatch.setattr(figures_records, name, lambda _: None)
+        monkeypatch.setattr(figures_curves, name, lambda _: None)
 
 
 def figures(errors: list[float], hot: tuple[int, ...] = ()) -> dict[str, Figure]:
-    return figures_records.records_figures(cast(Any, {"verify": Verify(errors, hot)}))
+    return figures_curves.records_figures(cast(Any, {"verify": Verify(errors, hot)}))
 
 
 def titles(figure: Figure) -> list[str]:

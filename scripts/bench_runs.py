@@ -20,7 +20,7 @@ from bench_measure import Child, Limits, Options, Part, Row, at_most, cpu, once,
 
 from thermofit.body.body import Body
 from thermofit.body.heat.one_way import heat_problem, heat_run
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.jit import set_threads
@@ -57,7 +57,7 @@ def forward_with_sensitivities(
     face = body.mesh.node_sets["face"]
     seen = np.empty((steps + 1, len(face), 4, len(names)))
 
-    def collect(n: int, at: Sensitivity) -> None:
+    def collect(n: int, at: StepRates) -> None:
         seen[n, :, :3] = at.u[face][..., : len(names)]
         seen[n, :, 3] = at.theta[face][..., : len(names)]
 

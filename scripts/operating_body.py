@@ -29,7 +29,7 @@ from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.forward import MechanicalRun, march_settings, sampler, specimen_body
 from thermofit.experiment.instruments import Instruments
 from thermofit.experiment.joint import Joint, joint_settings, station_names
 from thermofit.experiment.known_effects import effects_of_fields
@@ -214,12 +214,12 @@ class Fields:
         fine = np.interp(np.arange(2 * len(t) - 1) / 2.0, np.arange(len(t)), t)
         actual = replace(blank, specimen=replace(SPECIMEN, thickness=its.thickness * SPECIMEN.thickness))
         body = specimen_body(study, actual, self.true)
-        history: History = Run(body, Loading(fine, np.interp(fine, t, force)), march_settings(study, "full"))(parameters)
+        history: History = MechanicalRun(body, Loading(fine, np.interp(fine, t, force)), march_settings(study, "full"))(parameters)
         steps = LoadSteps(fine, np.interp(fine, t, force), np.zeros(len(fine)))
         assert blank.temperature is not None
         observations = {"u": blank.displacement, "theta": replace(blank.temperature, xy=its.seen(blank.temperature.xy))}
         samplers = {name: sampler(body, o, steps) for name, o in observations.items() if o is not None}
-        run = Run(body, Loading(fine, steps.force), march_settings(study, "full"))
+        run = MechanicalRun(body, Loading(fine, steps.force), march_settings(study, "full"))
         look = Instruments(run, samplers, {n: o for n, o in observations.items() if o is not None}, TRUTH["theta_air"])
         random = world.random("noise")
         sigma = {name: world.noise * NOISE[name] for name in observations}

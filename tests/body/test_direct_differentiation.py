@@ -12,7 +12,7 @@ from small_bodies import NOMINAL, SPECIMEN, bar_mesh
 from thermofit.body.body import Body, tension_body
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Differentiator, Linearised, PointRates, Rates, Sensitivities, Sensitivity, StepEnds
+from thermofit.body.sensitivity.march import Differentiator, LinearisedStep, PointRates, Rates, Sensitivities, StepEnds, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import NumericsError, StudyError
@@ -61,7 +61,7 @@ class Collected:
     def __init__(self) -> None:
         self.at: list[tuple[np.ndarray, ...]] = []
 
-    def collect(self, n: int, s: Sensitivity) -> None:
+    def collect(self, n: int, s: StepRates) -> None:
         assert n == len(self.at)
         self.at.append(tuple(np.array(getattr(s, name)) for name in FIELDS))
 
@@ -246,7 +246,7 @@ def test_a_step_whose_differentiation_fails_is_cut_and_leaves_nothing_behind(mon
     kept = [n for n, t in enumerate(np.sort(np.append(TIMES, [7.0, 36.5]))) if t in TIMES]
     heat, step, calls = Differentiator.heat_rates, Differentiator.step, [0]
 
-    def counted(self: Differentiator, start: Rates, mechanics: Linearised, ends: StepEnds, load: np.ndarray) -> Rates:
+    def counted(self: Differentiator, start: Rates, mechanics: LinearisedStep, ends: StepEnds, load: np.ndarray) -> Rates:
         calls[0] += 1
         return step(self, start, mechanics, ends, load)
 

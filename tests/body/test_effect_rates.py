@@ -9,7 +9,7 @@ from small_bodies import NOMINAL, SPECIMEN
 from thermofit.body.body import Body, tension_body
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.law.composition import STRUCTURAL, law_effects
@@ -33,7 +33,7 @@ def run(
     """A run and the derivatives of its fields (n_t, ..., n_p)."""
     kept: dict[str, list[np.ndarray]] = {"u": [], "theta": [], "force": []}
 
-    def collect(n: int, at: Sensitivity) -> None:
+    def collect(n: int, at: StepRates) -> None:
         for field, values in kept.items():
             values.append(np.array(getattr(at, field)))
 

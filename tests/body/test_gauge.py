@@ -11,7 +11,7 @@ from test_newton import necked, run
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.gauge import GaugeLoading, march_between
 from thermofit.body.solve.history import History, MarchSettings, Watch
 from thermofit.body.solve.march import Loading, march
@@ -64,7 +64,7 @@ def test_derivatives_are_of_second_order(coupling: str) -> None:
     e = by_end().u[:, :, 1] @ dogbone()[1]
     loading, found = between(e - e[0]), {}
 
-    def collect(n: int, at: Sensitivity) -> None:
+    def collect(n: int, at: StepRates) -> None:
         found[n] = (at.force.copy(), at.u.copy(), at.theta.copy())
 
     along = np.array([0.7, -1.0, 0.6, 0.8, 0.8]) * np.array([NOMINAL[n] for n in names])

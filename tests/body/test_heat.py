@@ -11,7 +11,7 @@ from small_bodies import ADIABATIC, NOMINAL, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, heat_conditions, heat_step, steady_temperature, stored_heat
-from thermofit.body.heat.equation import PointHistory, heat_of_increment, smallest_dissipation
+from thermofit.body.heat.equation import PointStates, heat_of_increment, smallest_dissipation
 from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
@@ -154,8 +154,8 @@ def test_heat_of_an_increment_is_the_law_times_the_volume() -> None:
     body, law = fin(3), law_of(NOMINAL)
     n = body.mesh.n_elements
 
-    def history(j: float, alpha: float, accumulated: float) -> PointHistory:
-        return PointHistory(np.full((n, 8), j), np.full((n, 8), alpha), np.full((n, 8), accumulated))
+    def history(j: float, alpha: float, accumulated: float) -> PointStates:
+        return PointStates(np.full((n, 8), j), np.full((n, 8), alpha), np.full((n, 8), accumulated))
 
     start, end = history(1.0005, 0.01, 0.011), history(1.0011, 0.0125, 0.014)
     theta, out = np.full(body.mesh.n_nodes, 301.0), np.zeros(body.mesh.n_nodes)

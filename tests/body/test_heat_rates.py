@@ -12,11 +12,18 @@ from small_bodies import ADIABATIC, NOMINAL, bar_mesh
 from thermofit.body.body import Body, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import HeatStep, at_constant_stress, heat_conditions, heat_step, steady_temperature
 from thermofit.body.heat.effects import nodal_heat
-from thermofit.body.heat.equation import PointHistory, heat_of_increment, increment_between
+from thermofit.body.heat.equation import PointStates, heat_of_increment, increment_between
 from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
 from thermofit.body.sensitivity.conduction_rates import condition_rates, heat_step_rates, steady_rates
 from thermofit.body.sensitivity.heat_effect_rates import multiply_some
-from thermofit.body.sensitivity.heat_rates import PointRates, SourceLaw, frozen_source_rates, heat_source_rates, source_law, source_slopes
+from thermofit.body.sensitivity.heat_rates import (
+    PointStateRates,
+    SourceLaw,
+    frozen_source_rates,
+    heat_source_rates,
+    source_law,
+    source_slopes,
+)
 from thermofit.body.sensitivity.lanes import multiply_directions
 from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.body.solve.march import History, MarchSettings
@@ -138,11 +145,11 @@ class Sources:
         random, shape = np.random.default_rng(5), (body.mesh.n_elements, 8)
         alpha, accumulated = random.uniform(0.0, 0.05, shape), random.uniform(0.0, 0.05, shape)
         flow = random.uniform(0.003, 0.01, shape) * (random.uniform(size=shape) > 0.3)
-        self.ends = [PointHistory(random.uniform(0.9, 1.2, shape), alpha + k * 0.8 * flow, accumulated + k * flow) for k in (0, 1)]
+        self.ends = [PointStates(random.uniform(0.9, 1.2, shape), alpha + k * 0.8 * flow, accumulated + k * flow) for k in (0, 1)]
         self.theta = random.uniform(290.0, 320.0, body.mesh.n_nodes)
         unit = np.zeros(padded(len(names)))
         unit[: len(names)] = [1.0 / param(name).scale for name in names]
-        self.rates = [PointRates(*(0.05 * random.normal(size=(*n, len(unit))) * unit for n in (shape, (*shape, 11)))) for _ in (0, 1)]
+        self.rates = [PointStateRates(*(0.05 * random.normal(size=(*n, len(unit))) * unit for n in (shape, (*shape, 11)))) for _ in (0, 1)]
         self.rates[1].state[flow == 0.0, LAMBDA] = self.rates[0].state[flow == 0.0, LAMBDA]
         self.theta_rates = 100.0 * random.normal(size=(body.mesh.n_nodes, len(unit))) * unit
 
@@ -153,10 +160,10 @@ class Sources:
         law = self.law(POINT)
         return source_law(law, directions(POINT, self.names, law))
 
-    def ends_at(self, k: int, s: float) -> list[PointHistory]:
+    def ends_at(self, k: int, s: float) -> list[PointStates]:
         """The points where direction k has gone by s."""
         return [
-            PointHistory(
+            PointStates(
                 *(x + s * y for x, y in zip(e[:3], (r.dilatation[..., k], r.state[:, :, ALPHA, k], r.state[:, :, LAMBDA, k]), strict=True))
             )
             for e, r in zip(self.ends, self.rates, strict=True)
@@ -253,7 +260,7 @@ def synthetic(body: Body, n: int) -> History:
     grown = random.uniform(0.0, 0.01, shape)
     time = np.cumsum(random.uniform(0.5, 1.5, n + 1))
     flow = np.minimum(np.arange(n + 1), n - 2)
-    points = tuple(PointHistory(random.uniform(0.99, 1.01, shape), 0.8 * k * grown, k * grown) for k in flow)
+    points = tuple(PointStates(random.uniform(0.99, 1.01, shape), 0.8 * k * grown, k * grown) for k in flow)
     u = np.array([deformation(body, 0.3 * k / n) for k in range(n + 1)])
     none = np.zeros(n + 1)
     return History(time, u, np.zeros((n + 1, body.mesh.n_nodes)), none, none, none, none, (), points)

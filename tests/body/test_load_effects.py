@@ -10,7 +10,7 @@ from small_bodies import NOMINAL, SPECIMEN
 
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.loading import felt_force, felt_force_rate, moving
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
@@ -37,7 +37,7 @@ def run(loading: Loading, parameters: Parameters, names: tuple[str, ...] = ()) -
     """A run and the derivatives of its fields (n_t, ..., n_p)."""
     kept: dict[str, list[np.ndarray]] = {"u": [], "theta": [], "force": []}
 
-    def collect(n: int, at: Sensitivity) -> None:
+    def collect(n: int, at: StepRates) -> None:
         for field, values in kept.items():
             values.append(np.array(getattr(at, field)))
 
@@ -153,10 +153,10 @@ def test_what_moves_nothing_takes_no_part_and_keeps_its_zero_columns() -> None:
     assert moving(names, FORCE.rates(BASE, names)) == [0, 1, 2, 5]
     assert moving(names, CROSSHEAD.rates(BASE.replace(**ON), names)) == [0, 1, 2, 3, 4, 5]
     assert moving(names, OWN_END.rates(BASE, names)) == [0, 5]
-    handed: list[Sensitivity] = []
+    handed: list[StepRates] = []
     asked = Sensitivities(names, lambda n, at: handed.append(at)).of([0, 5])
     assert asked.names == ("E", "M_y0")
-    asked.collect(0, Sensitivity(np.full((2, 3, 2), [1.0, 2.0]), np.full((2, 2), [3.0, 4.0]), np.array([5.0, 6.0])))
+    asked.collect(0, StepRates(np.full((2, 3, 2), [1.0, 2.0]), np.full((2, 2), [3.0, 4.0]), np.array([5.0, 6.0])))
     np.testing.assert_array_equal(handed[0].u[1, 2], [1.0, 0.0, 0.0, 0.0, 0.0, 2.0])
     np.testing.assert_array_equal(handed[0].theta[1], [3.0, 0.0, 0.0, 0.0, 0.0, 4.0])
     np.testing.assert_array_equal(handed[0].force, [5.0, 0.0, 0.0, 0.0, 0.0, 6.0])

@@ -11,7 +11,7 @@ from thermofit.body.element.hex8 import element_pass
 from thermofit.body.element.thermal_load import thermal_forces
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings, virgin_state
 from thermofit.law.composition import STRUCTURAL
@@ -31,7 +31,7 @@ def run(loading: Loading, times: np.ndarray, names: tuple[str, ...] = (), **chan
     """A run of a hot dogbone and the derivatives of its fields (n_t, ..., n_p)."""
     kept: dict[str, list[np.ndarray]] = {"u": [], "theta": [], "force": []}
 
-    def collect(n: int, at: Sensitivity) -> None:
+    def collect(n: int, at: StepRates) -> None:
         for field, values in kept.items():
             values.append(np.array(getattr(at, field)))
 

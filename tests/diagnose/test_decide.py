@@ -25,7 +25,7 @@ from thermofit.diagnose.decide import (
     felt_at_point,
     in_words,
 )
-from thermofit.diagnose.decide_told import Told
+from thermofit.diagnose.decide_told import Discrimination
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced
@@ -70,7 +70,9 @@ def test_stepped_rates_show_rate_dependence_best() -> None:
 
 
 def test_a_decision_names_the_simplest_programme_that_parts() -> None:
-    told = tuple(Told(named(n), cos, {"a": 1.0, "b": 2.0}) for n, cos in (("monotonic", 0.99), ("load-unload", 0.6), ("cycles", 0.1)))
+    told = tuple(
+        Discrimination(named(n), cos, {"a": 1.0, "b": 2.0}) for n, cos in (("monotonic", 0.99), ("load-unload", 0.6), ("cycles", 0.1))
+    )
     decision = Decision(("a", "b"), told, ())
     assert decision.best is not None and decision.best.programme.name == "load-unload"
     assert in_words(decision).startswith("a and b: the programme load-unload") and "|cos| 0.60" in in_words(decision)
@@ -78,10 +80,10 @@ def test_a_decision_names_the_simplest_programme_that_parts() -> None:
 
 
 def test_a_member_that_no_coupon_feels_does_not_hide_what_is_told_of_the_others() -> None:
-    told = (Told(named("monotonic"), 0.99, {"a": 1.0, "b": 2.0}), Told(named("cycles"), 0.1, {"a": 1.0, "b": 2.0}))
+    told = (Discrimination(named("monotonic"), 0.99, {"a": 1.0, "b": 2.0}), Discrimination(named("cycles"), 0.1, {"a": 1.0, "b": 2.0}))
     said = in_words(Decision(("a", "lamp", "b"), told, ("lamp",)))
     assert "the programme cycles" in said and said.endswith("; a coupon test cannot show lamp, which acts on the field of temperature")
-    alone = in_words(Decision(("a", "lamp"), (Told(named("hold"), 0.0, {"a": 0.5}),), ("lamp",)))
+    alone = in_words(Decision(("a", "lamp"), (Discrimination(named("hold"), 0.0, {"a": 0.5}),), ("lamp",)))
     assert "the programme hold" in alone and "it shows a from 0.5 on; a coupon test cannot show lamp" in alone
     assert in_words(Decision(("lamp",), (), ("lamp",))) == "lamp: a coupon test cannot show lamp, which acts on the field of temperature"
 
@@ -135,7 +137,7 @@ def test_the_sensor_of_a_programme_drifts_by_its_rate() -> None:
 
 @pytest.mark.parametrize("name", ["rate_logarithmic", "backstress_first"])
 def test_one_effect_is_shown_best_by_the_programme_with_the_smallest_amplitude(name: str) -> None:
-    told = (Told(named("monotonic"), 0.0, {name: 0.5}), Told(named("cycles"), 0.0, {name: 0.1}))
+    told = (Discrimination(named("monotonic"), 0.0, {name: 0.5}), Discrimination(named("cycles"), 0.0, {name: 0.1}))
     best = Decision((name,), told, ()).best
     assert best is not None and best.programme.name == "cycles"
 

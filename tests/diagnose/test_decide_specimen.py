@@ -23,14 +23,14 @@ from thermofit.diagnose.decide_specimen import (
     REST,
     STEPS,
     STOP,
-    Course,
+    ForceCourse,
     columns,
     course_of,
     drivable,
     planned,
     spread,
 )
-from thermofit.diagnose.decide_told import Family, Told
+from thermofit.diagnose.decide_told import Discrimination, Family
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.experiment.fields import LoadSteps, Measured
@@ -105,9 +105,9 @@ def test_the_family_of_an_added_lamp_is_asked_with_the_lamp_on() -> None:
 def test_a_test_that_parts_too_weakly_asks_for_one_that_shows_more() -> None:
     """Half the amplitude of one member counts, if none is told later; |cos| counts with it."""
 
-    def told(name: str, *shown: float, cosine: float = 0.5) -> Told:
+    def told(name: str, *shown: float, cosine: float = 0.5) -> Discrimination:
         programme = next(p for p in (OWN, *PROGRAMMES) if p.name == name)
-        return Told(programme, cosine, dict(zip(LAMP, shown, strict=True)))
+        return Discrimination(programme, cosine, dict(zip(LAMP, shown, strict=True)))
 
     was = told("own", 1.0, 1.0)
     weak = Decision(LAMP, (), LAMP, (), "", was, (told("long-rest", 0.1, 1.1), told("stop", 0.4, 0.9)))
@@ -134,7 +134,7 @@ def test_programmes_are_changes_of_the_test() -> None:
     assert 0.0 < half < peak and np.sum(made["stop"].force == half) > 5
 
 
-def _of(course: Course) -> tuple[np.ndarray, np.ndarray]:
+def _of(course: ForceCourse) -> tuple[np.ndarray, np.ndarray]:
     return course.time, course.force
 
 

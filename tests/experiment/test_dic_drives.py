@@ -14,7 +14,7 @@ from thermofit.core.experiment import DicField, Specimen
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.forward import MechanicalRun, march_settings, sampler, specimen_body
 from thermofit.experiment.model import stage_model
 from thermofit.observe.end_motion import end_motion
 from thermofit.observe.observation import FieldObservation, face_operator
@@ -45,7 +45,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Measured:
     case = study(tmp_path_factory.mktemp("truth"), "force", "{du: {}}")
     empty = Measured(SPECIMEN, 296.7, 296.7, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
     body = specimen_body(case, empty, SIZE)
-    history = Run(body, Loading(TIME, FORCE), march_settings(case, "full"))(Parameters.of(TRUTH))
+    history = MechanicalRun(body, Loading(TIME, FORCE), march_settings(case, "full"))(Parameters.of(TRUTH))
     rng = np.random.default_rng(2)
     points = rng.uniform([-12.0, -29.9], [12.0, 29.9], (2000, 2))
     u = face_operator(body.mesh, points).displacement(history.u)

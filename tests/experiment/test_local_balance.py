@@ -16,9 +16,9 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.balances import where_of
 from thermofit.diagnose.significance import SignificanceMap, significance
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.forward import MechanicalRun, march_settings, sampler, specimen_body
 from thermofit.experiment.joint import Joint, joint_settings
-from thermofit.experiment.local_balance import Shown
+from thermofit.experiment.local_balance import JointErrors
 from thermofit.experiment.piece_heat import piece_heat
 from thermofit.experiment.residuals import named_phases
 from thermofit.experiment.section_force import last_rate, measured_flow, predicted_states, section_force
@@ -49,7 +49,7 @@ def fields(values: dict[str, float] | None = None, force: np.ndarray = FORCE) ->
     truth = TRUE.replace(**(values or {}))
     empty = Measured(SPECIMEN, truth["theta_air"], truth["theta_clamp"], None, None, None, {}, 3.0, ())  # type: ignore[arg-type]
     body = specimen_body(study(), empty, SIZE)
-    history = Run(body, Loading(TIME, force), march_settings(study(), "full"))(truth)
+    history = MechanicalRun(body, Loading(TIME, force), march_settings(study(), "full"))(truth)
     shape = (len(TIME), len(XY))
     blank = FieldObservation("u", TIME, XY, np.zeros((*shape, 2)), np.ones((*shape, 2)), np.ones(shape, dtype=bool), "mm")
     look = sampler(body, blank, LoadSteps(TIME, force))
@@ -76,7 +76,7 @@ def joint(held: bool = False) -> tuple[Joint, dict[str, np.ndarray]]:
     return made, dict(made.model.linearise(TRUE, FREE)[1])
 
 
-def shown(seed: int, added: dict[str, np.ndarray] | None = None, *, held: bool = False) -> Shown:
+def shown(seed: int, added: dict[str, np.ndarray] | None = None, *, held: bool = False) -> JointErrors:
     """What the true model leaves of a measurement with noise that holds more than the model by `added`."""
     made, slopes = joint(held)
     rng = np.random.default_rng(seed)
@@ -84,10 +84,10 @@ def shown(seed: int, added: dict[str, np.ndarray] | None = None, *, held: bool =
     for name, observation in made.model.observations.items():
         more = (added or {}).get(name, np.zeros_like(observation.value))
         errors[name] = -more - NOISE[name] * rng.normal(size=observation.value.shape)
-    return Shown(made, TRUE, errors, slopes, {})
+    return JointErrors(made, TRUE, errors, slopes, {})
 
 
-def maps(seen: Shown) -> tuple[SignificanceMap, SignificanceMap]:
+def maps(seen: JointErrors) -> tuple[SignificanceMap, SignificanceMap]:
     """Maps of force and heat."""
     spans = named_phases(PHASES)
     force, heat = section_force(seen, spans), piece_heat(seen, measured_flow(seen, spans))

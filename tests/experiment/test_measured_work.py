@@ -14,7 +14,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.coupon_model import coupon_model, coupon_run
 from thermofit.experiment.coupon_records import CouponData, CouponTest
 from thermofit.experiment.fields import TestPhase
-from thermofit.experiment.measured_work import Work, with_measured_work
+from thermofit.experiment.measured_work import MeasuredCurve, with_measured_work
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate, simulate_rates
 from thermofit.study.study import load_study
 
@@ -38,7 +38,7 @@ def cycle(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
     return time, np.interp(time, *corners.T)
 
 
-def heated(parameters: Parameters, work: Work) -> PointHistory:
+def heated(parameters: Parameters, work: MeasuredCurve) -> PointHistory:
     plain = simulate(parameters, Programme.by_strain(work.time, work.strain, AIR), SETTINGS)
     return with_measured_work(parameters, work, SETTINGS, (plain, None))[0]
 
@@ -48,10 +48,10 @@ def test_elastic_pull_cools_by_the_thermoelastic_law() -> None:
     time = np.linspace(0.0, 10.0, 200)
     parameters = TRUTH.replace(tau=1e9, lag=0.0)
     stress = 30.0 * time
-    found = heated(parameters, Work(time, stress / 200e3, stress, AIR))
+    found = heated(parameters, MeasuredCurve(time, stress / 200e3, stress, AIR))
     assert found.theta - AIR == pytest.approx(-12e-6 * AIR * stress / CAPACITY, rel=4e-3, abs=1e-9)
     assert np.array_equal(found.theta, found.theta_sensor)
-    late = heated(parameters.replace(lag=2.0), Work(time, stress / 200e3, stress, AIR)).theta_sensor - AIR
+    late = heated(parameters.replace(lag=2.0), MeasuredCurve(time, stress / 200e3, stress, AIR)).theta_sensor - AIR
     slope = (found.theta[-1] - AIR) / 10.0
     assert late == pytest.approx(slope * (time - 2.0 * (1.0 - np.exp(-time / 2.0))), rel=1e-2, abs=1e-6)
 
@@ -60,7 +60,7 @@ def test_perfect_plasticity_is_the_point_driver() -> None:
     """Without hardening beta means the same in both: one temperature, apart from the intervals in which yielding begins."""
     time, strain = cycle(4000)
     law = simulate(TRUTH, Programme.by_strain(time, strain, AIR), SETTINGS)
-    found = heated(TRUTH, Work(time, strain, law.stress, AIR))
+    found = heated(TRUTH, MeasuredCurve(time, strain, law.stress, AIR))
     assert law.theta.max() - AIR > 1.0
     assert np.abs(found.theta - law.theta).max() < 2e-3
     assert np.abs(found.theta_sensor - law.theta_sensor).max() < 2e-3
@@ -69,7 +69,7 @@ def test_perfect_plasticity_is_the_point_driver() -> None:
 def test_derivatives_are_exact() -> None:
     """Against central differences, for all that the temperature depends on, a dormant effect among them."""
     time, strain = cycle()
-    work = Work(time, strain, simulate(TRUTH, Programme.by_strain(time, strain, AIR), SETTINGS).stress * 1.03, AIR)
+    work = MeasuredCurve(time, strain, simulate(TRUTH, Programme.by_strain(time, strain, AIR), SETTINGS).stress * 1.03, AIR)
     _, rates = with_measured_work(TRUTH, work, SETTINGS, simulate_rates(TRUTH, NAMES, Programme.by_strain(time, strain, AIR), SETTINGS))
     assert rates is not None
     for name in NAMES:
@@ -83,7 +83,7 @@ def test_derivatives_are_exact() -> None:
 def test_no_hardening_law_reaches_the_temperature() -> None:
     """Parameters of flow change the stress of the law, and nothing of the temperature."""
     time, strain = cycle()
-    work = Work(time, strain, 300.0 * np.sin(time / 6.0), AIR)
+    work = MeasuredCurve(time, strain, 300.0 * np.sin(time / 6.0), AIR)
     soft = TRUTH.replace(M_y0=150.0, M_yinf=150.0 + 1e-6)
     assert np.array_equal(heated(TRUTH, work).theta, heated(soft, work).theta)
     assert not np.array_equal(heated(TRUTH, work).stress, heated(soft, work).stress)
@@ -94,7 +94,7 @@ def test_turned_signs_turn_the_thermoelastic_heat_only() -> None:
     time, strain = cycle()
     stress = simulate(TRUTH, Programme.by_strain(time, strain, AIR), SETTINGS).stress
     stretch = 1.0 + strain
-    work, turned = Work(time, strain, stress, AIR), Work(time, 1.0 / stretch - 1.0, -stress * stretch**2, AIR)
+    work, turned = MeasuredCurve(time, strain, stress, AIR), MeasuredCurve(time, 1.0 / stretch - 1.0, -stress * stretch**2, AIR)
     plastic = heated(TRUTH.replace(alpha_exp=0.0, c0=CAPACITY), work).theta - AIR
     one, other = (heated(TRUTH, w).theta - AIR for w in (work, turned))
     assert 0.5 * (one + other) == pytest.approx(plastic, abs=0.01 * plastic.max())
@@ -106,14 +106,14 @@ def test_turned_signs_turn_the_thermoelastic_heat_only() -> None:
 def test_a_stress_that_cannot_be_is_refused() -> None:
     time, strain = cycle()
     with pytest.raises(NumericsError, match="no elastic stretch gives"):
-        heated(TRUTH, Work(time, strain, np.full(len(time), -1e9), AIR))
+        heated(TRUTH, MeasuredCurve(time, strain, np.full(len(time), -1e9), AIR))
 
 
 def record(air: float) -> CouponTest:
     time, strain = cycle()
     hardening = TRUTH.replace(M_yinf=600.0, H_exp=40.0, theta_air=air, theta_ref=air)
     law = simulate(hardening, Programme.by_strain(time, strain, air), SETTINGS)
-    theta = with_measured_work(hardening, Work(time, strain, law.stress, air), SETTINGS, (law, None))[0].theta_sensor
+    theta = with_measured_work(hardening, MeasuredCurve(time, strain, law.stress, air), SETTINGS, (law, None))[0].theta_sensor
     return CouponTest(
         "a", time, strain, law.stress, theta, air, air, {"strain": 1e-7, "stress": 0.2, "theta": 0.01}, (TestPhase(0, 60, "x"),)
     )

@@ -17,7 +17,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import BASE, HEAT, HEATING, effects, load_effect
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.experiment.forward import Run, Sampler, march_settings, sampler, specimen_body
+from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings, sampler, specimen_body
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.joint import Joint, joint_settings
@@ -48,7 +48,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Measured:
     settings = march_settings(case, "full")
     empty = Measured(SPECIMEN, 297.4, 296.7, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
     body = specimen_body(case, empty, SIZE)
-    history = Run(body, Loading(TIME, FORCE), settings)(Parameters.of(TRUTH))
+    history = MechanicalRun(body, Loading(TIME, FORCE), settings)(Parameters.of(TRUTH))
     steps = LoadSteps(TIME, FORCE, history.u_top)
     xy = np.array([[0.0, -15.0], [8.0, -15.0], [-8.0, 3.0], [0.0, 15.0], [9.0, 12.0]])
     shape = (len(TIME), len(xy))

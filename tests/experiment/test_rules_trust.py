@@ -11,13 +11,13 @@ import pytest
 from thermofit.core.parameters import Parameters, param
 from thermofit.experiment.errors_told import too_far
 from thermofit.experiment.model import Prior
-from thermofit.experiment.trust import Level, above_floor, at_bound, doubts, grade, level, undetermined
+from thermofit.experiment.trust import ChannelLevel, above_floor, at_bound, doubts, grade, level, undetermined
 
 MANY = 10**6
 
 
 def test_an_answer_that_nothing_speaks_against_is_trusted() -> None:
-    assert doubts([Level("theta", 1.0, MANY), Level("theta", 1.0, MANY, "loading")], ((), Parameters.of({})), {}) == []
+    assert doubts([ChannelLevel("theta", 1.0, MANY), ChannelLevel("theta", 1.0, MANY, "loading")], ((), Parameters.of({})), {}) == []
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_an_answer_that_nothing_speaks_against_is_trusted() -> None:
 )
 def test_floor_of_a_channel_and_of_a_phase(over: float, n: int, phase: str, above: bool) -> None:
     """Eight values of white noise scatter by 1 / 4 in their rms: four times that comes on top of one."""
-    found = doubts([Level("theta", over, n, phase)])
+    found = doubts([ChannelLevel("theta", over, n, phase)])
     assert bool(found) is above
     assert not above or found == [f"theta is {over:.2g} times its noise{' in loading' if phase else ''}: more than noise is left"]
 
@@ -42,19 +42,25 @@ def test_floor_of_a_channel_and_of_a_phase(over: float, n: int, phase: str, abov
 @pytest.mark.parametrize(("off", "single"), [(14.0, True), (5.0, False)])
 def test_one_value_that_makes_it_is_told(off: float, single: bool) -> None:
     """136 values of 1.46 times their noise: without one at 14 times they are within it, without one at 5 times they are not."""
-    (found,) = doubts([Level("force", 1.46, 136, largest=(45.64, off))])
+    (found,) = doubts([ChannelLevel("force", 1.46, 136, largest=(45.64, off))])
     assert ("one value makes that, at 45.64 s" in found) is single and "more than noise is left" in found
 
 
 def test_the_error_of_mesh_and_steps_belongs_to_the_floor() -> None:
     assert level("theta", 4.0, 0.0, MANY).over == 2.0 and level("theta", 4.0, 3.0, MANY).over == 1.0
-    assert level("theta", 4.0, 3.0, 7, "loading") == Level("theta", 1.0, 7, "loading")
+    assert level("theta", 4.0, 3.0, 7, "loading") == ChannelLevel("theta", 1.0, 7, "loading")
     assert level("theta", 4.0, 3.0, 7, largest=(5.0, 8.0)).largest == (5.0, 4.0)
 
 
 def test_a_channel_is_named_once_as_a_whole_or_by_its_worst_phase() -> None:
     found = above_floor(
-        [Level("u", 1.6, MANY, "a"), Level("u", 3.0, MANY, "b"), Level("v", 9.0, MANY, "a"), Level("v", 1.3, MANY), Level("w", 1.1, MANY)]
+        [
+            ChannelLevel("u", 1.6, MANY, "a"),
+            ChannelLevel("u", 3.0, MANY, "b"),
+            ChannelLevel("v", 9.0, MANY, "a"),
+            ChannelLevel("v", 1.3, MANY),
+            ChannelLevel("w", 1.1, MANY),
+        ]
     )
     assert [(one.channel, one.phase) for one in found] == [("v", ""), ("u", "b")]
 

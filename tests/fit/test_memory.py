@@ -7,7 +7,7 @@ import pytest
 
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import (
-    Neighbours,
+    NeighbourNoise,
     autoregressive,
     differences,
     memories,
@@ -165,4 +165,4 @@ def test_sums_over_places_that_have_a_variance_of_their_own(rho: float) -> None:
     rng = np.random.default_rng(13)
     noise = np.sqrt(3.0) * remembering(60000, rho, rng)
     v = differences(noise, np.zeros(60000, dtype=int), np.arange(60000))[0]
-    assert Neighbours(1.0, rho).of_blocks(v) == pytest.approx(3.0 * (1.0 + rho) / (1.0 - rho), rel=0.1)
+    assert NeighbourNoise(1.0, rho).of_blocks(v) == pytest.approx(3.0 * (1.0 + rho) / (1.0 - rho), rel=0.1)

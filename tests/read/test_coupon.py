@@ -21,7 +21,7 @@ from thermofit.experiment.coupon_records import coupon_test
 from thermofit.read.coupon import coupon_files, read_coupon
 from thermofit.read.coupon_clocks import clock_offset
 from thermofit.read.coupon_phases import coupon_phases, thinned, turning_points
-from thermofit.read.coupon_repair import Rows, longest_rise, wild_samples
+from thermofit.read.coupon_repair import CouponRows, longest_rise, wild_samples
 from thermofit.read.coupon_signs import branch_suspicion, sign_suspicion, thermoelastic_slope
 from thermofit.study.coupon import Coupon
 
@@ -311,14 +311,14 @@ def test_reversals_and_noise_are_no_wild_samples(rows_per_branch: int, noise: fl
     strain, stress, _ = cycles(t)
     random = np.random.default_rng(seed)
     strain, stress = strain * (1.0 + random.normal(0.0, 1e-4, t.size)), stress + random.normal(0.0, 1e3 * noise + 1e-9, t.size)
-    assert wild_samples(Rows(t, strain, stress, None, (), None, np.arange(t.size))) == []
+    assert wild_samples(CouponRows(t, strain, stress, None, (), None, np.arange(t.size))) == []
 
 
 def test_noise_of_a_hold_is_no_wild_sample() -> None:
     """Of 20000 samples of noise some lie five times farther out than their neighbours lie apart."""
     t = np.arange(20000.0)
     noise = np.random.default_rng(7).normal(0.0, 1.0, t.size)
-    assert wild_samples(Rows(t, 1e-6 * t, noise, None, (), None, np.arange(t.size))) == []
+    assert wild_samples(CouponRows(t, 1e-6 * t, noise, None, (), None, np.arange(t.size))) == []
 
 
 @pytest.mark.parametrize("names", ["t[s],e[-],s[MPa],lateral strain [%]", "t[s],e[-],s[MPa],Querdehnung [%]"])

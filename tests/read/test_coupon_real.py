@@ -13,7 +13,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.read.coupon import read_coupon
 from thermofit.read.coupon_signs import thermoelastic_slope
-from thermofit.read.formats.contents import Record, Records
+from thermofit.read.formats.contents import ChannelRecord, Records
 from thermofit.read.formats.registry import read_native
 from thermofit.study.coupon import Coupon
 
@@ -222,6 +222,6 @@ def test_every_matlab_set(name: str, tests: int) -> None:
 
 def test_testxpert_text() -> None:
     record = read_native(SHEET / "other_machine_outputs_examples" / "Invar_LT_05_01.txt")
-    assert isinstance(record, Record) and record.traits.encoding == "latin-1"
+    assert isinstance(record, ChannelRecord) and record.traits.encoding == "latin-1"
     assert record.about == pytest.approx({"thickness": 1.5, "width": 4.89, "area": 7.335, "gauge_length": 30.0})
     assert {len(values) for values in record.channels.values()} == {5336}

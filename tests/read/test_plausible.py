@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from thermofit.cli.app import app
 from thermofit.core.errors import DataError
-from thermofit.core.experiment import CELSIUS, CouponRecord, Experiment
+from thermofit.core.experiment import CELSIUS, CouponRecord, MeasuredTest
 from thermofit.observe.camera_motion import seen_across
 from thermofit.read.plausible import Question, asked, first_look, questions_of_record, questions_of_test, settled
 from thermofit.read.ranges import RANGES, Doubt
@@ -57,49 +57,49 @@ def test_nor_is_one_with_an_infrared_camera(side: str) -> None:
     assert not questions_of_test(good, pose_at(side)), words(questions_of_test(good, pose_at(side)))
 
 
-def moved(e: Experiment, factor: float, place: float = 1.0) -> Experiment:
+def moved(e: MeasuredTest, factor: float, place: float = 1.0) -> MeasuredTest:
     assert e.dic is not None
     return replace(e, dic=replace(e.dic, displacement=factor * e.dic.displacement, reference=place * e.dic.reference))
 
 
-def clocks(e: Experiment, factor: float, force: float | None = None) -> Experiment:
+def clocks(e: MeasuredTest, factor: float, force: float | None = None) -> MeasuredTest:
     assert e.dic is not None and e.ir is not None
     own = replace(e.force, time=e.force.time * (factor if force is None else force))
     return replace(e, force=own, dic=replace(e.dic, time=factor * e.dic.time), ir=replace(e.ir, time=factor * e.ir.time))
 
 
-def lengths(e: Experiment, **own: float) -> Experiment:
+def lengths(e: MeasuredTest, **own: float) -> MeasuredTest:
     return replace(e, specimen=replace(e.specimen, **own))
 
 
-def frames(e: Experiment, shift: float, factor: float = 1.0) -> Experiment:
+def frames(e: MeasuredTest, shift: float, factor: float = 1.0) -> MeasuredTest:
     assert e.ir is not None
     return replace(e, ir=replace(e.ir, frames=factor * e.ir.frames + shift))
 
 
-def exchanged(e: Experiment) -> Experiment:
+def exchanged(e: MeasuredTest) -> MeasuredTest:
     assert e.dic is not None
     axes = [1, 0, 2]
     return replace(e, dic=replace(e.dic, displacement=e.dic.displacement[:, :, axes], reference=e.dic.reference[:, axes]))
 
 
-def shifted(e: Experiment) -> Experiment:
+def shifted(e: MeasuredTest) -> MeasuredTest:
     assert e.dic is not None
     return replace(e, dic=replace(e.dic, reference=e.dic.reference + np.array([40.0, 60.0, 0.0])))
 
 
-def placed(e: Experiment, x: float, y: float) -> Experiment:
+def placed(e: MeasuredTest, x: float, y: float) -> MeasuredTest:
     assert e.dic is not None
     return replace(e, dic=replace(e.dic, reference=e.dic.reference * np.array([x, y, 1.0])))
 
 
-def twice(e: Experiment) -> Experiment:
+def twice(e: MeasuredTest) -> MeasuredTest:
     assert e.dic is not None
     ids, place = np.arange(2 * len(e.dic.point_id)), np.vstack([e.dic.reference, e.dic.reference])
     return replace(e, dic=replace(e.dic, point_id=ids, reference=place, displacement=np.concatenate([e.dic.displacement] * 2, axis=1)))
 
 
-MISTAKES: dict[str, tuple[Callable[[Experiment], Experiment], str, str]] = {
+MISTAKES: dict[str, tuple[Callable[[MeasuredTest], MeasuredTest], str, str]] = {
     "force in kN": (lambda e: replace(e, force=replace(e.force, force=1e-3 * e.force.force)), "force", "force in kN under a header in N"),
     "force sign": (lambda e: replace(e, force=replace(e.force, force=-e.force.force)), "force", "sign of the force"),
     "no force": (lambda e: replace(e, force=replace(e.force, force=0.0 * e.force.force)), "force", "0 N from beginning to end"),

@@ -80,7 +80,7 @@ def test_more_values_than_the_file_has_room_for_are_refused(path: Path) -> None:
 
 
 def test_number_of_objects_is_limited(path: Path) -> None:
-    budget = foreign_hdf5.Budget(path, 10_000, objects=3)
+    budget = foreign_hdf5.ReadingLimit(path, 10_000, objects=3)
     with h5py.File(path) as file, pytest.raises(DataError, match="objects"):
         foreign_hdf5.tree_of(file["analysis"], budget, lambda name: False, 0)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from thermofit.report.html.gather import Loading, first_loading, scatter_of
+from thermofit.report.html.gather import FirstLoading, first_loading, scatter_of
 
 TIME = np.linspace(0.0, 100.0, 401)
 STRAIN = np.interp(TIME, [0.0, 60.0, 80.0, 100.0], [0.001, 0.061, 0.041, 0.101])
@@ -17,7 +17,7 @@ def stress(factor: float = 1.0) -> np.ndarray:
     return factor * 400.0 * (1.0 - np.exp(-60.0 * (STRAIN - 0.001)))
 
 
-def record(factor: float = 1.0, rate: float = 1.0, theta: float = 293.0, sense: float = 1.0) -> Loading:
+def record(factor: float = 1.0, rate: float = 1.0, theta: float = 293.0, sense: float = 1.0) -> FirstLoading:
     made = first_loading(TIME / rate, sense * STRAIN, sense * stress(factor), theta)
     assert made is not None
     return made

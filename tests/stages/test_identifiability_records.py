@@ -20,7 +20,7 @@ from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import Parameters
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.stages import identifiability, identify_elastic, identify_plastic, interpolate
-from thermofit.stages.identifiability import Options
+from thermofit.stages.identifiability import IdentifiabilityOptions
 from thermofit.study.study import Study, load_study
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,8 +89,8 @@ def test_intervals_by_every_way_agree(identified: Path) -> None:
 
 
 def test_full_bootstrap_agrees_with_the_linearised_one(study: Study) -> None:
-    x = identifiability.run(study, Options(repeats=30)).record["bootstrap/x"].value
-    y = identifiability.run(study, Options(repeats=30, refit=True)).record["bootstrap/x"].value
+    x = identifiability.run(study, IdentifiabilityOptions(repeats=30)).record["bootstrap/x"].value
+    y = identifiability.run(study, IdentifiabilityOptions(repeats=30, refit=True)).record["bootstrap/x"].value
     assert x.shape == y.shape == (30, 3)
     for k in range(3):
         assert np.corrcoef(x[:, k], y[:, k])[0, 1] > 0.95
@@ -100,10 +100,10 @@ def test_full_bootstrap_agrees_with_the_linearised_one(study: Study) -> None:
 def test_plan_and_comparison(study: Study) -> None:
     """The plan of the record's own programme predicts its standard errors; programmes are ranked."""
     found = identifiability.run(study).record
-    planned = identifiability.run(study, Options(before=True)).record
+    planned = identifiability.run(study, IdentifiabilityOptions(before=True)).record
     for name in NAMES:
         assert planned.parameters[name].sigma == pytest.approx(found.parameters[name].sigma, rel=0.5)
-    rows = identifiability.run(study, Options(compare=("monotonic", "load-unload"))).record.summary["programmes"]
+    rows = identifiability.run(study, IdentifiabilityOptions(compare=("monotonic", "load-unload"))).record.summary["programmes"]
     assert [row["rank"] for row in rows] == [1, 2] and rows[0]["D"] <= rows[1]["D"]
 
 
@@ -113,7 +113,7 @@ def test_too_few_blocks_are_refused(study: Study, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(intervals, "residual_blocks", lambda model, r: Blocks(np.arange(len(r)) * 3 // len(r), 3, "3 blocks"))
     with pytest.raises(UntrustworthyError, match="3 blocks"):
-        identifiability.run(study, Options(repeats=20), force=True)
+        identifiability.run(study, IdentifiabilityOptions(repeats=20), force=True)
 
 
 @pytest.mark.parametrize("asked", [["--profile"], ["--bootstrap", "40", "--refit"]], ids=["profile", "bootstrap"])

@@ -16,7 +16,7 @@ from thermofit.cli.app import app
 from thermofit.core.errors import DataError, StudyError
 from thermofit.identify.necking import (
     HardeningLaw,
-    Sections,
+    SectionStrains,
     fit_sections,
     held_strain,
     necking_linearised,
@@ -80,7 +80,7 @@ def made_up(noise: float = 1e-4, seed: int = 1) -> SectionStrain:
     return SectionStrain(axial, -0.5 * axial, np.full(n, max(noise, 1e-7)), at, 200.0, np.arange(len(axial)), "px", 0)
 
 
-def at_strain(strain: SectionStrain, fraction: float) -> Sections:
+def at_strain(strain: SectionStrain, fraction: float) -> SectionStrains:
     """Sections fitted up to this fraction of the Considere strain."""
     neck = int(np.argmax(strain.axial[-1]))
     return sections_of(strain, int(np.argmax(strain.axial[:, neck] > fraction * TRUE_CONSIDERE)))

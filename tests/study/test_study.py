@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from thermofit.core.errors import StudyError
-from thermofit.core.experiment import Experiment, ForceRecord, Specimen
+from thermofit.core.experiment import ForceRecord, MeasuredTest, Specimen
 from thermofit.core.parameters import LAW
 from thermofit.law.hardening.catalogue import Hardening, hardening_laws
 from thermofit.study.section import MeshSize
@@ -39,12 +39,12 @@ def write(tmp_path: Path):
 
 
 @pytest.fixture
-def experiment() -> Experiment:
+def experiment() -> MeasuredTest:
     import numpy as np
 
     specimen = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
     record = ForceRecord(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
-    return Experiment(Path("raw"), specimen, 297.55, 296.75, record, None, None, None)
+    return MeasuredTest(Path("raw"), specimen, 297.55, 296.75, record, None, None, None)
 
 
 def message(path: Path, *overrides: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Content, DicSequence, DicStage, Record, Records, ScalarField, ThermalFrames
+from thermofit.read.formats.contents import ChannelRecord, Content, DicSequence, DicStage, Records, ScalarField, ThermalFrames
 
 SEPARATORS = (b";", b",", b"\t", b" ", b"|")
 NO_NUMBERS = (
@@ -151,7 +151,7 @@ def _stage(stage: DicStage) -> None:
     assert all(np.isfinite(value) for value, _ in stage.signals.values())
 
 
-def _record(record: Record) -> None:
+def _record(record: ChannelRecord) -> None:
     lengths = {len(values) for values in record.channels.values()}
     assert len(lengths) == 1
     assert lengths.pop() > 0
@@ -181,7 +181,7 @@ def consistent(content: Content) -> None:
         case ScalarField():
             assert content.values.ndim == 2
             _array(content.values, content.values.shape)
-        case Record():
+        case ChannelRecord():
             _record(content)
         case Records():
             assert content.tests

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from scipy.special import ndtr
 
-from thermofit.core.experiment import CELSIUS, DicField, Experiment, ForceRecord, InfraredSequence, Landmarks, Specimen
+from thermofit.core.experiment import CELSIUS, DicField, ForceRecord, InfraredSequence, Landmarks, MeasuredTest, Specimen
 from thermofit.observe.camera import CameraPose, make_pose, pixel_coordinates, specimen_to_pixel
 
 SPECIMEN = Specimen(20.0, 1.5, 80.0, 20.0, 30.0, 120.0, 10.0)
@@ -19,7 +19,7 @@ SHAPE = (240, 90)
 NETD = 0.025
 
 
-def pulled(modulus: float, limit: float, noise: float = 2e-3, rate: float = 6e-4, drift: float = 0.1) -> Experiment:
+def pulled(modulus: float, limit: float, noise: float = 2e-3, rate: float = 6e-4, drift: float = 0.1) -> MeasuredTest:
     """A test of a metal that hardens by a thirtieth of its modulus above `limit` MPa, up to 3 % of strain at `rate` 1/s, with a rigid
     motion and a drift sideways in mm."""
     strain = np.r_[np.linspace(0.0, 0.03, 34), np.full(7, 0.03)]
@@ -34,7 +34,7 @@ def pulled(modulus: float, limit: float, noise: float = 2e-3, rate: float = 6e-4
     place = np.column_stack([POINTS, np.full(len(POINTS), 0.75)])
     dic = DicField(time, np.arange(len(POINTS)), place, moved)
     area = SPECIMEN.gauge_width * SPECIMEN.thickness
-    return Experiment(Path("raw"), SPECIMEN, 296.0, 296.0, ForceRecord(time, area * stress), dic, None, None)
+    return MeasuredTest(Path("raw"), SPECIMEN, 296.0, 296.0, ForceRecord(time, area * stress), dic, None, None)
 
 
 def pose_at(side: str = "back", roll_deg: float = 1.1, scale: float = 0.4) -> CameraPose:
@@ -69,7 +69,7 @@ def landmarks_of(pose: CameraPose, specimen: Specimen) -> Landmarks:
     return Landmarks(0, found["length"], 60.0, found["edge_left"], found["edge_right"][0], ring)
 
 
-def watched(experiment: Experiment, side: str = "back", rise: float = 3.0) -> Experiment:
+def watched(experiment: MeasuredTest, side: str = "back", rise: float = 3.0) -> MeasuredTest:
     """The same test with an infrared camera on that side, which sees the specimen drift and get warmer by `rise` K."""
     assert experiment.dic is not None
     pose, time = pose_at(side), experiment.dic.time[::2] + 0.01 * experiment.dic.time[1]
@@ -81,7 +81,7 @@ def watched(experiment: Experiment, side: str = "back", rise: float = 3.0) -> Ex
     return replace(experiment, ir=infrared, landmarks=landmarks_of(pose, experiment.specimen))
 
 
-def write_raw(folder: Path, e: Experiment, **more: object) -> None:
+def write_raw(folder: Path, e: MeasuredTest, **more: object) -> None:
     """The raw folder of a test; `more` are further keys of experiment.yaml."""
     assert e.dic is not None
     (folder / "dic").mkdir(parents=True)

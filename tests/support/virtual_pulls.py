@@ -13,7 +13,7 @@ from thermofit.body.solve.march import Loading
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
-from thermofit.experiment.forward import Run, march_settings, sampler, specimen_body
+from thermofit.experiment.forward import MechanicalRun, march_settings, sampler, specimen_body
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.model import StageModel
 from thermofit.observe.observation import FieldObservation
@@ -49,7 +49,7 @@ def pulled(values: dict[str, float] | None = None, force: np.ndarray = FORCE, no
     air, clamp = truth["theta_air"], truth["theta_clamp"]
     empty = Measured(SPECIMEN, air, clamp, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
     body = specimen_body(study(), empty, SIZE)
-    history = Run(body, Loading(TIME, force), march_settings(study(), "full"))(truth)
+    history = MechanicalRun(body, Loading(TIME, force), march_settings(study(), "full"))(truth)
     steps = LoadSteps(TIME, force, history.u_top)
     shape = (len(TIME), len(XY))
     blank = FieldObservation("u", TIME, XY, np.zeros((*shape, 2)), np.full((*shape, 2), 0.002), np.ones(shape, dtype=bool), "mm")

@@ -421,9 +421,9 @@ def identifiability(common: Common, **asked: Any) -> None:
     study = common.load()
 
     def call() -> Outcome:
-        from thermofit.stages.identifiability import Options, run
+        from thermofit.stages.identifiability import IdentifiabilityOptions, run
 
-        chosen = Options(compare=tuple(programmes) if compare else None, **asked)
+        chosen = IdentifiabilityOptions(compare=tuple(programmes) if compare else None, **asked)
         return run(study, chosen, force=common.force, where=executor_of(study, jobs, scheduler))
 
     _show("identifiability", common, study, call)
@@ -501,9 +501,9 @@ def inject(
     held = dict(_value_of(text) for text in secondary or ())
 
     def call() -> Outcome:
-        from thermofit.stages.inject import Options, run
+        from thermofit.stages.inject import InjectOptions, run
 
-        options = Options(effect, amplitude, count, held, seed, predict_only)
+        options = InjectOptions(effect, amplitude, count, held, seed, predict_only)
         return run(study, options, force=common.force, where=executor_of(study, jobs, None))
 
     _show("inject", common, study, call)

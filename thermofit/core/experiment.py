@@ -78,7 +78,7 @@ class Landmarks:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class MeasuredTest:
     """One measured test. `repairs` lists in words everything that a reader counted or mended, `confirmed` the questions about its
     plausibility that the user has answered."""
 

@@ -19,7 +19,7 @@ from thermofit.diagnose.significance import SignificanceMap, significance
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import standing
 from thermofit.experiment.joint import JointParts
-from thermofit.experiment.local_balance import LocalBalance, Shown, has_sections, shown
+from thermofit.experiment.local_balance import JointErrors, LocalBalance, has_sections, shown
 from thermofit.experiment.piece_heat import piece_heat
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.section_force import measured_flow, section_force
@@ -99,7 +99,7 @@ def witnesses(here: Traced, parts: JointParts | None, numerical: np.ndarray | No
     return Witnesses(tuple(found), tuple(without))
 
 
-def _heat(seen: Shown, spans: tuple[Span, ...]) -> LocalBalance | None:
+def _heat(seen: JointErrors, spans: tuple[Span, ...]) -> LocalBalance | None:
     """The balance of heat with the flow that was measured; with the predicted one where the law cannot follow the measured strain."""
     try:
         flow = measured_flow(seen, spans)

@@ -18,7 +18,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
-from thermofit.diagnose.decide_told import Family, Programme, Told, told_of
+from thermofit.diagnose.decide_told import CandidateProgramme, Discrimination, Family, told_of
 from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
@@ -76,14 +76,14 @@ class Decision:
     """Effects that this test leaves undecided, what the programmes tell, and effects that no coupon feels; `added` is in the model."""
 
     family: tuple[str, ...]
-    told: tuple[Told, ...]
+    told: tuple[Discrimination, ...]
     unfelt: tuple[str, ...]
     failed: tuple[str, ...] = ()
     """Programmes that a coupon of these parameters cannot be driven through."""
     added: str = ""
-    as_it_was: Told | None = None
+    as_it_was: Discrimination | None = None
     """What the test itself tells of them on the mesh of the programmes of the specimen; None where there are none."""
-    on_specimen: tuple[Told, ...] = ()
+    on_specimen: tuple[Discrimination, ...] = ()
     """What changes of the test would tell."""
     failed_on_specimen: tuple[str, ...] = ()
 
@@ -93,7 +93,7 @@ class Decision:
         return tuple(n for n in self.family if n not in self.unfelt)
 
     @property
-    def best(self) -> Told | None:
+    def best(self) -> Discrimination | None:
         """The first programme, the simplest, that parts what coupons feel of them; None where none does. Of one effect: the one that shows
         least of it."""
         if len(self.felt) == 1:
@@ -102,7 +102,7 @@ class Decision:
         return next((t for t in self.told if t.cosine < ALIKE), None)
 
     @property
-    def best_on_specimen(self) -> Told | None:
+    def best_on_specimen(self) -> Discrimination | None:
         """The first change of the test that parts all of them where the test does not; where it does, but too weakly, the first that tells
         one of them from the others from half the amplitude on, and none of them later. Of one effect: the one that shows least of it, if
         that is half as much."""
@@ -165,7 +165,7 @@ def _records(here: Traced) -> tuple[CouponTest, ...]:
     return () if missing is None else missing.records
 
 
-_Runs = Sequence[tuple[Programme, dict[str, np.ndarray] | None]]
+_Runs = Sequence[tuple[CandidateProgramme, dict[str, np.ndarray] | None]]
 
 
 def _runs(here: Traced, family: Family, known: frozenset[str]) -> _Runs:
@@ -196,7 +196,7 @@ def _on_specimen(here: Traced, family: Family, parts: JointParts | None) -> _Run
     return [(p, decide_specimen.columns(specimen, p, here.case.parameters, family)) for p in every]
 
 
-def _all_told(runs: _Runs, members: Sequence[str]) -> tuple[Told, ...]:
+def _all_told(runs: _Runs, members: Sequence[str]) -> tuple[Discrimination, ...]:
     return tuple(t for p, own in runs if own is not None and (t := told_of(p, own, members)) is not None)
 
 
@@ -282,11 +282,11 @@ def decided(summary: dict[str, Any], here: Traced, added: Sequence[Family] = (),
     return {**summary, "undecided": said, "programmes": rows}
 
 
-def _row(t: Told) -> dict[str, Any]:
+def _row(t: Discrimination) -> dict[str, Any]:
     return {"programme": t.programme.name, "max_cos": t.cosine, "detectable": t.detectable}
 
 
-def _specimen(d: Decision, was: Told) -> dict[str, Any]:
+def _specimen(d: Decision, was: Discrimination) -> dict[str, Any]:
     """What changes of the test would tell, as a plain row."""
     best = None if d.best_on_specimen is None else d.best_on_specimen.programme.name
     return {"best": best, "not_driven": list(d.failed_on_specimen), "as_it_was": _row(was), "told": [_row(t) for t in d.on_specimen]}
@@ -299,7 +299,7 @@ def in_words(d: Decision) -> str:
     return f"{names}: {'; '.join([*_of_programmes(d), *missing, *_of_specimen(d)])}"
 
 
-def _shown(t: Told) -> str:
+def _shown(t: Discrimination) -> str:
     return ", ".join(f"{n} from {v:.2g}" for n, v in t.detectable.items())
 
 

@@ -37,7 +37,7 @@ _LOW = 0.1
 
 
 @dataclass(frozen=True)
-class Course:
+class ForceCourse:
     """Force N (n,) over time s (n,); loading begins at step `begin`."""
 
     time: np.ndarray
@@ -59,7 +59,7 @@ class Course:
         """Mean rate of loading in N/s."""
         return float((self.force[self.peak] - self.force[self.begin]) / (self.time[self.peak] - self.time[self.begin]))
 
-    def with_legs(self, at: int, *legs: tuple[float, float]) -> Course:
+    def with_legs(self, at: int, *legs: tuple[float, float]) -> ForceCourse:
         """The same with legs (duration in s, force at the end in N) put in after a step; what follows comes as much later."""
         time, force = list(self.time[: at + 1]), list(self.force[: at + 1])
         for seconds, to in legs:
@@ -68,50 +68,52 @@ class Course:
             time += list(start + seconds * part)
             force += list(level + (to - level) * part)
         later = time[-1] - self.time[at]
-        return Course(np.append(time, self.time[at + 1 :] + later), np.append(force, self.force[at + 1 :]), self.begin)
+        return ForceCourse(np.append(time, self.time[at + 1 :] + later), np.append(force, self.force[at + 1 :]), self.begin)
 
-    def stretched(self, factor: float) -> Course:
+    def stretched(self, factor: float) -> ForceCourse:
         """The same with loading and all after it taking that many times as long."""
         start = self.time[self.begin]
         return replace(self, time=np.where(self.time > start, start + factor * (self.time - start), self.time))
 
 
 @dataclass(frozen=True)
-class Change:
+class OtherProgramme:
     """A programme by name: what it is in words, and what it makes of the course of the test."""
 
     name: str
     words: str
-    course: Callable[[Course], Course]
+    course: Callable[[ForceCourse], ForceCourse]
 
 
-def _cooled(c: Course) -> Course:
+def _cooled(c: ForceCourse) -> ForceCourse:
     last = len(c.time) - 1
     return c.with_legs(last, (max(abs(c.force[last]) / c.rate, 1.0), 0.0), (COOLING, 0.0))
 
 
-def _unloaded(c: Course, at: int) -> Course:
+def _unloaded(c: ForceCourse, at: int) -> ForceCourse:
     seconds = (1.0 - _LOW) * c.force[at] / c.rate
     return c.with_legs(at, (seconds, _LOW * float(c.force[at])), (seconds, float(c.force[at])))
 
 
-OWN = Change("own", "the test as it was", lambda c: c)
-PROGRAMMES: tuple[Change, ...] = (
-    Change("long-rest", f"rest {REST:g} s longer before loading, lamp and air as they are", lambda c: _rested(c)),
-    Change("long-cooling", f"cool {COOLING:g} s without load at the end", _cooled),
-    Change("half-rate", "load at half the rate", lambda c: c.stretched(2.0)),
-    Change("twice-rate", "load at twice the rate", lambda c: c.stretched(0.5)),
-    Change("stop", f"hold the force for {STOP:g} s half way", lambda c: c.with_legs(c.middle, (STOP, float(c.force[c.middle])))),
-    Change("unloadings", "unload half way and at the largest force, and load again", lambda c: _unloaded(_unloaded(c, c.peak), c.middle)),
+OWN = OtherProgramme("own", "the test as it was", lambda c: c)
+PROGRAMMES: tuple[OtherProgramme, ...] = (
+    OtherProgramme("long-rest", f"rest {REST:g} s longer before loading, lamp and air as they are", lambda c: _rested(c)),
+    OtherProgramme("long-cooling", f"cool {COOLING:g} s without load at the end", _cooled),
+    OtherProgramme("half-rate", "load at half the rate", lambda c: c.stretched(2.0)),
+    OtherProgramme("twice-rate", "load at twice the rate", lambda c: c.stretched(0.5)),
+    OtherProgramme("stop", f"hold the force for {STOP:g} s half way", lambda c: c.with_legs(c.middle, (STOP, float(c.force[c.middle])))),
+    OtherProgramme(
+        "unloadings", "unload half way and at the largest force, and load again", lambda c: _unloaded(_unloaded(c, c.peak), c.middle)
+    ),
 )
 """All changes of the test, the simplest first."""
 
 
-def _rested(c: Course) -> Course:
+def _rested(c: ForceCourse) -> ForceCourse:
     return c.with_legs(c.begin, (REST, float(c.force[c.begin])))
 
 
-def course_of(data: Measured) -> Course:
+def course_of(data: Measured) -> ForceCourse:
     """The force of a test at some of its steps: the first and last one, the begin of loading, the peak, and others by time and force."""
     steps = data.steps["all"]
     dt, df = np.diff(steps.time), np.abs(np.diff(steps.force))
@@ -119,7 +121,7 @@ def course_of(data: Measured) -> Course:
     start = int(np.clip(np.searchsorted(steps.time, data.load_start + 1e-9) - 1, 0, len(dt)))
     kept = np.searchsorted(share, np.linspace(0.0, share[-1], STEPS) - 1e-12)
     kept = np.unique([0, start, int(np.argmax(steps.force)), len(dt), *np.minimum(kept, len(dt)).tolist()])
-    return Course(steps.time[kept], steps.force[kept], int(np.searchsorted(kept, start)))
+    return ForceCourse(steps.time[kept], steps.force[kept], int(np.searchsorted(kept, start)))
 
 
 def spread(xy: np.ndarray, count: int) -> np.ndarray:
@@ -132,7 +134,7 @@ def spread(xy: np.ndarray, count: int) -> np.ndarray:
     return np.sort(chosen)
 
 
-def _blank(seen: FieldObservation, course: Course, own: Course) -> FieldObservation:
+def _blank(seen: FieldObservation, course: ForceCourse, own: ForceCourse) -> FieldObservation:
     """A camera that looks at some of its points (no means over patches) at all steps of a course; sigma is that of the mean of what it
     leaves out."""
     xy = seen.xy[spread(seen.xy, POINTS)]
@@ -145,7 +147,7 @@ def _blank(seen: FieldObservation, course: Course, own: Course) -> FieldObservat
     return replace(seen, time=course.time, xy=xy, value=np.zeros_like(wide), sigma=wide, mask=whole, moments=None)
 
 
-def planned(data: Measured, programme: Change) -> Measured:
+def planned(data: Measured, programme: OtherProgramme) -> Measured:
     """The test under a programme as the identification would see it, with nothing observed yet."""
     own = course_of(data)
     course = programme.course(own)
@@ -168,7 +170,7 @@ def drivable(parts: JointParts | None) -> Joint | None:
     return joint if joint is not None and joint.study.force.drives == "force" and joint.study.mesh_file is None else None
 
 
-def columns(joint: Joint, programme: Change, parameters: Parameters, family: Family) -> dict[str, np.ndarray] | None:
+def columns(joint: Joint, programme: OtherProgramme, parameters: Parameters, family: Family) -> dict[str, np.ndarray] | None:
     """Whitened columns (n, k) of every member that the specimen feels in a programme, without what the other free parameters can do.
 
     A member that is on is asked at its value. None where the specimen cannot be driven so.
@@ -198,7 +200,7 @@ def columns(joint: Joint, programme: Change, parameters: Parameters, family: Fam
     return {name: block for name, block in shown.items() if block.shape[1] > 0}
 
 
-def _strip(joint: Joint, programme: Change, free: tuple[str, ...]) -> Joint:
+def _strip(joint: Joint, programme: OtherProgramme, free: tuple[str, ...]) -> Joint:
     """The joint problem of a programme on the coarse mesh."""
     plan = planned(joint.data, programme)
     size = MeshSize(**{n: min(getattr(STRIP, n), getattr(joint.size, n)) for n in ("n_x", "n_y", "n_z")})

@@ -11,7 +11,7 @@ import numpy as np
 from thermofit.diagnose.score import CONVINCING, likeness
 
 
-class Programme(Protocol):
+class CandidateProgramme(Protocol):
     """A test programme of a coupon or of a specimen."""
 
     @property
@@ -32,11 +32,11 @@ class Family:
 
 
 @dataclass(frozen=True)
-class Told:
+class Discrimination:
     """What one programme tells of a family: largest |cos| between the members that are asked for (1 where it does not show one of them),
     smallest amplitudes."""
 
-    programme: Programme
+    programme: CandidateProgramme
     cosine: float
     detectable: dict[str, float]
 
@@ -46,7 +46,7 @@ class Told:
         return self.detectable.get(name, np.inf) / float(np.sqrt(left)) if left > 0.0 else np.inf
 
 
-def told_of(programme: Programme, own: Mapping[str, np.ndarray], members: Sequence[str]) -> Told | None:
+def told_of(programme: CandidateProgramme, own: Mapping[str, np.ndarray], members: Sequence[str]) -> Discrimination | None:
     """Told by columns (n, k) of effects beyond what the parameters can do; None where the programme shows none of the members."""
     there = {n: own[n] for n in members if n in own}
     if not there:
@@ -54,4 +54,4 @@ def told_of(programme: Programme, own: Mapping[str, np.ndarray], members: Sequen
     alike = likeness(there)
     largest = max((cos for (a, b), cos in alike.items() if a != b), default=0.0)
     shown = {n: float(CONVINCING / np.linalg.norm(s[:, 0])) for n, s in there.items()}
-    return Told(programme, 1.0 if len(there) < len(members) else largest, shown)
+    return Discrimination(programme, 1.0 if len(there) < len(members) else largest, shown)

@@ -16,7 +16,7 @@ from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Parameters, units_of
 from thermofit.diagnose.refit import Ends
 from thermofit.fit.covariance import Covariance, NullDirection
-from thermofit.fit.evaluate import Counts, Evaluation
+from thermofit.fit.evaluate import Counts, LoggedEvaluation
 from thermofit.fit.result import FitResult, Optimality
 from thermofit.records.artefact import Dataset, Record, fresh, of_parameters, open_record
 from thermofit.records.staging import Job
@@ -103,7 +103,7 @@ def known_fit(task: Job) -> KnownFit | None:
     names, counts = tuple(facts["names"]), Counts(**facts["counts"])
     seconds, f, x = get("log/seconds"), get("log/f"), get("log/x")
     log = tuple(
-        Evaluation(e["number"], x[k], float(f[k]), e["failed"], e["reason"], float(seconds[k]), e["purpose"], True)
+        LoggedEvaluation(e["number"], x[k], float(f[k]), e["failed"], e["reason"], float(seconds[k]), e["purpose"], True)
         for k, e in enumerate(facts["log"])
     )
     step = get("optimality")

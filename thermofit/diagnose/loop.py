@@ -35,7 +35,7 @@ MOST_TRIED = 4
 
 
 @dataclass(frozen=True)
-class Place:
+class RoundEnd:
     """Where a round begins or ends: parameters, those of its fit free, and the objective f = r.r there."""
 
     parameters: Parameters
@@ -52,7 +52,7 @@ class Round:
     traced: Traced
     trials: tuple[Trial, ...]
     accepted: tuple[str, ...]
-    after: Place | None = None
+    after: RoundEnd | None = None
 
 
 @dataclass(frozen=True)
@@ -274,9 +274,9 @@ def like_of(closed: Closed) -> dict[str, tuple[str, ...]]:
     return {name: tuple(n for n in families.get(name, ()) if n != name and n not in closed.accepted) for name in closed.accepted}
 
 
-def place_of(here: Traced) -> Place:
+def place_of(here: Traced) -> RoundEnd:
     """Parameters of a trace and their objective."""
-    return Place(here.case.parameters, float(here.columns.residual @ here.columns.residual))
+    return RoundEnd(here.case.parameters, float(here.columns.residual @ here.columns.residual))
 
 
 def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:

@@ -14,7 +14,7 @@ import numpy as np
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
 from thermofit.fit.covariance import NoiseOperator
-from thermofit.fit.memory import Neighbours, autoregressive, neighbours, rough_in_place
+from thermofit.fit.memory import NeighbourNoise, autoregressive, neighbours, rough_in_place
 
 HARDLY_ALIKE = 0.1
 """Correlation below which samples count as independent of a held-out block."""
@@ -25,7 +25,7 @@ class Remembered:
     """Noise of every channel, and the series that the residual (n,) is made of: number of its series and of the sample in it of every row
     (n,), channel of every series, -1 of priors, which remember nothing."""
 
-    of_channel: tuple[Neighbours, ...]
+    of_channel: tuple[NeighbourNoise, ...]
     series: np.ndarray
     sample: np.ndarray
     channel: np.ndarray
@@ -62,7 +62,7 @@ def remembered(case: Case, rows: Rows, residual: np.ndarray) -> Remembered:
             found.append(neighbours(r, place, sample[own]))
             continue
         rough = rough_in_place(r, comparisons[k].rows[:, 2], sample[own], rows.xy[own])
-        found.append(neighbours(rough, place, sample[own]) if len(rough) else Neighbours(1.0, 0.0))
+        found.append(neighbours(rough, place, sample[own]) if len(rough) else NeighbourNoise(1.0, 0.0))
     return Remembered(tuple(found), series, sample, channel)
 
 

@@ -27,7 +27,7 @@ from thermofit.experiment.planned import planned, simulated
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
-from thermofit.experiment.protocol import Carried, JointProblem, Motion, PlannedTest
+from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest, PlannedMotion
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
 from thermofit.experiment.stage_errors import StageErrors, stage_errors
@@ -148,7 +148,7 @@ class BodyExperiment:
         """The virtual test of that programme, with the declared noise and nothing drawn."""
         assumed = self.study.truth_parameters().with_free(settings.free)
         test = planned(self.study, programme_named(programme, simulated(self.study)), assumed)
-        motion = Motion(test.data.displacement.time, test.motion)
+        motion = PlannedMotion(test.data.displacement.time, test.motion)
         return PlannedTest(replace(self, given=test.data), assumed, motion, f"{test.duration:.4g} s, at most {test.force:.4g} N")
 
     @property

@@ -14,7 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.channels import reference_times
 from thermofit.experiment.fields import LoadSteps, Measured, field_datasets, read_field
-from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
+from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.instruments import Instruments
 from thermofit.experiment.residuals import ResidualField, Span, named_phases, node_rms, residual_field, time_rms
 from thermofit.experiment.verification import INFORMATION, Checked, KnownErrors, Summary, channel_table, judge, phase_table
@@ -89,7 +89,7 @@ def verification(study: Study, data: Measured, parameters: Parameters, known: Kn
 
 
 def _fields(
-    study: Study, data: Measured, run: Run, history: History, parameters: Parameters
+    study: Study, data: Measured, run: MechanicalRun, history: History, parameters: Parameters
 ) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
     """Observed and predicted fields, as the instruments show them; the force is one of them where the crosshead drives."""
     steps = data.steps["all"]
@@ -274,26 +274,26 @@ def followed_points(xy: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Moment:
+class NamedTime:
     """A named time s of the test."""
 
     name: str
     time: float
 
 
-def moments(spans: Sequence[Span], steps: LoadSteps) -> tuple[Moment, ...]:
+def moments(spans: Sequence[Span], steps: LoadSteps) -> tuple[NamedTime, ...]:
     """End of the elastic range, largest force, end of the last unloading, end of the test; in the order of time, each time once."""
-    elastic = [Moment("end of elastic range", span.t1) for span in spans if span.name.startswith("elastic")][:1]
-    unloading = [Moment("end of unloading", span.t1) for span in spans if span.name.startswith("unloading")][-1:]
-    largest = Moment("largest force", float(steps.time[int(np.argmax(steps.force))]))
-    found: list[Moment] = []
-    for moment in (*elastic, largest, *unloading, Moment("end", float(steps.time[-1]))):
+    elastic = [NamedTime("end of elastic range", span.t1) for span in spans if span.name.startswith("elastic")][:1]
+    unloading = [NamedTime("end of unloading", span.t1) for span in spans if span.name.startswith("unloading")][-1:]
+    largest = NamedTime("largest force", float(steps.time[int(np.argmax(steps.force))]))
+    found: list[NamedTime] = []
+    for moment in (*elastic, largest, *unloading, NamedTime("end", float(steps.time[-1]))):
         if all(abs(moment.time - other.time) > 1e-6 for other in found):
             found.append(moment)
     return tuple(sorted(found, key=lambda moment: moment.time))
 
 
-def snapshots(residuals: Sequence[ResidualField], chosen: Sequence[Moment]) -> dict[str, Dataset]:
+def snapshots(residuals: Sequence[ResidualField], chosen: Sequence[NamedTime]) -> dict[str, Dataset]:
     """Error fields of du and dtheta at the last compared observation up to each moment (the first one where none is before it)."""
     out = {
         "snapshots/name": Dataset(np.array([m.name for m in chosen]), "1", ("snapshot",)),

@@ -19,7 +19,7 @@ from thermofit.experiment.channels import balanced, field_of, weight_of
 from thermofit.experiment.coupon_elastic import contradicts, slope_scatter
 from thermofit.experiment.coupon_records import UNITS, CouponData, CouponTest, shortened
 from thermofit.experiment.coupon_sensor import SENSOR, shown, shown_rates
-from thermofit.experiment.measured_work import Work, with_measured_work
+from thermofit.experiment.measured_work import MeasuredCurve, with_measured_work
 from thermofit.experiment.missing_coupon import CouponMissing
 from thermofit.experiment.model import Prior, StageModel
 from thermofit.experiment.prediction import Errors
@@ -78,7 +78,7 @@ class CouponRun:
         if not self.measured_work:
             return found
         (time, strain), (_, stress) = self._refined(test.time, test.strain), self._refined(test.time, test.stress)
-        return with_measured_work(parameters, Work(time, strain, stress, test.theta_start), self.settings, found)
+        return with_measured_work(parameters, MeasuredCurve(time, strain, stress, test.theta_start), self.settings, found)
 
     def history(self, parameters: Parameters, test: CouponTest) -> PointHistory:
         """The history of a record. NumericsError names the record that fails."""

@@ -21,7 +21,7 @@ standard errors."""
 
 
 @dataclass(frozen=True)
-class Told:
+class JointWithErrors:
     """A joint problem that knows its errors; what (n,) of those of mesh and steps is in doubt in its residual, by cause, and what may be
     left of them as if the data held them wholly; the largest Lambda, and whether the force is taken as exact although its error is known:
     `whole` and `left_whole` are the problem that takes it for noise."""
@@ -39,7 +39,7 @@ class Told:
     """Error fields of each test where they were told, and their derivatives by what is free."""
 
 
-def told(plain: JointParts, parameters: Parameters) -> Told:
+def told(plain: JointParts, parameters: Parameters) -> JointWithErrors:
     """Errors of a joint problem at given parameters. NumericsError where a run fails."""
     each = {name: corrected(part, plain.seen_by(parameters, name)) for name, part in plain.each.items()}
     parts = plain.rebuilt({name: one.joint for name, one in each.items()})
@@ -50,7 +50,7 @@ def told(plain: JointParts, parameters: Parameters) -> Told:
     known = {name: one.known for name, one in each.items()}
     far = too_far(parts, parameters, known)
     whole = summed(stacked({name: one.causes for name, one in each.items()}))
-    return Told(
+    return JointWithErrors(
         parts=parts.without_force_error() if far else parts,
         causes=stacked({name: one.doubt(far) for name, one in each.items()}),
         left=summed(stacked({name: one.causes_exact for name, one in each.items()})) if far else whole,

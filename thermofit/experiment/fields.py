@@ -188,7 +188,7 @@ def temperature_of(data: Measured) -> FieldObservation:
     return data.temperature
 
 
-class Surroundings(Protocol):
+class SurroundingTemperatures(Protocol):
     """What knows the temperatures around a specimen, K."""
 
     @property
@@ -198,7 +198,7 @@ class Surroundings(Protocol):
     def theta_clamp(self) -> float: ...
 
 
-def start_parameters(study: Study, data: Surroundings) -> Parameters:
+def start_parameters(study: Study, data: SurroundingTemperatures) -> Parameters:
     """Start values of the study with the thermocouple temperatures of the experiment where the study gives none."""
     return study.start_parameters(_Thermocouples(data.theta_air, data.theta_clamp))  # type: ignore[arg-type]
 

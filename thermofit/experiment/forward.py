@@ -10,7 +10,7 @@ from thermofit.body.body import Body, tension_body
 from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.quality import symmetry_of
 from thermofit.body.mesh.specimen import specimen_mesh
-from thermofit.body.sensitivity.march import Sensitivity
+from thermofit.body.sensitivity.march import StepRates
 from thermofit.body.solve.gauge import GaugeLoading, march_between
 from thermofit.body.solve.history import NOBODY, Watch
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
@@ -51,14 +51,14 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
     return Loading(steps.time, moved, "displacement", from_rest=True, force=steps.force)
 
 
-def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> Run:
+def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, settings: MarchSettings) -> MechanicalRun:
     """The run of a study's specimen through load steps."""
     loading = loading_of(study, steps)
     body = specimen_body(study, data, size, loading.control)
     if study.force.drives == "dic" and data.gauge is not None:
         gauge = nodal_gauge(body.mesh, data.gauge)
         loading = GaugeLoading(loading.time, loading.value, loading.control, loading.from_rest, gauge=gauge)
-    return Run(body, loading, settings)
+    return MechanicalRun(body, loading, settings)
 
 
 def nodal_gauge(mesh: Mesh, gauge: Gauge) -> np.ndarray:
@@ -84,7 +84,7 @@ def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_po
 
 
 @dataclass(frozen=True)
-class Run:
+class MechanicalRun:
     """A mechanical (coupled) run of the specimen through given load steps."""
 
     body: Body
@@ -117,7 +117,7 @@ class Sampler:
             return self.displacement(history)
         return self.force(history) if name == "force" else self.temperature(history.theta)
 
-    def observed_rates(self, name: str, at: Sensitivity) -> np.ndarray:
+    def observed_rates(self, name: str, at: StepRates) -> np.ndarray:
         """Derivatives (n_s, n_c, n_p) of a field at one time; those of u against the reference state, not against the resting specimen."""
         if name == "u":
             return self.operator.displacement(at.u.transpose(2, 0, 1)).transpose(1, 2, 0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from thermofit.body.body import Body
 from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.history import NOBODY, History, MarchSettings, Watch
 from thermofit.core.parameters import Parameters, acting
 from thermofit.effects.catalogue import HEATING, effects
@@ -62,7 +62,7 @@ class HeldRun:
 
         def collect(n: int, temperature: np.ndarray, rates: np.ndarray) -> None:
             theta[n] = temperature
-            asked.collect(n, Sensitivity(still, rates[:, :n_p], unloaded))
+            asked.collect(n, StepRates(still, rates[:, :n_p], unloaded))
 
         heat_run_rates(self.problem, parameters, asked.names, collect)
         return theta

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.history import History, Watch
 from thermofit.body.solve.loading import felt_force, felt_force_rate
 from thermofit.core.parameters import Parameters
@@ -157,7 +157,7 @@ class _Slopes:
             n_t, n_s, n_c = observation.value.shape
             self._values[name] = np.zeros((n_steps if name == "theta" else n_t, n_s, n_c, n_p))
 
-    def collect(self, n: int, at: Sensitivity) -> None:
+    def collect(self, n: int, at: StepRates) -> None:
         for name, here in self._samplers.items():
             place = np.array([n]) if name == "theta" else np.flatnonzero(here.index == n)
             if name == "u" and n == here.reference:

@@ -15,7 +15,7 @@ import numpy as np
 from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
-from thermofit.core.experiment import DicField, Experiment, InfraredSequence, Specimen
+from thermofit.core.experiment import DicField, InfraredSequence, MeasuredTest, Specimen
 from thermofit.experiment.fields import TestPhase, field_datasets, refined, specimen_dict
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
@@ -138,7 +138,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     return Made(datasets, summary)
 
 
-def _asked(experiment: Experiment, frames: Frames | None) -> tuple[str, ...]:
+def _asked(experiment: MeasuredTest, frames: Frames | None) -> tuple[str, ...]:
     """Remarks on the plausibility of force and displacements, then of all data together; the frames are let go again."""
     remarks = asked(experiment)
     if frames is None:
@@ -436,7 +436,7 @@ def _on_specimen(record: Record, specimen: Specimen, margin: float) -> np.ndarra
 
 
 def _force_datasets(
-    study: Study, experiment: Experiment, smooth: SmoothForce, displacement: FieldObservation, temperature: FieldObservation | None
+    study: Study, experiment: MeasuredTest, smooth: SmoothForce, displacement: FieldObservation, temperature: FieldObservation | None
 ) -> dict[str, Dataset]:
     """Raw and smoothed force, and the load steps for each set of observation times."""
     theta_time = displacement.time if temperature is None else temperature.time

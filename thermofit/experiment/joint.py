@@ -19,7 +19,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.channels import FIELDS, comparisons_of, field_of
 from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
-from thermofit.experiment.forward import Run, Sampler, march_settings, run_of, sampler
+from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
 from thermofit.experiment.known_motion import Direction, along, felt_by_temperatures, freely_expanding, keeping_points
@@ -137,7 +137,7 @@ class Joint:
         return self.prediction.instruments.samplers[name]
 
     @cached_property
-    def run(self) -> Run:
+    def run(self) -> MechanicalRun:
         """The coupled run through all times that are observed."""
         return self._run(self._observations(heat=True))
 
@@ -244,10 +244,10 @@ class Joint:
     def _steps(self, names: Iterable[str]) -> LoadSteps:
         return steps_for(self.data, set(names)).divided(self.substeps)
 
-    def _run(self, observations: Mapping[str, FieldObservation]) -> Run:
+    def _run(self, observations: Mapping[str, FieldObservation]) -> MechanicalRun:
         return run_of(self.study, self.data, self.size, self._steps(observations), march_settings(self.study, "full"))
 
-    def _looking_at(self, run: AnyRun, whole: Run, observations: dict[str, FieldObservation]) -> JointPrediction:
+    def _looking_at(self, run: AnyRun, whole: MechanicalRun, observations: dict[str, FieldObservation]) -> JointPrediction:
         """Instruments that look at a run, which goes through the steps of a whole one."""
         times = LoadSteps(whole.loading.time, whole.loading.value, np.zeros_like(whole.loading.time))
         samplers = {name: sampler(whole.body, o, times) for name, o in observations.items()}

@@ -15,7 +15,7 @@ from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run_rate
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, bare_name
 from thermofit.effects.catalogue import HEATING, Effect, effects
-from thermofit.experiment.forward import Run
+from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.instruments import SLOTS, Instruments
 from thermofit.observe.stations import INFRARED, chain, seen_along
@@ -35,12 +35,12 @@ def felt_by_temperatures(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in names if bare_name(name) in felt)
 
 
-def keeping_points(run: Run) -> Run:
+def keeping_points(run: MechanicalRun) -> MechanicalRun:
     """The same run, whose history serves heat runs on its motion."""
     return replace(run, settings=replace(run.settings, keep_points=True))
 
 
-def freely_expanding(run: Run, history: History) -> HeatProblem:
+def freely_expanding(run: MechanicalRun, history: History) -> HeatProblem:
     """The heat equation on the motion of a history of `run` that kept its points, the specimen expanding freely as it warms.
 
     Its motion holds the thermal strain of its own temperatures only; the heat that the strain of a change takes enters the heat capacity.

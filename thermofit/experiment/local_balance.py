@@ -64,7 +64,7 @@ class LocalBalance:
 
 
 @dataclass(frozen=True)
-class Shown:
+class JointErrors:
     """What a joint problem shows at given parameters: error fields (prediction less observation) and their derivatives by the free
     parameters, and which points count at which time: those that its channels compare, of temperatures those at rest as well."""
 
@@ -101,7 +101,7 @@ class Shown:
         return out
 
 
-def shown(joint: Joint, parameters: Parameters, numerical: Sequence[tuple[str, np.ndarray]] = ()) -> Shown:
+def shown(joint: Joint, parameters: Parameters, numerical: Sequence[tuple[str, np.ndarray]] = ()) -> JointErrors:
     """What a joint problem shows at parameters; `numerical`: by channel the whitened error (n,) of mesh and steps that may be left.
 
     Not run again where the fit ended there. NumericsError where the run fails.
@@ -117,7 +117,7 @@ def shown(joint: Joint, parameters: Parameters, numerical: Sequence[tuple[str, n
                 out = np.zeros_like(model.observations[field_of(c)].value)
                 out[tuple(c.rows.T)] = rows / np.sqrt(c.weight)
                 left[field_of(c)] = out
-    return Shown(joint, parameters, errors, dict(slopes), left)
+    return JointErrors(joint, parameters, errors, dict(slopes), left)
 
 
 def has_sections(joint: Joint) -> bool:

@@ -40,7 +40,7 @@ _SMALL = 1e-6
 
 
 @dataclass(frozen=True)
-class Work:
+class MeasuredCurve:
     """What was measured: times s, nominal strain and stress MPa, each (n_t,), temperature at the start in K (None: that of the air)."""
 
     time: np.ndarray
@@ -50,7 +50,7 @@ class Work:
 
 
 def with_measured_work(
-    parameters: Parameters, work: Work, settings: PointSettings, found: tuple[PointHistory, PointRates | None]
+    parameters: Parameters, work: MeasuredCurve, settings: PointSettings, found: tuple[PointHistory, PointRates | None]
 ) -> tuple[PointHistory, PointRates | None]:
     """A history, and its derivatives where there are any, with the temperatures that the measured work makes.
 
@@ -71,7 +71,7 @@ def with_measured_work(
     return history, PointRates(names, slopes)
 
 
-def _temperatures(numbers: np.ndarray, work: Work) -> tuple[np.ndarray, np.ndarray]:
+def _temperatures(numbers: np.ndarray, work: MeasuredCurve) -> tuple[np.ndarray, np.ndarray]:
     """Temperatures (n_t, m) of specimen and sensor, K, of complex numbers (N_ALL, m) of a run.
 
     The temperature moves the elastic stretch by thermal expansion only: heat and temperature in turn settle in a few passes.
@@ -95,7 +95,7 @@ def _settled(change: np.ndarray, value: np.ndarray) -> bool:
     return bool(np.all(np.abs(change).max(axis=0) <= _CONVERGED * np.abs(value).max(axis=0)))
 
 
-def _heat(theta: np.ndarray, work: Work, law: Any) -> np.ndarray:
+def _heat(theta: np.ndarray, work: MeasuredCurve, law: Any) -> np.ndarray:
     """Heat released in every interval (n_t - 1, m), mJ/mm^3."""
     rest = _elastic(0.0 * theta[:1], theta[:1], law)[1]
     stretch = np.exp(rest) + work.strain[:, None]

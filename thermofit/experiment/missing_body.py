@@ -14,7 +14,7 @@ from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.forward import Run
+from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.instruments import SLOTS, Instruments
 from thermofit.experiment.missing import Grid, place_hats, time_hats
 from thermofit.law.page import law_of
@@ -29,7 +29,7 @@ class BodyMissing:
     """What the run of `instruments` lacks; `whole` is the coupled run behind it, which is made once at given parameters and kept."""
 
     instruments: Instruments
-    whole: Run
+    whole: MechanicalRun
     kept: dict[tuple[tuple[str, float], ...], History]
 
     @property

@@ -28,10 +28,10 @@ import numpy as np
 
 from thermofit.body.heat.conduction import expansion_capacity
 from thermofit.effects.film_exchange import FILM_UNIT
-from thermofit.experiment.local_balance import LocalBalance, Shown, width
+from thermofit.experiment.local_balance import JointErrors, LocalBalance, width
 from thermofit.experiment.section_force import MeasuredFlow
 from thermofit.law.page import law_of
-from thermofit.observe.profile import Profile, excess_noise, integrals, profile_of, spans_piece
+from thermofit.observe.profile import RowProfile, excess_noise, integrals, profile_of, spans_piece
 
 RESOLVED = 0.05
 """Noise of the missing heat over the largest heating of the test: windows are as short as this allows."""
@@ -62,7 +62,7 @@ class _Operator:
         return np.array([self.c0, self.kappa, self.film])
 
 
-def piece_heat(seen: Shown, flow: MeasuredFlow | None = None) -> LocalBalance | None:
+def piece_heat(seen: JointErrors, flow: MeasuredFlow | None = None) -> LocalBalance | None:
     """The balance of heat; None where temperatures are not compared as a rise, or are too few in place or time. `flow`: the plastic heat
     that the measured strain makes more than the predicted one; None: it is that of the prediction."""
     channel = next((c.channel for c in seen.joint.model.comparisons if c.channel == "dtheta"), None)
@@ -153,7 +153,7 @@ def piece_heat(seen: Shown, flow: MeasuredFlow | None = None) -> LocalBalance | 
     return replace(made, follow=follow, scan=tuple(scan))
 
 
-def _operator(seen: Shown, time: np.ndarray) -> _Operator:
+def _operator(seen: JointErrors, time: np.ndarray) -> _Operator:
     v, data = seen.parameters.values, seen.joint.data
     u, seen_u = seen.joint.model.observations.get("u"), seen.errors.get("u")
     stretch = np.ones(len(time))
@@ -167,7 +167,7 @@ def _operator(seen: Shown, time: np.ndarray) -> _Operator:
     return _Operator(v["c0"] + expansion_capacity(law), v["kappa"], FILM_UNIT * v["alpha_air"], data.specimen.thickness, stretch)
 
 
-def _of_place(seen: Shown, knots: np.ndarray, centre: float, half: float, operator: _Operator) -> tuple[np.ndarray, float]:
+def _of_place(seen: JointErrors, knots: np.ndarray, centre: float, half: float, operator: _Operator) -> tuple[np.ndarray, float]:
     """Integrals (3, n_b) over a piece of the hats at rows against w A, (A w')' and w U, and int w A dy mm^3."""
     parts = integrals(knots, centre, half)
     area = operator.thickness * width(seen.joint, knots)
@@ -213,8 +213,8 @@ def _of_noise(weights: np.ndarray, rest: np.ndarray) -> np.ndarray:
 
 
 def _size(
-    seen: Shown,
-    profile: Profile,
+    seen: JointErrors,
+    profile: RowProfile,
     time: np.ndarray,
     operator: _Operator,
     sigma: np.ndarray,
@@ -253,7 +253,7 @@ def _size(
 Cells = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]
 
 
-def _cells(seen: Shown, profile: Profile, time: np.ndarray, operator: _Operator, half: float, number: int) -> Cells | None:
+def _cells(seen: JointErrors, profile: RowProfile, time: np.ndarray, operator: _Operator, half: float, number: int) -> Cells | None:
     """Weights (3, m, n_t, n_b) of the terms, place and time of cells, their numbers in time and place, duration and volume (m,), and how
     many there would be with nothing lost; pieces and windows overlap by half. None where there is no cell."""
     low, high = float(profile.y[0]), float(profile.y[-1])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.history import History, Watch
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.forward import Sampler
@@ -42,7 +42,7 @@ class PlainPrediction:
         slopes = {name: np.zeros((*observation.value.shape, len(names))) for name, observation in self.observations.items()}
         resting: dict[str, np.ndarray] = {}
 
-        def collect(n: int, at: Sensitivity) -> None:
+        def collect(n: int, at: StepRates) -> None:
             for name, sampler in self.samplers.items():
                 here = np.flatnonzero(sampler.index == n)
                 if here.size or n == sampler.reference:

@@ -24,7 +24,7 @@ FASTER = 10.0
 
 
 @dataclass(frozen=True)
-class Usual:
+class CrossheadUsual:
     """What programmes have in common: largest crosshead position in mm, its rate in mm/s, seconds of cooling at the end."""
 
     peak: float
@@ -33,49 +33,51 @@ class Usual:
 
 
 @dataclass(frozen=True)
-class Named:
+class CrossheadProgramme:
     """A programme by name, what it is in words, and its steps after the first rest."""
 
     name: str
     words: str
-    steps: Callable[[Usual], tuple[CrossheadStep, ...]]
+    steps: Callable[[CrossheadUsual], tuple[CrossheadStep, ...]]
 
 
-def _pull(usual: Usual, share: float = 1.0, faster: float = 1.0) -> CrossheadStep:
+def _pull(usual: CrossheadUsual, share: float = 1.0, faster: float = 1.0) -> CrossheadStep:
     return CrossheadStep("crosshead_to", share * usual.peak, faster * usual.rate)
 
 
-def _unload(usual: Usual) -> CrossheadStep:
+def _unload(usual: CrossheadUsual) -> CrossheadStep:
     return CrossheadStep("force_to", 0.0, -usual.rate)
 
 
-def _stepped(usual: Usual) -> tuple[CrossheadStep, ...]:
+def _stepped(usual: CrossheadUsual) -> tuple[CrossheadStep, ...]:
     return tuple(_pull(usual, (n + 1) / 4.0, FASTER if n % 2 else 1.0) for n in range(4))
 
 
-def _cycles(usual: Usual) -> tuple[CrossheadStep, ...]:
+def _cycles(usual: CrossheadUsual) -> tuple[CrossheadStep, ...]:
     return tuple(step for n in range(3) for step in (_pull(usual, (n + 1) / 3.0), _unload(usual)))
 
 
-PROGRAMMES: tuple[Named, ...] = (
-    Named("monotonic", "pull at one rate", lambda u: (_pull(u),)),
-    Named("load-unload", "pull and unload", lambda u: (_pull(u), _unload(u))),
-    Named("load-unload-cool", "pull, unload, and cool without load", lambda u: (_pull(u), _unload(u), CrossheadStep("hold", u.cooling))),
-    Named("stepped-rates", f"pull, the rate {FASTER:g} times larger in every second quarter", _stepped),
-    Named("cycles", "pull in three parts, unloaded after each", _cycles),
+PROGRAMMES: tuple[CrossheadProgramme, ...] = (
+    CrossheadProgramme("monotonic", "pull at one rate", lambda u: (_pull(u),)),
+    CrossheadProgramme("load-unload", "pull and unload", lambda u: (_pull(u), _unload(u))),
+    CrossheadProgramme(
+        "load-unload-cool", "pull, unload, and cool without load", lambda u: (_pull(u), _unload(u), CrossheadStep("hold", u.cooling))
+    ),
+    CrossheadProgramme("stepped-rates", f"pull, the rate {FASTER:g} times larger in every second quarter", _stepped),
+    CrossheadProgramme("cycles", "pull in three parts, unloaded after each", _cycles),
 )
 """All programmes, the simplest first."""
 NAMES: tuple[str, ...] = tuple(p.name for p in PROGRAMMES)
 
 
-def usual_of(settings: Simulate) -> Usual:
+def usual_of(settings: Simulate) -> CrossheadUsual:
     """Peak, rate and cooling of the study's own programme. StudyError where it never moves the crosshead to a position."""
     steps = programme_of(settings.programme)
     pulls = [step for step in steps if step.kind == "crosshead_to"]
     if not pulls:
         raise StudyError("simulate.programme: no item crosshead_to is found; programmes by name are made from the largest of them: add one")
     last = max(pulls, key=lambda step: step.target)
-    return Usual(last.target, abs(last.rate), COOLING)
+    return CrossheadUsual(last.target, abs(last.rate), COOLING)
 
 
 def programme_named(name: str, settings: Simulate) -> tuple[CrossheadStep, ...]:

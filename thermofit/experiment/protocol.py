@@ -15,7 +15,7 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import Effect
-from thermofit.experiment.errors_told import Told
+from thermofit.experiment.errors_told import JointWithErrors
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.flow_conditions import FlowConditions
 from thermofit.experiment.joint import JointParts
@@ -55,7 +55,7 @@ class JointProblem:
     """Largest Lambda of the test."""
     plain: JointParts | None = None
     """The same before errors of mesh and prescribed force were told; None where there are none to tell."""
-    errors: Told | None = None
+    errors: JointWithErrors | None = None
     """These errors, told at `base`."""
     flow: FlowConditions | None = None
     """At which rates and temperatures the material flows; None where that varies over the specimen."""
@@ -72,7 +72,7 @@ class JointProblem:
 
 
 @dataclass(frozen=True)
-class Motion:
+class PlannedMotion:
     """Rigid-body motion of a planned test: what it adds to displacements (n_t, n_s, 2) mm at times (n_t,) s."""
 
     time: np.ndarray
@@ -86,7 +86,7 @@ class PlannedTest:
 
     experiment: Experiment
     assumed: Parameters
-    motion: Motion | None
+    motion: PlannedMotion | None
     words: str
 
 

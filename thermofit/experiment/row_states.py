@@ -13,7 +13,7 @@ import numpy as np
 from thermofit.core.parameters import AT, Parameters
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.joint import JointParts
-from thermofit.experiment.local_balance import Shown, shown
+from thermofit.experiment.local_balance import JointErrors, shown
 from thermofit.experiment.missing_coupon import CouponMissing
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.residuals import named_phases
@@ -30,7 +30,7 @@ def row_states(model: StageModel, parameters: Parameters, parts: JointParts | No
     of priors. NumericsError where a run fails."""
     n = sum(c.n for c in model.comparisons) + len(model.priors)
     out = {name: np.full(n, np.nan) for name in VARIABLES}
-    of_tests: dict[str, Shown] = {}
+    of_tests: dict[str, JointErrors] = {}
     at = 0
     for c in model.comparisons:
         own = slice(at, at + c.n)
@@ -61,7 +61,7 @@ def _of_coupons(missing: CouponMissing, parameters: Parameters, rows: np.ndarray
     return {name: np.concatenate(value)[rows[:, 0]] for name, value in parts.items()}
 
 
-def _of_body(seen: Shown, field: str, rows: np.ndarray) -> States:
+def _of_body(seen: JointErrors, field: str, rows: np.ndarray) -> States:
     """States at rows (n, 3) of a field of a body."""
     observation = seen.joint.model.observations[field]
     time, y = observation.time[rows[:, 0]], observation.xy[rows[:, 1], 1]

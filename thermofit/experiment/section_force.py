@@ -21,10 +21,10 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.local_balance import LocalBalance, Shown, width
+from thermofit.experiment.local_balance import JointErrors, LocalBalance, width
 from thermofit.experiment.residuals import Span
 from thermofit.law.page import in_model_axes
-from thermofit.observe.profile import Profile, excess_noise, integrals, profile_of, spans_piece
+from thermofit.observe.profile import RowProfile, excess_noise, integrals, profile_of, spans_piece
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate, simulate_rates
 
 QUIET = 0.1
@@ -46,7 +46,7 @@ _SEED = 20
 
 
 @dataclass(frozen=True)
-class Sections:
+class SectionHistories:
     """Histories of sections at centres y (n_y,) mm: `time` s (n_t,), strain and temperature as measured and as predicted, each
     (n_t, n_y), and `known` (n_t, n_y) where they were measured."""
 
@@ -75,7 +75,7 @@ class _Prepared:
     """Sections of one half length mm, with the parameters and settings of their driver and what unit noise of the rows makes of their mean
     strains (n_t, n_y, n_b)."""
 
-    sections: Sections
+    sections: SectionHistories
     parameters: Parameters
     settings: PointSettings
     of_rows: np.ndarray
@@ -98,14 +98,14 @@ class MeasuredFlow:
     noise: np.ndarray
 
 
-def section_force(seen: Shown, spans: tuple[Span, ...]) -> LocalBalance | None:
+def section_force(seen: JointErrors, spans: tuple[Span, ...]) -> LocalBalance | None:
     """The balance of forces; None where displacements are not compared or too few to see a strain. NumericsError where the law cannot
     follow the measured strain."""
     prepared = _prepared(seen, spans)
     return None if prepared is None else _balance(seen, prepared, spans)
 
 
-def measured_flow(seen: Shown, spans: tuple[Span, ...]) -> MeasuredFlow | None:
+def measured_flow(seen: JointErrors, spans: tuple[Span, ...]) -> MeasuredFlow | None:
     """Plastic heat of the mean strain of the observed length, as measured beside as predicted; None as `section_force`.
 
     A force that is smoothed a few newtons off makes flow that no law is to blame for: the displacements tell it. NumericsError where the
@@ -126,7 +126,7 @@ def measured_flow(seen: Shown, spans: tuple[Span, ...]) -> MeasuredFlow | None:
     return MeasuredFlow(one.time, prepared.history(one.measured[:, 0], one.theta_measured[:, 0]).dissipated - base, noise)
 
 
-def _prepared(seen: Shown, spans: tuple[Span, ...], *, whole: bool = False) -> _Prepared | None:
+def _prepared(seen: JointErrors, spans: tuple[Span, ...], *, whole: bool = False) -> _Prepared | None:
     """Sections as short as their noise allows, or `whole`: the observed length as one; None where a strain cannot be seen."""
     joint, channel = seen.joint, _channel(seen)
     if channel is None:
@@ -153,7 +153,7 @@ def _prepared(seen: Shown, spans: tuple[Span, ...], *, whole: bool = False) -> _
     return _Prepared(sections, _of_point(seen, sections), settings, of_rows, weights, groups, half)
 
 
-def _channel(seen: Shown) -> str | None:
+def _channel(seen: JointErrors) -> str | None:
     """The channel of displacements that is compared."""
     return next((c.channel for c in seen.joint.model.comparisons if c.channel in ("du", "u", "strain")), None)
 
@@ -169,7 +169,7 @@ def without_rotation(error: np.ndarray, xy: np.ndarray, mask: np.ndarray) -> np.
     return np.asarray(e - omega[:, None, None] * np.stack([-arm[:, :, 1], arm[:, :, 0]], axis=-1))
 
 
-def _half_length(profile: Profile, noise: np.ndarray, modulus: float, largest: float) -> float:
+def _half_length(profile: RowProfile, noise: np.ndarray, modulus: float, largest: float) -> float:
     """Half length mm of a section: the shortest whose strain is quiet, else the longest."""
     spacing, observed = float(np.median(np.diff(profile.y))), float(np.ptp(profile.y))
     shortest, longest = 0.5 * SHORTEST * spacing, 0.5 * max(LONGEST * observed, SHORTEST * spacing)
@@ -187,7 +187,7 @@ def _slopes(knots: np.ndarray, centre: float, half: float) -> tuple[np.ndarray, 
     return -parts[1], parts[0], float(parts[0].sum())
 
 
-def strain_weights(profile: Profile, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def strain_weights(profile: RowProfile, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (n_t, n_y, n_b) of the rows in the mean strain of sections, where that is measured (n_t, n_y), and their centres y (n_y,)
     mm, half a length apart."""
     low, high = float(profile.y[0]), float(profile.y[-1])
@@ -247,14 +247,14 @@ def _phase(t: float, spans: tuple[Span, ...]) -> int:
 
 
 def _sections(
-    seen: Shown,
-    profile: Profile,
+    seen: JointErrors,
+    profile: RowProfile,
     groups: list[np.ndarray],
     weights: np.ndarray,
     known: np.ndarray,
     fields: tuple[np.ndarray, np.ndarray],
     y: np.ndarray,
-) -> Sections:
+) -> SectionHistories:
     """Histories of sections, neighbours averaged by `groups`; `fields` are error and prediction (n_t, n_s) of u_y mm."""
     error, shown = (np.einsum("tyb,tb->ty", weights, profile.mean(f)) for f in fields)
     there = np.array([known[g].all(axis=0) for g in groups])
@@ -263,7 +263,7 @@ def _sections(
     # A history has no gaps: what was not measured at a stage is straight between those before and after, and makes no cell.
     off, predicted = (_bridged(time, v, there) for v in mean)
     theta, warmer = _temperatures(seen, time, y)
-    return Sections(y, time, predicted - off, predicted, theta - warmer, theta, there)
+    return SectionHistories(y, time, predicted - off, predicted, theta - warmer, theta, there)
 
 
 def _bridged(time: np.ndarray, value: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -276,7 +276,7 @@ def _bridged(time: np.ndarray, value: np.ndarray, known: np.ndarray) -> np.ndarr
     return out
 
 
-def _temperatures(seen: Shown, time: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _temperatures(seen: JointErrors, time: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Temperature (n_t, n_y) K of sections as predicted, and by how much its rise is above the measured one; the reference temperature and
     zero where no camera saw it."""
     if "theta" not in seen.errors:
@@ -293,7 +293,7 @@ def _temperatures(seen: Shown, time: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     return out[0], out[1]
 
 
-def _of_point(seen: Shown, sections: Sections) -> Parameters:
+def _of_point(seen: JointErrors, sections: SectionHistories) -> Parameters:
     """Parameters as the point driver reads them: free of stress at the temperature of the specimen at rest."""
     own = in_model_axes(seen.parameters, seen.joint.study.material_axes.angle)
     return own.replace(theta_ref=float(np.mean(sections.theta_predicted[0])))
@@ -308,7 +308,7 @@ def _history(parameters: Parameters, settings: PointSettings, time: np.ndarray, 
     return simulate(parameters, replace(Programme.by_strain(time, strain, float(theta[0])), theta=theta), settings)
 
 
-def predicted_states(seen: Shown, spans: tuple[Span, ...]) -> Predicted | None:
+def predicted_states(seen: JointErrors, spans: tuple[Span, ...]) -> Predicted | None:
     """Lambda and the rate of flow of sections along the predicted strain; None where displacements are not compared."""
     channel = _channel(seen)
     if channel is None:
@@ -339,7 +339,7 @@ def last_rate(time: np.ndarray, accumulated: np.ndarray) -> np.ndarray:
     return np.where(last >= 0, grown[np.maximum(last, 0)], np.nan)
 
 
-def _balance(seen: Shown, prepared: _Prepared, spans: tuple[Span, ...]) -> LocalBalance:
+def _balance(seen: JointErrors, prepared: _Prepared, spans: tuple[Span, ...]) -> LocalBalance:
     """The balance of sections: residual, noise and derivatives of every stage, then means over neighbouring stages of a phase."""
     sections, parameters, settings, of_rows = prepared.sections, prepared.parameters, prepared.settings, prepared.of_rows
     half, channel = prepared.half, _channel(seen) or ""
@@ -441,14 +441,16 @@ def _covariance(per_strain: np.ndarray, of_rows: np.ndarray, extra: np.ndarray) 
     return out + np.diag(extra.ravel()).reshape(out.shape)
 
 
-def _force_error(seen: Shown, time: np.ndarray) -> np.ndarray:
+def _force_error(seen: JointErrors, time: np.ndarray) -> np.ndarray:
     """F predicted - F measured (n_t,) N: zero where the force drives the model."""
     if "force" not in seen.errors:
         return np.zeros(len(time))
     return np.interp(time, seen.joint.model.observations["force"].time, seen.errors["force"].ravel())
 
 
-def _beside(seen: Shown, sections: Sections, weights: np.ndarray, groups: list[np.ndarray], per_strain: np.ndarray) -> np.ndarray:
+def _beside(
+    seen: JointErrors, sections: SectionHistories, weights: np.ndarray, groups: list[np.ndarray], per_strain: np.ndarray
+) -> np.ndarray:
     """What errors of unit variance make of the residual (n_t, n_y, k): modes of the smoothed force, noise of a compared one, and the error
     of mesh and steps that may be left in the displacements."""
     n_t, n_y = sections.predicted.shape
@@ -471,7 +473,7 @@ def _beside(seen: Shown, sections: Sections, weights: np.ndarray, groups: list[n
 
 
 def _cells(
-    sections: Sections, spans: tuple[Span, ...], variance: np.ndarray
+    sections: SectionHistories, spans: tuple[Span, ...], variance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Weights (m, n_t, n_y) that make cells of stages: means of neighbours of one phase, the quiet ones most; number in time and place of
     each, its time and duration (m,)."""

@@ -24,7 +24,7 @@ _TELLS = 1e-3
 
 
 @dataclass(frozen=True)
-class Shown:
+class SharedErrors:
     """What one comparison shows of k common errors, and what it tells of them.
 
     `columns` (n, r) the residuals, whitened, that its r modes make, `modes` (k, r) those modes in the errors; `basis` (n, q) and `gain`
@@ -43,7 +43,7 @@ class Shown:
 class SharedNoise:
     """Common errors of comparisons, by their place among all of them, in the order in which they are whitened."""
 
-    shown: Mapping[int, Shown]
+    shown: Mapping[int, SharedErrors]
 
     def innovations(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals (n_i, ...), each whitened on its own, without what those before tell of the common errors."""
@@ -117,7 +117,7 @@ def shared(comparisons: Sequence[Comparison], modes: Mapping[int, Modes]) -> tup
         u, s, vt = u[:, s > _TELLS], s[s > _TELLS], vt[s > _TELLS]
         basis, root = q @ u, np.sqrt(1.0 + s**2)
         white = own.columns - basis @ ((1.0 - 1.0 / root)[:, None] * (basis.T @ own.columns))
-        shown[place] = Shown(white, own.turned, basis, spread @ (vt.T * (s / root)), s)
+        shown[place] = SharedErrors(white, own.turned, basis, spread @ (vt.T * (s / root)), s)
         out[place] = comparisons[place].blurred(basis * s)
         spread = np.linalg.qr((spread - (spread @ vt.T * (1.0 - 1.0 / root)) @ vt).T)[1].T
     return tuple(out), SharedNoise(shown)

@@ -34,7 +34,7 @@ Bounds = Callable[[str], tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Level:
+class ChannelLevel:
     """Rms of a channel over its floor, in the whole test or in one phase of `n` values; `largest`: time in s of the value that is farthest
     off, and how far it is, over the same floor."""
 
@@ -60,16 +60,16 @@ class Level:
         return f"{self.channel} is {self.over:.2g} times its noise{where}{single}"
 
 
-def level(channel: str, chi2: float, numerical: float, n: int, phase: str = "", largest: tuple[float, float] | None = None) -> Level:
+def level(channel: str, chi2: float, numerical: float, n: int, phase: str = "", largest: tuple[float, float] | None = None) -> ChannelLevel:
     """Level from the mean square of whitened rows and that of what the error of mesh and steps would make of them; `largest`: time in s and
     size of the whitened row that is farthest off."""
     farthest = None if largest is None else (largest[0], largest[1] / float(np.sqrt(1.0 + numerical)))
-    return Level(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase, farthest)
+    return ChannelLevel(channel, float(np.sqrt(chi2 / (1.0 + numerical))), n, phase, farthest)
 
 
-def above_floor(levels: Iterable[Level]) -> list[Level]:
+def above_floor(levels: Iterable[ChannelLevel]) -> list[ChannelLevel]:
     """Levels that are more than noise: a channel as a whole, or else the worst of its phases, once for each channel."""
-    worst: dict[str, Level] = {}
+    worst: dict[str, ChannelLevel] = {}
     for one in sorted(levels, key=lambda found: (found.phase != "", -found.over)):
         if one.above:
             worst.setdefault(one.channel, one)
@@ -120,7 +120,7 @@ def grade(added: Mapping[str, Sequence[str]], more_than_noise: bool, unlisted: M
 
 
 def doubts(
-    levels: Iterable[Level],
+    levels: Iterable[ChannelLevel],
     readings: tuple[Sequence[Prior], Parameters] | None = None,
     unjudged: Mapping[str, str] | None = None,
     unsettled: str = "",

@@ -13,7 +13,7 @@ import numpy as np
 from meshio.xdmf import TimeSeriesWriter
 
 from thermofit.body.element.stress import cauchy_stress, deformation_gradients
-from thermofit.body.heat.equation import PointHistory, dissipation_of_points
+from thermofit.body.heat.equation import PointStates, dissipation_of_points
 from thermofit.body.solve.history import State, Watch, point_history
 from thermofit.core.files import replacing
 from thermofit.core.parameters import Parameters
@@ -49,7 +49,7 @@ def model_series(folder: Path, name: str, study: Study, data: Measured, paramete
     element = run.body.data
     weight = element.volume / element.volume.sum(axis=1, keepdims=True)
     released = np.zeros(weight.shape)
-    before: list[tuple[float, PointHistory]] = []
+    before: list[tuple[float, PointStates]] = []
     series = Series(folder, name, run.body.mesh.nodes, [("hexahedron", run.body.mesh.hexes)])
 
     def mean(value: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Covariance:
+class StageCovariance:
     """Covariance (n, n) of what a stage fitted; the unit of an entry is the product of those of its parameters."""
 
     stage: str
@@ -44,14 +44,14 @@ class Covariance:
     matrix: np.ndarray
 
 
-def covariances(records: Mapping[str, Record]) -> tuple[Covariance, ...]:
+def covariances(records: Mapping[str, Record]) -> tuple[StageCovariance, ...]:
     """The covariance of every stage that has one."""
     found = []
     for stage, record in records.items():
         if record.has("covariance") and record.has(_NAMES):
             stored = record["covariance"]
             names = tuple(str(name) for name in record[_NAMES].value)
-            found.append(Covariance(stage, names, stored.units, stored.value))
+            found.append(StageCovariance(stage, names, stored.units, stored.value))
     return tuple(found)
 
 

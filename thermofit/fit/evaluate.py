@@ -29,7 +29,7 @@ class EvaluationLimit(Exception):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class EvaluatedResidual:
     """One residual (n,) with f = r.r (2.24), or None with the reason of the failure (f is then infinite).
 
     `jacobian`: dr/dx (n, n_p) where the run gave it.
@@ -43,7 +43,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class LoggedEvaluation:
     """One line of the log. `replayed`: taken from the store, not computed again."""
 
     number: int
@@ -69,19 +69,19 @@ class Counts:
     wall_s: float
 
 
-def attempt(residual: ResidualFunction, x: np.ndarray) -> Outcome:
+def attempt(residual: ResidualFunction, x: np.ndarray) -> EvaluatedResidual:
     """One evaluation with its failure caught; at module level, so that a process pool can pickle it."""
     value, reason, seconds = _run(residual, x)
     if value is None:
-        return Outcome(float("inf"), None, reason, seconds)
+        return EvaluatedResidual(float("inf"), None, reason, seconds)
     return _checked(np.asarray(value, dtype=float).ravel(), None, seconds)
 
 
-def attempt_linearised(linearise: LineariseFunction, x: np.ndarray) -> Outcome:
+def attempt_linearised(linearise: LineariseFunction, x: np.ndarray) -> EvaluatedResidual:
     """One evaluation with its Jacobian from the same run; a Jacobian that is not finite is a failure too."""
     pair, reason, seconds = _run(linearise, x)
     if pair is None:
-        return Outcome(float("inf"), None, reason, seconds)
+        return EvaluatedResidual(float("inf"), None, reason, seconds)
     residual, jacobian = (np.asarray(part, dtype=float) for part in pair)
     if jacobian.shape != (residual.size, x.size):
         raise ValueError(f"Jacobian has shape {jacobian.shape}, expected {(residual.size, x.size)}")
@@ -97,18 +97,18 @@ def _run(function: Callable[[np.ndarray], _T], x: np.ndarray) -> tuple[_T | None
         return None, str(error) or "numerical failure without a text", time.perf_counter() - begin
 
 
-def _checked(residual: np.ndarray, jacobian: np.ndarray | None, seconds: float) -> Outcome:
+def _checked(residual: np.ndarray, jacobian: np.ndarray | None, seconds: float) -> EvaluatedResidual:
     """The outcome of a run that ended, a failure where its numbers are not finite."""
     # A sum of squares is finite only if every entry is: one pass instead of two over a long vector.
     with np.errstate(over="ignore", invalid="ignore"):
         f = float(residual @ residual)
     if not np.isfinite(f):
         bad = int(np.count_nonzero(~np.isfinite(residual)))
-        return Outcome(float("inf"), None, f"residual has {bad} of {residual.size} values that are not finite (f = {f})", seconds)
+        return EvaluatedResidual(float("inf"), None, f"residual has {bad} of {residual.size} values that are not finite (f = {f})", seconds)
     if jacobian is not None and not np.isfinite(jacobian).all():
         bad = int(np.count_nonzero(~np.isfinite(jacobian)))
-        return Outcome(float("inf"), None, f"Jacobian has {bad} of {jacobian.size} values that are not finite", seconds)
-    return Outcome(f, residual, "", seconds, jacobian)
+        return EvaluatedResidual(float("inf"), None, f"Jacobian has {bad} of {jacobian.size} values that are not finite", seconds)
+    return EvaluatedResidual(f, residual, "", seconds, jacobian)
 
 
 class Evaluations:
@@ -122,9 +122,9 @@ class Evaluations:
         self.problem = problem
         self.hooks = Hooks() if hooks is None else hooks
         self.limit = limit
-        self.log: list[Evaluation] = []
-        self.best: tuple[np.ndarray, Outcome] | None = None
-        self._known: dict[bytes, Outcome] = {}
+        self.log: list[LoggedEvaluation] = []
+        self.best: tuple[np.ndarray, EvaluatedResidual] | None = None
+        self._known: dict[bytes, EvaluatedResidual] = {}
         self._recent: OrderedDict[bytes, np.ndarray] = OrderedDict()
         self._keep = 2 * len(problem.names) + 4
         self._repeated = 0
@@ -143,7 +143,7 @@ class Evaluations:
             wall_s=sum(e.seconds for e in computed),
         )
 
-    def outcome(self, x: np.ndarray, purpose: Purpose = "step", need_residual: bool = True) -> Outcome:
+    def outcome(self, x: np.ndarray, purpose: Purpose = "step", need_residual: bool = True) -> EvaluatedResidual:
         """Outcome at x, with its Jacobian for "linearise"; with need_residual=False its residual may be None although it did not fail."""
         return self.batch([x], purpose, need_residual)[0]
 
@@ -158,7 +158,7 @@ class Evaluations:
         assert jacobian is not None
         return residual, jacobian
 
-    def _successful(self, x: np.ndarray, outcome: Outcome) -> tuple[np.ndarray, np.ndarray | None]:
+    def _successful(self, x: np.ndarray, outcome: EvaluatedResidual) -> tuple[np.ndarray, np.ndarray | None]:
         if outcome.residual is None:
             raise NumericsError(f"the forward model fails at {self.describe(x)}: {outcome.reason}; start from parameters for which it runs")
         return outcome.residual, outcome.jacobian
@@ -172,7 +172,7 @@ class Evaluations:
         """The finite objective that stands for a failed evaluation."""
         return PENALTY * max(self._worst, np.finfo(float).tiny)
 
-    def batch(self, xs: Sequence[np.ndarray], purpose: Purpose, need_residual: bool = True) -> list[Outcome]:
+    def batch(self, xs: Sequence[np.ndarray], purpose: Purpose, need_residual: bool = True) -> list[EvaluatedResidual]:
         """Outcomes at all xs, in order; what is neither in memory nor in the store goes through the map function."""
         found = [self._recall(x, purpose, need_residual) for x in xs]
         new = [x for x, (outcome, _) in zip(xs, found, strict=True) if outcome is None]
@@ -195,7 +195,7 @@ class Evaluations:
         """The parameters in words, for messages."""
         return ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.problem.names, x, strict=True))
 
-    def _function(self, purpose: Purpose) -> Callable[[np.ndarray], Outcome]:
+    def _function(self, purpose: Purpose) -> Callable[[np.ndarray], EvaluatedResidual]:
         """What computes one outcome."""
         if purpose != "linearise":
             return partial(attempt, self.problem.residual)
@@ -203,7 +203,7 @@ class Evaluations:
             raise ValueError("the problem has no exact derivatives to linearise with")
         return partial(attempt_linearised, self.problem.linearise)
 
-    def _recall(self, x: np.ndarray, purpose: Purpose, need_residual: bool) -> tuple[Outcome | None, str]:
+    def _recall(self, x: np.ndarray, purpose: Purpose, need_residual: bool) -> tuple[EvaluatedResidual | None, str]:
         key = x.tobytes()
         known = self._known.get(key)
         if known is not None:
@@ -215,14 +215,14 @@ class Evaluations:
         if kept is None:
             return None, "new"
         if "reason" in kept:
-            return Outcome(float("inf"), None, str(kept["reason"]), 0.0), "store"
+            return EvaluatedResidual(float("inf"), None, str(kept["reason"]), 0.0), "store"
         wanted = "jacobian" if purpose == "linearise" else "residual" if need_residual else "f"
         if wanted not in kept:
             return None, "new"
         residual = np.asarray(kept["residual"], dtype=float) if "residual" in kept else None
         # A plain run replays as one, so that a resumed fit counts as the whole one did.
         jacobian = np.asarray(kept["jacobian"], dtype=float) if purpose == "linearise" else None
-        return Outcome(float(kept["f"]), residual, "", 0.0, jacobian), "store"
+        return EvaluatedResidual(float(kept["f"]), residual, "", 0.0, jacobian), "store"
 
     def _held(self, key: bytes) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Residual and Jacobian of an evaluated point as far as they are still in memory."""
@@ -230,18 +230,18 @@ class Evaluations:
             return self.best[1].residual, self.best[1].jacobian
         return self._recent.get(key), None
 
-    def _record(self, x: np.ndarray, outcome: Outcome, purpose: Purpose, how: tuple[bool, bool]) -> None:
+    def _record(self, x: np.ndarray, outcome: EvaluatedResidual, purpose: Purpose, how: tuple[bool, bool]) -> None:
         replayed, need_residual = how
         x = x.copy()
         x.setflags(write=False)
         self._check_size(outcome.residual)
-        entry = Evaluation(len(self.log), x, outcome.f, bool(outcome.reason), outcome.reason, outcome.seconds, purpose, replayed)
+        entry = LoggedEvaluation(len(self.log), x, outcome.f, bool(outcome.reason), outcome.reason, outcome.seconds, purpose, replayed)
         self.log.append(entry)
         key = x.tobytes()
         known = self._known.get(key)
         # Where only the derivatives of a point failed, what is known of the point itself stays.
         if not outcome.reason or known is None:
-            self._known[key] = Outcome(outcome.f, None, outcome.reason, outcome.seconds)
+            self._known[key] = EvaluatedResidual(outcome.f, None, outcome.reason, outcome.seconds)
             improves = self._keep_results(x, outcome, purpose)
             if self.hooks.store is not None and not replayed:
                 # Derivative-free methods need f only: a residual of a million values is kept on disk only where it may be asked for.
@@ -249,7 +249,7 @@ class Evaluations:
         if self.hooks.on_evaluation is not None:
             self.hooks.on_evaluation(entry, outcome.residual)
 
-    def _keep_results(self, x: np.ndarray, outcome: Outcome, purpose: Purpose) -> bool:
+    def _keep_results(self, x: np.ndarray, outcome: EvaluatedResidual, purpose: Purpose) -> bool:
         """Remember the residual; True if this is the best step so far."""
         if outcome.reason:
             return False
@@ -264,7 +264,7 @@ class Evaluations:
             self.best = (x, outcome)
         return improves
 
-    def _put(self, x: np.ndarray, outcome: Outcome, with_residual: bool) -> None:
+    def _put(self, x: np.ndarray, outcome: EvaluatedResidual, with_residual: bool) -> None:
         assert self.hooks.store is not None
         if outcome.reason:
             self.hooks.store.put(x, reason=np.array(outcome.reason))

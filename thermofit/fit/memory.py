@@ -97,7 +97,7 @@ def noise_operator(found: Sequence[Memory]) -> Callable[[np.ndarray], np.ndarray
 
 
 @dataclass(frozen=True)
-class Neighbours:
+class NeighbourNoise:
     """Noise as neighbouring samples show it: variance of one sample, and correlation rho of one with the next."""
 
     variance: float
@@ -141,7 +141,7 @@ def _of_means(m: int, rho: np.ndarray) -> np.ndarray:
     return np.asarray((6.0 * g[0] - 8.0 * g[1] + 2.0 * g[2]) / 6.0)
 
 
-def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours:
+def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> NeighbourNoise:
     """Noise of series of samples, see `differences`, by least squares over _MEANS of log v. Differences tell little of what changes slowly,
     but no more of it is noise than there is at all: its variance is at most the mean square of r. Where a misfit is large beside the noise
     its curvature shows in the longer means: v grows with m^5, which no such noise makes, and these are left out."""
@@ -154,7 +154,7 @@ def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours
             break
         used.append((m, v, n))
     if not used:
-        return Neighbours(found[0][1], 0.0)
+        return NeighbourNoise(found[0][1], 0.0)
     weight = np.array([n for _, _, n in used], dtype=float)
     log = np.array([np.log(v) - np.log(_of_means(m, _RHO)) for m, v, _ in used])
     level = weight @ log / weight.sum()
@@ -162,8 +162,8 @@ def neighbours(r: np.ndarray, place: np.ndarray, time: np.ndarray) -> Neighbours
     wrong = np.where(possible, weight @ (log - level) ** 2, np.inf)
     best = int(np.argmin(wrong)) if len(used) > 1 else 0
     if _RHO[best] < _WHITE:
-        return Neighbours(found[0][1], 0.0)
-    return Neighbours(float(np.exp(level[best])), float(_RHO[best]))
+        return NeighbourNoise(found[0][1], 0.0)
+    return NeighbourNoise(float(np.exp(level[best])), float(_RHO[best]))
 
 
 def rough_in_place(r: np.ndarray, component: np.ndarray, time: np.ndarray, xy: np.ndarray) -> np.ndarray:

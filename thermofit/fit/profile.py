@@ -52,7 +52,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _HeldStore:
     """Store of a fit with one variable held: its evaluations are kept under all variables and the number of the held one."""
 
     store: Store
@@ -162,7 +162,7 @@ def _point(problem: Problem, optimum: Optimum, i: int, value: float, settings: S
         residual = problem.residual(guess)
         return _Point(value, guess, float(residual @ residual), None)
     fit = minimise(
-        held(problem, i, value, guess), "least-squares", settings, Hooks(store=None if store is None else _Kept(store, i, value))
+        held(problem, i, value, guess), "least-squares", settings, Hooks(store=None if store is None else _HeldStore(store, i, value))
     )
     return _Point(value, np.insert(fit.x, i, value), fit.f, fit.counts)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.fit.covariance import Covariance
-from thermofit.fit.evaluate import Counts, Evaluation, Evaluations
+from thermofit.fit.evaluate import Counts, Evaluations, LoggedEvaluation
 from thermofit.fit.gauss_newton import full_step
 from thermofit.fit.jacobian import derivative_error, jacobian_at
 from thermofit.fit.least_squares import Ending
@@ -54,7 +54,7 @@ class FitResult:
     converged: bool
     message: str
     counts: Counts
-    log: tuple[Evaluation, ...]
+    log: tuple[LoggedEvaluation, ...]
 
     @property
     def at_edge(self) -> bool:

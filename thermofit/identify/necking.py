@@ -4,7 +4,7 @@ Unknown are the law (`considere_strain`, `H_exp`), the offset of every section b
 section in every frame: errors of all strains then count alike, where a residual in forces would be smallest for a material that hardens
 exactly as much as its sections shrink.
 
-Sections of a necking specimen in equilibrium: from the strain of one to the strains of all others.
+SectionStrains of a necking specimen in equilibrium: from the strain of one to the strains of all others.
 
 Every cross-section carries the same force at the same instant. With isochoric flow F = sigma(s + e) A exp(-e), where e counts from the
 first frame, A is the area there and s the strain that the section then has more (or less) than the necking one. All flow in the first
@@ -133,7 +133,7 @@ _DEEPEST = -0.5
 
 
 @dataclass(frozen=True)
-class Sections:
+class SectionStrains:
     """Strains up to the last frame that is fitted: `neck` index of the necking section, `others` (n_o,), `used` (n_f, n_s) samples of
     sections that still strain, `end` (n_s,) the frame at which each stops (n_f of the whole test: never)."""
 
@@ -167,7 +167,7 @@ class NeckingFit:
         return float(self.covariance.sigma[self.covariance.names.index(name)])
 
 
-def sections_of(strain: SectionStrain, n_fit: int) -> Sections:
+def sections_of(strain: SectionStrain, n_fit: int) -> SectionStrains:
     """Which sections still strain when. DataError where fewer than two beside the necking one do."""
     neck = int(np.argmax(strain.axial[n_fit - 1]))
     end = np.array([ended(course, sigma) for course, sigma in zip(strain.axial.T, strain.sigma, strict=True)])
@@ -182,7 +182,7 @@ def sections_of(strain: SectionStrain, n_fit: int) -> Sections:
             f"necking: {len(others)} sections beside the necking one strain in at least 4 of the {n_fit} fitted frames, expected 2 or "
             "more; check necking.fit_frames and necking.rows"
         )
-    return Sections(strain, n_fit, neck, others, used, end)
+    return SectionStrains(strain, n_fit, neck, others, used, end)
 
 
 def ended(course: np.ndarray, sigma: float) -> int:
@@ -197,7 +197,7 @@ def ended(course: np.ndarray, sigma: float) -> int:
     return first if first < n - len(tail) else n
 
 
-def fit_sections(sections: Sections, rate: float) -> NeckingFit:
+def fit_sections(sections: SectionStrains, rate: float) -> NeckingFit:
     """Least squares over law, offsets and the course of the necking section. NumericsError where no start can be evaluated."""
     best: FitResult | None = None
     reason = ""
@@ -222,12 +222,12 @@ def fit_sections(sections: Sections, rate: float) -> NeckingFit:
     return NeckingFit(law, best.x[2 : 2 + n_o], best.x[2 + n_o :], best, spread, sum(m.independent for m in found_memories))
 
 
-def predicted(sections: Sections, fit: NeckingFit) -> np.ndarray:
+def predicted(sections: SectionStrains, fit: NeckingFit) -> np.ndarray:
     """Strains (n_f, n_o) of the other sections over the whole test from the measured strain of the necking one."""
     return held_strain(fit.law, fit.offset, sections.strain.axial[:, sections.neck])
 
 
-def necking_problem(sections: Sections, rate: float, factor: float, exponent: float) -> Problem:
+def necking_problem(sections: SectionStrains, rate: float, factor: float, exponent: float) -> Problem:
     """Least squares of a start: onset of necking at `factor` times the largest measured strain, H_exp = `exponent` or less."""
     n, neck, others = sections.n_fit, sections.neck, sections.others
     axial = sections.strain.axial[:n]
@@ -254,7 +254,7 @@ def necking_problem(sections: Sections, rate: float, factor: float, exponent: fl
     )
 
 
-def necking_linearised(sections: Sections, rate: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def necking_linearised(sections: SectionStrains, rate: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residual, section by section, and its Jacobian. NumericsError for a law that does not harden."""
     n, neck, others = sections.n_fit, sections.neck, sections.others
     n_o = len(others)
@@ -327,14 +327,14 @@ class Neck:
         return 0.25 * self.a_over_r
 
 
-def far(sections: Sections) -> np.ndarray:
+def far(sections: SectionStrains) -> np.ndarray:
     """Indices of fitted sections at least one width from the necking one: beyond the reach of the stress state of the neck."""
     strain = sections.strain
     distance = np.abs(strain.at - strain.at[sections.neck])
     return np.array([s for s in sections.others if distance[s] >= strain.reference_width], dtype=int)
 
 
-def onset(sections: Sections) -> Onset | None:
+def onset(sections: SectionStrains) -> Onset | None:
     """When the sections far from the neck stop straining; None where fewer than two stop."""
     n_f = len(sections.strain.axial)
     ends = np.array([sections.end[s] for s in far(sections) if sections.end[s] < n_f], dtype=float)
@@ -349,7 +349,7 @@ def onset(sections: Sections) -> Onset | None:
     return Onset(float(np.median(ends)), middle, float(np.hypot(step, _OF_MEDIAN * spread / np.sqrt(len(ends)))), len(ends))
 
 
-def held_out(sections: Sections, fit: NeckingFit) -> HeldOut | None:
+def held_out(sections: SectionStrains, fit: NeckingFit) -> HeldOut | None:
     """Prediction of the frames after the fitted ones; None where there are none or no section is far enough from the neck."""
     chosen, n = far(sections), sections.n_fit
     axial = sections.strain.axial
@@ -364,7 +364,7 @@ def held_out(sections: Sections, fit: NeckingFit) -> HeldOut | None:
     )
 
 
-def neck_shape(sections: Sections, frame: int) -> Neck:
+def neck_shape(sections: SectionStrains, frame: int) -> Neck:
     """a/R from a parabola through the logarithmic width strain of the sections within one width of the neck."""
     strain = sections.strain
     close = np.abs(strain.at - strain.at[sections.neck]) <= max(strain.reference_width, 2.5 * float(np.min(np.diff(strain.at))))
@@ -378,7 +378,7 @@ def neck_shape(sections: Sections, frame: int) -> Neck:
     return Neck(frame, max(half * half * curvature / stretch**2, 0.0))
 
 
-def other_rates(sections: Sections, rate: float) -> list[dict[str, float]]:
+def other_rates(sections: SectionStrains, rate: float) -> list[dict[str, float]]:
     """The law with other prescribed rates: what does not move is determined by the kinematics."""
     rows = []
     for factor in FACTORS:
@@ -398,7 +398,7 @@ def other_rates(sections: Sections, rate: float) -> list[dict[str, float]]:
     return rows
 
 
-def contraction(sections: Sections, frame: int) -> tuple[float, float]:
+def contraction(sections: SectionStrains, frame: int) -> tuple[float, float]:
     """Width strain over axial strain at a frame, minus the mean over all sections weighted with their strain, and its spread; 0.5 is that
     of an isotropic sheet, whose area shrinks by exp(-axial strain) if flow is isochoric."""
     axial, width = sections.strain.axial[frame], sections.strain.width[frame]

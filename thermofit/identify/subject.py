@@ -32,7 +32,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedSubject:
     """Settings and model of a subject, the parameters at which it is judged, the artefacts that it rests on, errors of what is
     prescribed, and a remark."""
 
@@ -44,10 +44,10 @@ class Prepared:
     remark: str
 
 
-_prepared: dict[tuple[str, str, str | None], Prepared] = {}
+_prepared: dict[tuple[str, str, str | None], PreparedSubject] = {}
 
 
-def prepared(subject: Subject) -> Prepared:
+def prepared(subject: Subject) -> PreparedSubject:
     """Prepared of a subject, made once per process.
 
     StudyError where an artefact is missing (names its command) or the study plans no test; NumericsError where the model fails.
@@ -66,11 +66,11 @@ def linear_subject(subject: Subject, store: Checkpoint | None = None) -> Linear:
     return replace(linear, shifts={**linear.shifts, **p.shifts})
 
 
-def _measured(subject: Subject) -> Prepared:
+def _measured(subject: Subject) -> PreparedSubject:
     study = subject.study
     stage, inputs = optimum_of(study, subject.key)
     model = remembering(stage.experiment.model(stage.settings, stage.base, study.mesh_size))
-    return Prepared(stage.settings, model, stage.base, inputs, {}, model.remark)
+    return PreparedSubject(stage.settings, model, stage.base, inputs, {}, model.remark)
 
 
 def optimum_of(study: Study, key: str) -> tuple[Ready, Mapping[str, Path]]:
@@ -80,7 +80,7 @@ def optimum_of(study: Study, key: str) -> tuple[Ready, Mapping[str, Path]]:
     return replace(as_recorded(study, stage, key), base=optimum.with_free(stage.settings.free)), {**stage.inputs, **found}
 
 
-def _planned(subject: Subject, name: str) -> Prepared:
+def _planned(subject: Subject, name: str) -> PreparedSubject:
     study = subject.study
     settings = study.stage(subject.key)
     if name != OWN and not isinstance(settings.window, str):
@@ -90,4 +90,4 @@ def _planned(subject: Subject, name: str) -> Prepared:
     model = remembering(test.experiment.model(settings, test.assumed, study.mesh_size))
     motion = None if test.motion is None else motion_shift(model, test.motion.time, test.motion.added)
     shifts = {} if motion is None else {MOTION: motion}
-    return Prepared(settings, model, test.assumed, {}, shifts, f"{name}: {test.words}")
+    return PreparedSubject(settings, model, test.assumed, {}, shifts, f"{name}: {test.words}")

@@ -39,7 +39,7 @@ _prepared: dict[str, ModelOn] = {}
 
 
 @dataclass(frozen=True)
-class Trial:
+class StageTrial:
     """One solution of a stage: what was `given` for it (by name), what came out as plain numbers, and its record (None: it failed)."""
 
     given: Mapping[str, float]
@@ -86,8 +86,8 @@ def setup(study: Study, stage: Ready, task: Job, shared: Parameters | None, chan
     return Setup(study, stage, keep, "", shared, change)
 
 
-def run_trials(common: Setup, givens: Sequence[Mapping[str, float]], labels: Sequence[str], where: Executor) -> list[Trial]:
-    """One Trial for every set of given values; those that an earlier, killed run has finished are read from disk."""
+def run_trials(common: Setup, givens: Sequence[Mapping[str, float]], labels: Sequence[str], where: Executor) -> list[StageTrial]:
+    """One StageTrial for every set of given values; those that an earlier, killed run has finished are read from disk."""
     jobs = [_trial_job(common, label, given) for label, given in zip(labels, givens, strict=True)]
     found = {i: _replayed(open_record(job.path)) for i, job in enumerate(jobs) if fresh(job.path, job.stage, job.config, {})}
     missing = [i for i in range(len(jobs)) if i not in found]
@@ -124,12 +124,12 @@ def _trial_job(common: Setup, label: str, given: Mapping[str, float]) -> Job:
     return Job(name, keep.path.parent / f".{name}.h5", config, {})
 
 
-def _trial(record: Record) -> Trial:
+def _trial(record: Record) -> StageTrial:
     summary = record.summary["trial"]
-    return Trial(summary["given"], summary, None if summary["failed"] else record)
+    return StageTrial(summary["given"], summary, None if summary["failed"] else record)
 
 
-def _replayed(record: Record) -> Trial:
+def _replayed(record: Record) -> StageTrial:
     """A trial of an earlier run: its forward runs were not computed in this one."""
     trial = _trial(record)
     if trial.failed:
@@ -225,12 +225,12 @@ def trial_summary(given: Mapping[str, float], start: Parameters, solved: Solved,
     }
 
 
-def shown(trial: Trial) -> dict[str, Any]:
+def shown(trial: StageTrial) -> dict[str, Any]:
     """A trial as it stands in the record of its command."""
     return {key: value for key, value in trial.summary.items() if key not in ("curvature", "response", "no_response")}
 
 
-def record_of(trial: Trial) -> Made:
+def record_of(trial: StageTrial) -> Made:
     """The whole record of one trial, as that of an identification. ValueError where it failed."""
     record = trial.record
     if record is None:
@@ -239,18 +239,18 @@ def record_of(trial: Trial) -> Made:
     return Made({name: record[name] for name in record.names}, summary, record.parameters)
 
 
-def total_counts(trials: Sequence[Trial]) -> dict[str, float]:
+def total_counts(trials: Sequence[StageTrial]) -> dict[str, float]:
     """Forward runs, failed and replayed ones and wall time of all trials together."""
     return {name: sum(t.summary["evaluations"][name] for t in trials if not t.failed) for name in COUNTS}
 
 
-def optima(trials: Sequence[Trial], names: Sequence[str]) -> np.ndarray:
+def optima(trials: Sequence[StageTrial], names: Sequence[str]) -> np.ndarray:
     """Optimum of every trial (n_trials, n_p); nan in the rows of those that failed, which `failed` marks in the artefact."""
     rows = [[np.nan] * len(names) if t.failed else [t.summary["optimum"][name] for name in names] for t in trials]
     return np.array(rows, dtype=float).reshape(len(trials), len(names))
 
 
-def trial_datasets(trials: Sequence[Trial], names: Sequence[str], group: str) -> dict[str, Dataset]:
+def trial_datasets(trials: Sequence[StageTrial], names: Sequence[str], group: str) -> dict[str, Dataset]:
     """Optimum, f and state of every trial as arrays of an artefact, one row per trial."""
     return {
         f"{group}/names": Dataset(np.array(names), "1", ("parameter",)),

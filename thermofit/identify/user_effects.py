@@ -35,7 +35,7 @@ _WANTED = "expected numpy functions that keep complex numbers: no abs(), float()
 
 
 @dataclass(frozen=True)
-class Trial:
+class SlotTrial:
     """What a slot is called with before its Params; `slopes` of those arguments, by place, that derivatives are taken along; `off` is the
     result of an effect that does nothing, its parts stacked where the slot returns several (nan: any)."""
 
@@ -59,16 +59,16 @@ def small_scene() -> tuple[np.ndarray, np.ndarray, Scene]:
     return theta, u, scene_of(time, xy, u, 1e5 * stretch * (1.0 - 5.0 * stretch), 297.0)
 
 
-def trial_of(slot: str) -> Trial:
+def trial_of(slot: str) -> SlotTrial:
     """The trial of a slot of heat, load, motion or measurement."""
     theta, u, scene = small_scene()
     if slot in (*KINEMATICS, *CAMERA):
-        return Trial((u, scene), {0: np.linspace(0.0, 1.0, len(u))[:, None, None] * (0.1 + 0.0 * u)}, u)
+        return SlotTrial((u, scene), {0: np.linspace(0.0, 1.0, len(u))[:, None, None] * (0.1 + 0.0 * u)}, u)
     if slot in MEASUREMENT:
-        return Trial((theta, scene), {0: np.linspace(0.0, 1.0, len(theta))[:, None] * (1.0 + 0.01 * scene.position[..., 1])}, theta)
+        return SlotTrial((theta, scene), {0: np.linspace(0.0, 1.0, len(theta))[:, None] * (1.0 + 0.01 * scene.position[..., 1])}, theta)
     if slot in LOAD:
         force, end = 4000.0 * scene.load, 0.1 + scene.load
-        return Trial((force, end), {}, np.stack([force, end]))
+        return SlotTrial((force, end), {}, np.stack([force, end]))
     warm, x, y = theta[-1].reshape(5, 4), *(c.reshape(5, 4) for c in np.moveaxis(scene.position[0], -1, 0))
     accumulated, rate = 0.03 + 1e-4 * y, 1e-3 + 1e-5 * x
     flat, across, along = warm.ravel(), x.ravel(), y.ravel()
@@ -81,10 +81,10 @@ def trial_of(slot: str) -> Trial:
         "initial_temperature": ((across, along, 40.0), (), 0.0),
     }
     given, moved, off = arguments[slot]
-    return Trial(given, {k: 0.01 * given[k] for k in moved}, np.full_like(given[0], off))
+    return SlotTrial(given, {k: 0.01 * given[k] for k in moved}, np.full_like(given[0], off))
 
 
-def try_effect(found: Effect, path: Path, trial: Trial, act: Act | None = None) -> None:
+def try_effect(found: Effect, path: Path, trial: SlotTrial, act: Act | None = None) -> None:
     """Run an effect once in its slot; `act` in the stead of its own function. StudyError names file and reason: it does not run, returns
     another shape or no numbers, is not off at neutral, or loses a derivative that is taken by complex step."""
     run = _Run(found, path, trial, act or (lambda arguments, numbers: found.act(*arguments, *numbers)))
@@ -110,7 +110,7 @@ def _neutral(found: Effect, numbers: Sequence[float]) -> list[float]:
     return [p.neutral if p in found.amplitudes else value for p, value in zip(found.params, numbers, strict=True)]
 
 
-def _expected_off(trial: Trial) -> str:
+def _expected_off(trial: SlotTrial) -> str:
     """What the slot asks of an effect that is off, in words."""
     values = np.unique(trial.off[np.isfinite(trial.off)])
     return f"{values[0]:g} everywhere" if len(values) == 1 else "what it was given"
@@ -122,7 +122,7 @@ class _Run:
 
     found: Effect
     path: Path
-    trial: Trial
+    trial: SlotTrial
     act: Act
 
     def __call__(self, arguments: Sequence[Any], numbers: Sequence[Any]) -> np.ndarray:
@@ -205,10 +205,10 @@ def state_of(slot: str) -> tuple[float, ...]:
     return {"free_energy": (0.01,), "elasticity": (300.0,), "asymmetry": (-0.7,)}.get(slot, (0.01, 1e-3, 300.0))
 
 
-def in_the_law(slot: str) -> Trial:
+def in_the_law(slot: str) -> SlotTrial:
     """The trial of a slot of the law."""
     state = state_of(slot)
-    return Trial(state, {k: 0.01 * x for k, x in enumerate(state)}, np.array(_OFF[slot]))
+    return SlotTrial(state, {k: 0.01 * x for k, x in enumerate(state)}, np.array(_OFF[slot]))
 
 
 def _try_in_the_law(found: Effect, path: Path) -> None:

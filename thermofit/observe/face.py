@@ -31,7 +31,7 @@ class FaceGrid:
 
 
 @dataclass(frozen=True)
-class Place:
+class PlaceOnFace:
     """Where points lie on the face: `row`, `column` of the quadrilateral, its coordinates `xi`, `eta` in [0, 1], and the
     `sign` of x; all (n_p,). Points outside are moved to the nearest place of their row.
     """
@@ -71,7 +71,7 @@ def is_face_grid(nodes: np.ndarray) -> bool:
     return True
 
 
-def locate(grid: FaceGrid, points: np.ndarray) -> Place:
+def locate(grid: FaceGrid, points: np.ndarray) -> PlaceOnFace:
     """Quadrilateral and natural coordinates of reference points (n_p, 2) mm.
 
     The rows are level, so eta follows from y alone and xi from x on the row interpolated in between: no iteration.
@@ -84,10 +84,10 @@ def locate(grid: FaceGrid, points: np.ndarray) -> Place:
     column = np.clip((columns <= x[:, None]).sum(axis=1) - 1, 0, grid.x.shape[1] - 2)
     pick = np.arange(len(x))
     left, right = columns[pick, column], columns[pick, column + 1]
-    return Place(row, column, (x - left) / (right - left), eta, np.where(points[:, 0] < 0.0, -1.0, 1.0))
+    return PlaceOnFace(row, column, (x - left) / (right - left), eta, np.where(points[:, 0] < 0.0, -1.0, 1.0))
 
 
-def interpolate(place: Place, values: np.ndarray) -> np.ndarray:
+def interpolate(place: PlaceOnFace, values: np.ndarray) -> np.ndarray:
     """Bilinear values (n_p, ...) at places, from `values` (n_y, n_x, ...) on the grid; scalars and even components."""
     shape = (-1,) + (1,) * (values.ndim - 2)
     xi, eta = place.xi.reshape(shape), place.eta.reshape(shape)
@@ -97,7 +97,7 @@ def interpolate(place: Place, values: np.ndarray) -> np.ndarray:
     return np.asarray(low * (1.0 - eta) + high * eta)
 
 
-def displacement_at(place: Place, u: np.ndarray) -> np.ndarray:
+def displacement_at(place: PlaceOnFace, u: np.ndarray) -> np.ndarray:
     """Displacement (n_p, k) mm at places from `u` (n_y, n_x, k) mm; u_x changes its sign across the symmetry plane."""
     value = interpolate(place, u)
     value[:, 0] *= place.sign

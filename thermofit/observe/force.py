@@ -164,7 +164,7 @@ def _worthwhile(fit: Fit, piece: int, time: np.ndarray, sigma: float) -> np.ndar
 
 
 @dataclass(frozen=True)
-class _Block:
+class _PieceFit:
     """What one piece has of a fit: index of its first sample, dense design, covariance for unit noise, residual."""
 
     first: int
@@ -173,15 +173,15 @@ class _Block:
     residual: np.ndarray
 
 
-def _block(fit: Fit, piece: int, samples: tuple[int, int]) -> _Block:
+def _block(fit: Fit, piece: int, samples: tuple[int, int]) -> _PieceFit:
     starts = fit.curve.starts
     columns = slice(int(starts[piece]), int(starts[piece + 1]) + 1)
     unit = np.eye(fit.curve.coefficients.size)[:, columns]
     rows = slice(*samples)
-    return _Block(samples[0], fit.design[rows].toarray()[:, columns], fit.solve(unit)[columns], fit.residual[rows])
+    return _PieceFit(samples[0], fit.design[rows].toarray()[:, columns], fit.solve(unit)[columns], fit.residual[rows])
 
 
-def _score(block: _Block, old: np.ndarray, knot: float, time: np.ndarray) -> float:
+def _score(block: _PieceFit, old: np.ndarray, knot: float, time: np.ndarray) -> float:
     """Drop of the sum of squares if `knot` were added to the knot vector `old` of a piece: (g.r)^2 / |g_perp|^2 for the
     new B-spline g around the knot, g_perp being what the present functions cannot say of g."""
     refined = np.insert(old, int(np.searchsorted(old, knot)), knot)

@@ -31,7 +31,7 @@ _SURE = 3.0
 
 
 @dataclass(frozen=True)
-class Profile:
+class RowProfile:
     """Rows y (n_b,) mm along the load, `gather` (n_b, n_s) which point lies in which, and `mask` (n_t, n_s) of the points that count."""
 
     y: np.ndarray
@@ -54,7 +54,7 @@ class Profile:
         return np.asarray(np.sqrt(total) / np.maximum(self.count, 1.0))
 
 
-def profile_of(xy: np.ndarray, mask: np.ndarray) -> Profile:
+def profile_of(xy: np.ndarray, mask: np.ndarray) -> RowProfile:
     """Profile of points xy (n_s, 2) mm with a mask (n_t, n_s): rows of a grid as they are, else bands as wide as the points lie apart."""
     y = np.round(xy[:, 1] / _ROW) * _ROW
     rows, label = np.unique(y, return_inverse=True)
@@ -64,7 +64,7 @@ def profile_of(xy: np.ndarray, mask: np.ndarray) -> Profile:
         _, label = np.unique(band, return_inverse=True)
         rows = np.bincount(label, y) / np.bincount(label)
     gather = csr_array(coo_array((np.ones(len(xy)), (label, np.arange(len(xy)))), shape=(len(rows), len(xy))))
-    return Profile(rows, gather, mask)
+    return RowProfile(rows, gather, mask)
 
 
 def bump(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

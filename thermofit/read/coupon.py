@@ -15,7 +15,7 @@ from thermofit.read.coupon_clocks import Main, beside_another_clock
 from thermofit.read.coupon_columns import channel, lateral_channel, pick_record, strain_channel, stress_channel, time_channel, width_of
 from thermofit.read.coupon_phases import coupon_phases, thinned, turning_points
 from thermofit.read.coupon_repair import (
-    Rows,
+    CouponRows,
     cut,
     repaired,
     suspected_jumps,
@@ -26,7 +26,7 @@ from thermofit.read.coupon_repair import (
     without_rows,
 )
 from thermofit.read.coupon_signs import branch_suspicion, lateral_suspicion, sign_suspicion
-from thermofit.read.formats.contents import Record
+from thermofit.read.formats.contents import ChannelRecord
 from thermofit.read.plausible import questions_of_record, settled
 from thermofit.study.coupon import (
     ColumnSource,
@@ -103,14 +103,14 @@ def read_coupon_record(settings: CouponRecordSettings, base_folder: Path, key: s
     return replace(read, remarks=(*read.remarks, *settled(questions, settings.confirmed, where)))
 
 
-def _first_turn(rows: Rows) -> int:
+def _first_turn(rows: CouponRows) -> int:
     """Row of the first reversal of the strain after a part of its largest change: before that a machine at rest turns back and forth."""
     away = np.abs(rows.strain - rows.strain[0])
     turns = turning_points(rows.time, rows.strain)
     return int(turns[int(np.argmax(away[turns] >= _LOADED * away.max()))])
 
 
-def _samples(rows: Rows, kept: np.ndarray) -> dict[str, Any]:
+def _samples(rows: CouponRows, kept: np.ndarray) -> dict[str, Any]:
     """Channels of a CouponRecord at some of the rows."""
     return {
         "time": rows.time[kept],
@@ -121,7 +121,7 @@ def _samples(rows: Rows, kept: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _rows(record: Record, settings: CouponRecordSettings, base_folder: Path, key: str) -> Rows:
+def _rows(record: ChannelRecord, settings: CouponRecordSettings, base_folder: Path, key: str) -> CouponRows:
     """Channels as the study names them, with remarks on units, signs, lengths and clocks."""
     time, remarks = time_channel(record, settings, key)
     where = f"{record.traits.path}, record '{settings.label}'"
@@ -164,7 +164,7 @@ def _rows(record: Record, settings: CouponRecordSettings, base_folder: Path, key
     theta, said_theta = _temperature(main, key)
     lateral, said_lateral = _lateral(main, stress_source, key)
     built = np.full(strain.size, np.nan) if time is None else time
-    rows = Rows(built, strain, stress, theta, (*remarks, *said_theta, *said_lateral), lateral, np.arange(strain.size))
+    rows = CouponRows(built, strain, stress, theta, (*remarks, *said_theta, *said_lateral), lateral, np.arange(strain.size))
     rows = without_rows(rows.saying(*wild_samples(rows, settings.leave_out)), settings.leave_out, f"key '{key}")
     if time is None:
         rate, said = _rate(record, settings, key)
@@ -176,7 +176,7 @@ def _apart(source: object) -> bool:
     return isinstance(source, SecondClock) and source.apart
 
 
-def _rate(record: Record, settings: CouponRecordSettings, key: str) -> tuple[float, str]:
+def _rate(record: ChannelRecord, settings: CouponRecordSettings, key: str) -> tuple[float, str]:
     """Strain rate in 1/s that builds the time, and where it is from. StudyError where the record has a clock, or nothing says the rate."""
     if settings.rate is not None:
         return settings.rate, f"strain rate {settings.rate:g} 1/s of the study"
@@ -193,7 +193,7 @@ def _rate(record: Record, settings: CouponRecordSettings, key: str) -> tuple[flo
     return record.about["rate"], f"strain rate {record.about['rate']:g} 1/s from the header of the file"
 
 
-def _rate_suspicion(rows: Rows, record: Record, settings: CouponRecordSettings) -> list[str]:
+def _rate_suspicion(rows: CouponRows, record: ChannelRecord, settings: CouponRecordSettings) -> list[str]:
     """A remark where the rate that the header says is not that of the record's own clock."""
     said = record.about.get("rate")
     if said is None or settings.time is None:
@@ -228,7 +228,7 @@ def _lateral(main: Main, stress: StressSource, key: str) -> tuple[np.ndarray | N
         return None, []
     source = LateralSource(column=given) if isinstance(given, str) else given
 
-    def read(record: Record) -> tuple[np.ndarray, list[str]]:
+    def read(record: ChannelRecord) -> tuple[np.ndarray, list[str]]:
         return lateral_channel(record, source, width_of(source, stress, record, f"{key}.lateral"), f"{key}.lateral")
 
     values, remarks = beside_another_clock(main, source, "lateral", key, read) if source.apart else read(main.record)
@@ -236,7 +236,7 @@ def _lateral(main: Main, stress: StressSource, key: str) -> tuple[np.ndarray | N
     return values, [*remarks, f"lateral strain '{source.name}': {gaps} of {values.size} rows without value"]
 
 
-def _suspicions(rows: Rows) -> list[str]:
+def _suspicions(rows: CouponRows) -> list[str]:
     """Remarks where signs contradict physics."""
     found = [branch_suspicion(rows.strain, rows.stress)]
     if rows.temperature is not None:
@@ -246,7 +246,7 @@ def _suspicions(rows: Rows) -> list[str]:
     return [text for text in found if text is not None]
 
 
-def _temperatures(rows: Rows, record: Record, settings: CouponRecordSettings, key: str) -> tuple[float, float, list[str]]:
+def _temperatures(rows: CouponRows, record: ChannelRecord, settings: CouponRecordSettings, key: str) -> tuple[float, float, list[str]]:
     """Temperatures in K of the specimen before the test and of the air, and remarks. StudyError where nothing says the first."""
     remarks = []
     if settings.initial_temperature_degC is not None:
@@ -265,7 +265,7 @@ def _temperatures(rows: Rows, record: Record, settings: CouponRecordSettings, ke
     return start, start, [*remarks, f"air taken to be at the initial temperature, {start:.2f} K"]
 
 
-def _noise(rows: Rows, settings: CouponRecordSettings) -> tuple[dict[str, float], str]:
+def _noise(rows: CouponRows, settings: CouponRecordSettings) -> tuple[dict[str, float], str]:
     """Standard deviations by channel: the study's, else from second differences; and the remark on them."""
     given = {
         "strain": settings.noise.strain,

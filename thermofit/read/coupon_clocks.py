@@ -15,7 +15,7 @@ from scipy.signal import fftconvolve
 from thermofit.core.errors import DataError, StudyError
 from thermofit.observe.phases import noise_level
 from thermofit.read.coupon_columns import channel, find_column, pick_record
-from thermofit.read.formats.contents import Record
+from thermofit.read.formats.contents import ChannelRecord
 from thermofit.read.formats.record_dates import start_in_header
 from thermofit.study.coupon import ColumnSource, CouponRecordSettings, SecondClock
 from thermofit.study.paths import path_from
@@ -45,7 +45,7 @@ class ClockOffset:
 class Main:
     """The record whose clock counts: its content and settings, folder of the study, time s (n,) and the channels that follow its clock."""
 
-    record: Record
+    record: ChannelRecord
     settings: CouponRecordSettings
     base_folder: Path
     time: np.ndarray | None
@@ -54,7 +54,7 @@ class Main:
 
 
 def beside_another_clock(
-    main: Main, source: SecondClock, name: str, key: str, read: Callable[[Record], tuple[np.ndarray, list[str]]]
+    main: Main, source: SecondClock, name: str, key: str, read: Callable[[ChannelRecord], tuple[np.ndarray, list[str]]]
 ) -> tuple[np.ndarray, list[str]]:
     """Values (n,) of a channel at the times of the record, NaN where the other clock does not cover them, and remarks.
 
@@ -80,11 +80,11 @@ def beside_another_clock(
     return joined, [*remarks, *said, found]
 
 
-def _names(record: Record, meanings: tuple[str, ...]) -> list[str]:
+def _names(record: ChannelRecord, meanings: tuple[str, ...]) -> list[str]:
     return [c.name for c in record.traits.columns if c.meaning in meanings and c.name in record.channels]
 
 
-def _only(record: Record, meanings: tuple[str, ...], key: str, missing: str) -> str:
+def _only(record: ChannelRecord, meanings: tuple[str, ...], key: str, missing: str) -> str:
     """The only column of one of the meanings; StudyError where there is none or several."""
     names = _names(record, meanings)
     if len(names) != 1:
@@ -93,7 +93,7 @@ def _only(record: Record, meanings: tuple[str, ...], key: str, missing: str) -> 
     return names[0]
 
 
-def _offset(second: Record, source: SecondClock, clock: np.ndarray, main: Main, name: str, key: str) -> tuple[float, str]:
+def _offset(second: ChannelRecord, source: SecondClock, clock: np.ndarray, main: Main, name: str, key: str) -> tuple[float, str]:
     """Offset of the second clock in s, and the remark on it."""
     if source.offset_s == "dates":
         return _by_dates(second, source, clock, main, name, key)
@@ -118,7 +118,7 @@ def _offset(second: Record, source: SecondClock, clock: np.ndarray, main: Main, 
     )
 
 
-def _repeating(second: Record, source: SecondClock, key: str) -> tuple[str, str]:
+def _repeating(second: ChannelRecord, source: SecondClock, key: str) -> tuple[str, str]:
     """Name and meaning of the channel beside the second clock that repeats one of the record."""
     if source.repeats is not None:
         column = find_column(second, source.repeats, f"{key}.repeats")
@@ -149,7 +149,7 @@ def _repeated(main: Main, source: SecondClock, meaning: str, key: str) -> tuple[
     )
 
 
-def _by_dates(second: Record, source: SecondClock, clock: np.ndarray, main: Main, name: str, key: str) -> tuple[float, str]:
+def _by_dates(second: ChannelRecord, source: SecondClock, clock: np.ndarray, main: Main, name: str, key: str) -> tuple[float, str]:
     """Offset by the absolute times of both clocks."""
     assert main.time is not None
     first, within = absolute_start(main.record, main.settings.date, main.time, f"{key.rpartition('.')[0]}.date")
@@ -158,7 +158,7 @@ def _by_dates(second: Record, source: SecondClock, clock: np.ndarray, main: Main
     return offset, f"clock of the {name} set {offset:.3f} s ahead by the dates of both, which hold to {max(within, also):.2g} s"
 
 
-def absolute_start(record: Record, column: str | None, time: np.ndarray, key: str) -> tuple[float, float]:
+def absolute_start(record: ChannelRecord, column: str | None, time: np.ndarray, key: str) -> tuple[float, float]:
     """Absolute time in s at which a clock (n,) in s is zero, and how far its dates scatter about it, s.
 
     Dates are cut off at their last digit, so that the largest difference counts. StudyError where the record has not one column of dates

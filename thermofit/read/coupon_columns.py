@@ -14,7 +14,7 @@ import numpy as np
 from thermofit.core.errors import DataError, StudyError
 from thermofit.core.units import known_unit, to_fixed
 from thermofit.read.formats import coupon_text
-from thermofit.read.formats.contents import Column, Content, Record, Records
+from thermofit.read.formats.contents import ChannelRecord, Column, Content, Records
 from thermofit.read.formats.record_columns import about_key
 from thermofit.read.formats.record_words import kind_of
 from thermofit.read.formats.registry import FORMATS, head_of
@@ -28,13 +28,13 @@ _FREE_UNITS = {"strain": ("1", "dimensionless"), "time": ("s", "seconds")}
 """Units that a column without any is taken to have, which is said in a remark; every other must be given."""
 
 
-def pick_record(path: Path, test: str | None, key: str, where: Mapping[str, str | float] | None = None) -> Record:
+def pick_record(path: Path, test: str | None, key: str, where: Mapping[str, str | float] | None = None) -> ChannelRecord:
     """The record of a file, or that of its tests which the study names, and of its rows those in which the columns of `where` hold the
     given values. DataError, StudyError where it must name one."""
     return with_constants(_selected(_picked(path, test, key), where or {}, key))
 
 
-def _selected(record: Record, where: Mapping[str, str | float], key: str) -> Record:
+def _selected(record: ChannelRecord, where: Mapping[str, str | float], key: str) -> ChannelRecord:
     """The rows in which every column of `where` holds its value; a number is in the unit of the column."""
     if not where:
         return record
@@ -63,7 +63,7 @@ def _selected(record: Record, where: Mapping[str, str | float], key: str) -> Rec
     return replace(record, traits=traits, channels=channels, labels=labels)
 
 
-def with_constants(record: Record) -> Record:
+def with_constants(record: ChannelRecord) -> ChannelRecord:
     """The record with what its constant columns (temperature, strain rate, sizes with a known unit) say of the test."""
     about, remarks = dict(record.about), []
     sensors = sum(column.meaning == "temperature" and column.name in record.channels for column in record.traits.columns)
@@ -85,12 +85,12 @@ def with_constants(record: Record) -> Record:
     return replace(record, traits=replace(record.traits, remarks=(*record.traits.remarks, *remarks)), about=about)
 
 
-def _picked(path: Path, test: str | None, key: str) -> Record:
+def _picked(path: Path, test: str | None, key: str) -> ChannelRecord:
     head = head_of(path)
     # The study names the columns: a table whose own names say nothing is read too.
     module = next((module for module in FORMATS if module.recognises(head)), coupon_text)
     content: Content = module.read(path)
-    if isinstance(content, Record):
+    if isinstance(content, ChannelRecord):
         if test is not None and test not in (content.traits.header.get("sheet"), content.traits.header.get("tag")):
             raise StudyError(f"key '{key}.test' is '{test}', but {path} holds a single test; leave the key out")
         return content
@@ -113,7 +113,7 @@ def _same(name: str) -> str:
     return re.sub(r"\s+", " ", unicodedata.normalize("NFC", name)).strip()
 
 
-def find_column(record: Record, name: str, key: str) -> Column:
+def find_column(record: ChannelRecord, name: str, key: str) -> Column:
     """The column of that name, with or without its unit in brackets. StudyError with the near miss, DataError where it holds no numbers."""
     columns = record.traits.columns
     found = [c for c in columns if c.name == _same(name)] or [c for c in columns if name_and_unit(c.name)[0] == _same(name)]
@@ -130,7 +130,7 @@ def find_column(record: Record, name: str, key: str) -> Column:
     return found[0]
 
 
-def channel(record: Record, source: ColumnSource, quantity: str, key: str) -> tuple[np.ndarray, list[str]]:
+def channel(record: ChannelRecord, source: ColumnSource, quantity: str, key: str) -> tuple[np.ndarray, list[str]]:
     """Values of a column in the fixed unit of the quantity, and remarks.
 
     StudyError where the unit is neither in the file nor in the study, is not known, or is one of another quantity.
@@ -165,7 +165,7 @@ def _converted(values: np.ndarray, unit: str, quantity: str, place: tuple[str, s
     return to_fixed(values, unit)[0]
 
 
-def time_channel(record: Record, settings: CouponRecordSettings, key: str) -> tuple[np.ndarray | None, list[str]]:
+def time_channel(record: ChannelRecord, settings: CouponRecordSettings, key: str) -> tuple[np.ndarray | None, list[str]]:
     """Time in s, None where the study builds it from a rate."""
     if settings.time is None:
         return None, []
@@ -192,7 +192,7 @@ def _told_apart(name: str, declared: str, source: StrainSource | StressSource | 
     )
 
 
-def strain_channel(record: Record, settings: CouponRecordSettings, key: str) -> tuple[np.ndarray, list[str]]:
+def strain_channel(record: ChannelRecord, settings: CouponRecordSettings, key: str) -> tuple[np.ndarray, list[str]]:
     """Nominal strain, tension positive, and remarks."""
     given = settings.strain
     source = StrainSource(column=given) if isinstance(given, str) else given
@@ -218,7 +218,9 @@ def strain_channel(record: Record, settings: CouponRecordSettings, key: str) -> 
     return values / length, [*remarks, said] if said else remarks
 
 
-def stress_channel(record: Record, settings: CouponRecordSettings, strain: np.ndarray | None, key: str) -> tuple[np.ndarray, list[str]]:
+def stress_channel(
+    record: ChannelRecord, settings: CouponRecordSettings, strain: np.ndarray | None, key: str
+) -> tuple[np.ndarray, list[str]]:
     """Nominal stress in MPa, tension positive, and remarks; `strain` (n,) nominal converts a true stress, and may be None for others."""
     given = settings.stress
     source = StressSource(column=given) if isinstance(given, str) else given
@@ -238,7 +240,7 @@ def stress_channel(record: Record, settings: CouponRecordSettings, strain: np.nd
     return values / area, [*remarks, said]
 
 
-def lateral_channel(record: Record, source: LateralSource, width: tuple[float, str], key: str) -> tuple[np.ndarray, list[str]]:
+def lateral_channel(record: ChannelRecord, source: LateralSource, width: tuple[float, str], key: str) -> tuple[np.ndarray, list[str]]:
     """Nominal strain across the load, negative where the specimen gets narrower, and remarks; `width` mm and where it is from."""
     column = ColumnSource(column=source.name, unit=source.unit)
     values, remarks = channel(record, column, "length" if source.extension else "strain", key)
@@ -254,7 +256,7 @@ def lateral_channel(record: Record, source: LateralSource, width: tuple[float, s
     return values, remarks
 
 
-def width_of(source: LateralSource, stress: StressSource, record: Record, key: str) -> tuple[float, str]:
+def width_of(source: LateralSource, stress: StressSource, record: ChannelRecord, key: str) -> tuple[float, str]:
     """Width (or diameter) in mm over which a change of width is a strain, and where it is from; (1, "") for a strain.
 
     StudyError where nothing says it.
@@ -273,7 +275,7 @@ def _signed(values: np.ndarray, tension: str) -> np.ndarray:
     return -values if tension == "negative" else values
 
 
-def area_of(source: StressSource, record: Record, key: str) -> tuple[float, str]:
+def area_of(source: StressSource, record: ChannelRecord, key: str) -> tuple[float, str]:
     """Initial cross-section in mm^2 and where it is from: the study, else the header. StudyError where neither gives it."""
     about = record.about
     if source.area is not None:

@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from thermofit.core.errors import DataError, StudyError
 from thermofit.read.coupon_phases import turning_points
-from thermofit.read.formats.contents import Record
+from thermofit.read.formats.contents import ChannelRecord
 from thermofit.study.coupon import CouponRecordSettings
 
 LEAST_ROWS = 10
@@ -26,7 +26,7 @@ _SHOWN = 5
 
 
 @dataclass(frozen=True)
-class Rows:
+class CouponRows:
     """Channels over rows: `time` s, `strain`, `stress` MPa, `temperature` K or None, all (n,); `remarks` in words.
 
     `lateral` (n,) or None is the strain across, NaN where it has gaps; `row` (n,) are the data rows of the file.
@@ -40,13 +40,13 @@ class Rows:
     lateral: np.ndarray | None = None
     row: np.ndarray | None = None
 
-    def take(self, keep: np.ndarray, *remarks: str) -> Rows:
+    def take(self, keep: np.ndarray, *remarks: str) -> CouponRows:
         """The kept rows (mask or indices), with more remarks."""
         theta, across, row = (None if x is None else x[keep] for x in (self.temperature, self.lateral, self.row))
         said = (*self.remarks, *(remark for remark in remarks if remark))
-        return Rows(self.time[keep], self.strain[keep], self.stress[keep], theta, said, across, row)
+        return CouponRows(self.time[keep], self.strain[keep], self.stress[keep], theta, said, across, row)
 
-    def saying(self, *remarks: str) -> Rows:
+    def saying(self, *remarks: str) -> CouponRows:
         """The same rows with more remarks."""
         return replace(self, remarks=(*self.remarks, *remarks))
 
@@ -76,7 +76,7 @@ def without_jumps(strain: np.ndarray, rows: Sequence[int], where: str) -> tuple[
     return shifted, remarks
 
 
-def without_rows(rows: Rows, left_out: Sequence[int], where: str) -> Rows:
+def without_rows(rows: CouponRows, left_out: Sequence[int], where: str) -> CouponRows:
     """Rows without those that the study leaves out. StudyError for a row outside."""
     assert rows.row is not None
     if not left_out:
@@ -87,7 +87,7 @@ def without_rows(rows: Rows, left_out: Sequence[int], where: str) -> Rows:
     return rows.take(~np.isin(rows.row, left_out), f"{len(left_out)} data rows left out, as the study says")
 
 
-def wild_samples(rows: Rows, left_out: Sequence[int] = ()) -> list[str]:
+def wild_samples(rows: CouponRows, left_out: Sequence[int] = ()) -> list[str]:
     """A remark on every channel with single samples far off both of their neighbours, which the others follow smoothly; they are kept.
 
     Far: more than five times the steps beside it and twenty times the usual second difference, and 2 % of the range. A reversal is none:
@@ -131,13 +131,13 @@ def wild_places(x: np.ndarray) -> np.ndarray:
     return k[far]
 
 
-def time_from_rows(record: Record, rate: float) -> tuple[np.ndarray, str]:
+def time_from_rows(record: ChannelRecord, rate: float) -> tuple[np.ndarray, str]:
     """Time in s (n,) of a record whose rows follow each other at `rate` 1/s, and the remark on it."""
     count = max(values.size for values in record.channels.values())
     return np.arange(count) / rate, f"time built from the number of the row at {rate:g} rows per second, which the file does not confirm"
 
 
-def time_from_rate(rows: Rows, rate: float, where: str) -> Rows:
+def time_from_rate(rows: CouponRows, rate: float, where: str) -> CouponRows:
     """Rows of a record without time, strained at a constant nominal rate (1/s) back and forth: t = path of the strain / rate.
 
     Kept are the most rows of a branch whose strain goes on from one to the next; the others are dropped and counted: holds have no time.
@@ -195,7 +195,7 @@ def longest_rise(x: np.ndarray) -> np.ndarray:
     return np.array(found[::-1], dtype=int)
 
 
-def repaired(rows: Rows, where: str) -> Rows:
+def repaired(rows: CouponRows, where: str) -> CouponRows:
     """Rows without holes, repetitions and shared times, each counted. DataError for times that go back, or too many repairs."""
     complete = np.all([np.isfinite(x) for x in rows.columns()], axis=0)
     if complete.sum() < LEAST_ROWS:
@@ -221,7 +221,7 @@ def repaired(rows: Rows, where: str) -> Rows:
     return _one_row_per_time(rows, where)
 
 
-def _one_row_per_time(rows: Rows, where: str) -> Rows:
+def _one_row_per_time(rows: CouponRows, where: str) -> CouponRows:
     """Rows that share a time become their mean; DataError where they differ by more than 2 % of a range, so that their order matters."""
     first = np.concatenate([[True], np.diff(rows.time) > 0.0])
     shared = int((~first).sum())
@@ -246,7 +246,7 @@ def _one_row_per_time(rows: Rows, where: str) -> Rows:
     return replace(rows, time=means[0], strain=means[1], stress=means[2], temperature=theta, remarks=said, lateral=across, row=row)
 
 
-def cut(rows: Rows, settings: CouponRecordSettings, where: str) -> Rows:
+def cut(rows: CouponRows, settings: CouponRecordSettings, where: str) -> CouponRows:
     """The part that the study wants: window, exclude, maximum force, largest strain. DataError where too little is left."""
     if settings.window is not None:
         low, high = settings.window
@@ -265,11 +265,11 @@ def cut(rows: Rows, settings: CouponRecordSettings, where: str) -> Rows:
     return rows
 
 
-def _kept(rows: Rows, keep: np.ndarray, words: str) -> Rows:
+def _kept(rows: CouponRows, keep: np.ndarray, words: str) -> CouponRows:
     return rows.take(keep, f"{words}: {int((~keep).sum())} rows left out")
 
 
-def suspected_jumps(rows: Rows) -> list[str]:
+def suspected_jumps(rows: CouponRows) -> list[str]:
     """A remark on steps of the strain far above their neighbours that the stress does not follow, none where there are none."""
     de, ds = np.abs(np.diff(rows.strain)), np.abs(np.diff(rows.stress))
     if de.size < 50 or np.ptp(rows.strain) == 0.0:

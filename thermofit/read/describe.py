@@ -13,7 +13,7 @@ from thermofit.core.experiment import CELSIUS
 from thermofit.core.files import replacing
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.read.file_groups import FileGroup, group_files, visible_files
-from thermofit.read.formats.contents import Content, DicSequence, DicStage, Record, Records, ThermalFrames
+from thermofit.read.formats.contents import ChannelRecord, Content, DicSequence, DicStage, Records, ThermalFrames
 from thermofit.read.formats.registry import read_native
 from thermofit.read.look_record import channel_of, time_channel
 from thermofit.read.own_files import FORCE, FRAME, STAGE
@@ -129,14 +129,14 @@ def _force(folder: Path, groups: list[FileGroup], contents: dict[int, Content | 
     return [f"force: {{file: force.csv}}            # from {source}, columns {written}"], [f"force.csv written from {source} ({written})"]
 
 
-def _records(content: Content | None) -> Iterator[Record]:
-    if isinstance(content, Record):
+def _records(content: Content | None) -> Iterator[ChannelRecord]:
+    if isinstance(content, ChannelRecord):
         yield content
     elif isinstance(content, Records):
         yield from content.tests.values()
 
 
-def _write_force(path: Path, record: Record) -> str:
+def _write_force(path: Path, record: ChannelRecord) -> str:
     """Time, force and, where there is one, the crosshead of a record in s, N, mm. DataError where a unit is not known."""
     time, force, travel = time_channel(record), channel_of(record, "force"), channel_of(record, "displacement")
     assert time is not None and force is not None

@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.core.experiment import CELSIUS, Experiment, InfraredSequence
+from thermofit.core.experiment import CELSIUS, InfraredSequence, MeasuredTest
 from thermofit.observe.noise import displacement_noise, spatial_noise, temperature_noise
 from thermofit.observe.phases import force_noise
 from thermofit.observe.triangles import point_spacing
 from thermofit.read.file_groups import FileGroup
 from thermofit.read.findings import ColumnFinding, Fact, Finding, Part, column_finding, units_of
-from thermofit.read.formats.contents import Column, Content, DicSequence, DicStage, Record, Records, ScalarField, ThermalFrames
+from thermofit.read.formats.contents import ChannelRecord, Column, Content, DicSequence, DicStage, Records, ScalarField, ThermalFrames
 from thermofit.read.formats.naming import lost_numbers, stage_time
 from thermofit.read.formats.registry import read_native
 from thermofit.read.look_record import clock_facts, look_at_record, look_at_records
@@ -43,7 +43,7 @@ def _parts(content: Content) -> tuple[Part, ...]:
         return (look_at_frames(content),)
     if isinstance(content, ScalarField):
         return (look_at_matrix(content),)
-    return (look_at_record(content),) if isinstance(content, Record) else look_at_records(content)
+    return (look_at_record(content),) if isinstance(content, ChannelRecord) else look_at_records(content)
 
 
 _LEAST_POINTS = 30
@@ -190,7 +190,7 @@ def _clock(time: np.ndarray) -> dict[str, Fact]:
     return {key: value for key, value in clock_facts(time)[0].items() if key not in ("repeated times", "backward times")}
 
 
-def _force(experiment: Experiment) -> Part:
+def _force(experiment: MeasuredTest) -> Part:
     record = experiment.force
     facts: dict[str, Fact] = {"rows": len(record.time), **_clock(record.time)}
     facts |= {"air degC": experiment.theta_air - CELSIUS, "jaws degC": experiment.theta_clamp - CELSIUS}
@@ -200,7 +200,7 @@ def _force(experiment: Experiment) -> Part:
     return Part("force", "record", len(record.time), 0, facts, tuple(columns), experiment.repairs)
 
 
-def _dic(experiment: Experiment) -> Part:
+def _dic(experiment: MeasuredTest) -> Part:
     dic = experiment.dic
     assert dic is not None
     lost = int(np.isnan(dic.displacement[:, :, 0]).sum())
@@ -219,7 +219,7 @@ def _dic(experiment: Experiment) -> Part:
     return Part("dic", "DIC sequence", dic.displacement[:, :, 0].size, lost, facts, tuple(columns))
 
 
-def _ir(experiment: Experiment) -> Part:
+def _ir(experiment: MeasuredTest) -> Part:
     ir = experiment.ir
     assert ir is not None
     n, rows, columns = ir.frames.shape
@@ -277,7 +277,7 @@ def look_at_group(group: FileGroup) -> GroupFinding:
             continue
         findings.append(look_at(content))
         lines = lines or field_lines(content, group.folder, group.pattern)
-        if not lines and isinstance(content, Record) and len(chosen) > 1:
+        if not lines and isinstance(content, ChannelRecord) and len(chosen) > 1:
             lines = series_lines(content, group.folder, group.pattern)
         if isinstance(content, DicStage):
             stages.append(content)

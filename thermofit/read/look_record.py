@@ -13,7 +13,7 @@ from thermofit.read.coupon_columns import with_constants
 from thermofit.read.coupon_repair import wild_places
 from thermofit.read.coupon_signs import branch_suspicion, sign_suspicion
 from thermofit.read.findings import ColumnFinding, Fact, Part, column_finding
-from thermofit.read.formats.contents import Column, Record, Records
+from thermofit.read.formats.contents import ChannelRecord, Column, Records
 from thermofit.read.ranges import outside
 from thermofit.read.study_lines import coupon_lines
 
@@ -30,7 +30,7 @@ _STRAINS = ("strain", "extension", "true_strain")
 _SHOWN = {"area": "mm^2", "gauge_length": "mm", "diameter": "mm", "temperature": "K", "rate": "1/s"}
 
 
-def look_at_record(record: Record, name: str = "", others: Mapping[str, Record] | None = None) -> Part:
+def look_at_record(record: ChannelRecord, name: str = "", others: Mapping[str, ChannelRecord] | None = None) -> Part:
     """Rows, clock, channels, suspicions and study lines of one test; `others` are the other tests of its file."""
     record = with_constants(record)
     rows = max((len(values) for values in record.channels.values()), default=0)
@@ -66,7 +66,7 @@ def look_at_records(records: Records) -> tuple[Part, ...]:
     return tuple(look_at_record(test, name, {k: v for k, v in tests.items() if k != name}) for name, test in tests.items())
 
 
-def _wild(record: Record) -> list[str]:
+def _wild(record: ChannelRecord) -> list[str]:
     """A remark on each channel with single samples far off their neighbours."""
     found = []
     for column in record.traits.columns:
@@ -81,7 +81,7 @@ def _wild(record: Record) -> list[str]:
     return found
 
 
-def tests_below_each_other(record: Record) -> tuple[dict[str, list[str]], list[str]]:
+def tests_below_each_other(record: ChannelRecord) -> tuple[dict[str, list[str]], list[str]]:
     """Columns that hold one value in each of several blocks of rows, with these values as YAML, and those that tell the blocks apart.
 
     A block is at least ten rows long. Blocks that no column or pair of columns tells apart are none.
@@ -110,7 +110,7 @@ def tests_below_each_other(record: Record) -> tuple[dict[str, list[str]], list[s
     return shown, used
 
 
-def _restarts(record: Record, starts: np.ndarray) -> bool:
+def _restarts(record: ChannelRecord, starts: np.ndarray) -> bool:
     """Does the clock go back at the rows `starts`, or, without one, does the strain leap there? Counted cycles are one test."""
     clock = time_channel(record)
     name = clock or channel_of(record, *_STRAINS) or channel_of(record, *_LOADS)
@@ -122,7 +122,7 @@ def _restarts(record: Record, starts: np.ndarray) -> bool:
     return bool(np.median(np.abs(step[starts - 1])) > _LEAP * np.nanmedian(np.abs(step)))
 
 
-def _value(value: str | float, record: Record, name: str) -> str:
+def _value(value: str | float, record: ChannelRecord, name: str) -> str:
     """A mark of a block as YAML; a number in the unit of its column."""
     if isinstance(value, str):
         return json.dumps(str(value), ensure_ascii=False)
@@ -130,12 +130,12 @@ def _value(value: str | float, record: Record, name: str) -> str:
     return f"{float(value) if unit is None else float(value) / unit.factor - unit.shift:.9g}"
 
 
-def channel_of(record: Record, *meanings: str) -> str | None:
+def channel_of(record: ChannelRecord, *meanings: str) -> str | None:
     """Name of the first channel of one of the meanings, None where there is none."""
     return next((c.name for c in record.traits.columns if c.meaning in meanings and c.name in record.channels), None)
 
 
-def time_channel(record: Record) -> str | None:
+def time_channel(record: ChannelRecord) -> str | None:
     """The first column of time that increases somewhere."""
     times = [c.name for c in record.traits.columns if c.meaning == "time" and c.name in record.channels]
     return next((name for name in times if np.isfinite(record.channels[name]).sum() > 1), None)
@@ -167,7 +167,7 @@ def clock_facts(time: np.ndarray) -> tuple[dict[str, Fact], list[str]]:
     return facts, remarks
 
 
-def _column(record: Record, column: Column, clock: str | None) -> ColumnFinding:
+def _column(record: ChannelRecord, column: Column, clock: str | None) -> ColumnFinding:
     values = record.channels.get(column.name)
     if values is None:
         return column_finding(column, None)
@@ -187,13 +187,13 @@ def channel_noise(time: np.ndarray, value: np.ndarray) -> float | None:
     return noise_level(t[new], v[new]) if new.sum() >= _LEAST_SAMPLES else None
 
 
-def suspicions(record: Record, clock: str | None) -> tuple[list[str], str]:
+def suspicions(record: ChannelRecord, clock: str | None) -> tuple[list[str], str]:
     """What looks wrong in sign or unit, in words, and "negative" where the signs say that tension is. Nothing is changed."""
     signs, tension = _signs(record, clock)
     return [*_units(record), *signs], tension
 
 
-def _units(record: Record) -> list[str]:
+def _units(record: ChannelRecord) -> list[str]:
     found, silent = [], []
     for column in record.traits.columns:
         values = record.channels.get(column.name)
@@ -216,7 +216,7 @@ def _units(record: Record) -> list[str]:
     return found
 
 
-def _signs(record: Record, clock: str | None) -> tuple[list[str], str]:
+def _signs(record: ChannelRecord, clock: str | None) -> tuple[list[str], str]:
     """Signs against physics: thermoelastic cooling in tension, stress that falls with strain, nominal against true quantities."""
     found, tension = [], ""
     load, strain, heat = (_channel(record, meanings) for meanings in (_LOADS, _STRAINS, ("temperature",)))
@@ -236,13 +236,13 @@ def _signs(record: Record, clock: str | None) -> tuple[list[str], str]:
     return found, tension
 
 
-def _channel(record: Record, meanings: tuple[str, ...]) -> tuple[str, np.ndarray] | None:
+def _channel(record: ChannelRecord, meanings: tuple[str, ...]) -> tuple[str, np.ndarray] | None:
     """Name and values of the first channel that has the first of the meanings that is there."""
     name = next((name for meaning in meanings if (name := channel_of(record, meaning))), None)
     return None if name is None else (name, record.channels[name])
 
 
-def _opposite(record: Record, meanings: tuple[str, ...]) -> list[str]:
+def _opposite(record: ChannelRecord, meanings: tuple[str, ...]) -> list[str]:
     """Channels of one quantity, nominal and true for instance, that mirror each other: one of them counts compression positive."""
     channels = [(c.name, record.channels[c.name]) for c in record.traits.columns if c.meaning in meanings and c.name in record.channels]
     found = []

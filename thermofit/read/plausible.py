@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError, ThermofitError
-from thermofit.core.experiment import CELSIUS, CouponRecord, Experiment, Specimen
+from thermofit.core.experiment import CELSIUS, CouponRecord, MeasuredTest, Specimen
 from thermofit.observe.camera import CameraPose, pose_from_landmarks
 from thermofit.observe.camera_motion import seen_across
 from thermofit.observe.phases import noise_level
@@ -54,7 +54,7 @@ class FirstLook:
     strain: float
 
 
-def looked_at(experiment: Experiment) -> FirstLook | str:
+def looked_at(experiment: MeasuredTest) -> FirstLook | str:
     """The same of an experiment in memory with displacements.
 
     The steepest chord from the first stage counts: plastic flow makes chords shallower, noise within `_SURE_STRAIN` does not make them much
@@ -91,7 +91,7 @@ class Course:
         return float(np.max(self.stress[sure] / self.strain[sure])) if len(sure) else None
 
 
-def course_of(experiment: Experiment) -> Course | str:
+def course_of(experiment: MeasuredTest) -> Course | str:
     """Stress and strain of an experiment with displacements, or in words why there are none."""
     assert experiment.dic is not None
     strain, sigma = _gauge_strain(experiment)
@@ -104,7 +104,7 @@ def course_of(experiment: Experiment) -> Course | str:
     return Course(experiment.dic.time[known], strain[known] - strain[first], stress[known] - stress[first], sigma[known])
 
 
-def _gauge_strain(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
+def _gauge_strain(experiment: MeasuredTest) -> tuple[np.ndarray, np.ndarray]:
     """Mean strain along y of the gauge length and its standard error, each (n_t,), NaN in stages with too few points.
 
     Slope of u_y over y by least squares; its error is that of the scatter about the line.
@@ -162,7 +162,7 @@ def settled(questions: Iterable[Question], confirmed: Collection[str], where: st
     return tuple(f"{q.text} (if it is right: 'confirmed: [{q.name}]')" for q in asked)
 
 
-def questions_of_test(experiment: Experiment, pose: CameraPose | None = None) -> tuple[Question, ...]:
+def questions_of_test(experiment: MeasuredTest, pose: CameraPose | None = None) -> tuple[Question, ...]:
     """Doubts about a test under cameras, about as much of it as was read; with the `pose` also about the side that the camera sees."""
     found = [*_specimen(experiment.specimen), *_force(experiment), *_surroundings(experiment)]
     if experiment.dic is not None:
@@ -179,7 +179,7 @@ def questions_of_test(experiment: Experiment, pose: CameraPose | None = None) ->
     return tuple(found)
 
 
-def asked(experiment: Experiment, pose: CameraPose | None = None) -> tuple[str, ...]:
+def asked(experiment: MeasuredTest, pose: CameraPose | None = None) -> tuple[str, ...]:
     """Remarks on a test; DataError, with the mend, where it makes no sense and its experiment.yaml does not confirm it."""
     return settled(questions_of_test(experiment, pose), experiment.confirmed, str(experiment.folder / DESCRIPTION))
 
@@ -195,7 +195,7 @@ def first_look(folder: Path) -> tuple[FirstLook | str, tuple[str, ...]]:
     return ("the experiment has no displacements" if experiment.dic is None else looked_at(experiment)), remarks
 
 
-def pose_of(experiment: Experiment) -> CameraPose | None:
+def pose_of(experiment: MeasuredTest) -> CameraPose | None:
     """Pose of the infrared camera by the landmarks of the experiment; None without them. DataError where they contradict each other."""
     if experiment.landmarks is None or experiment.ir is None:
         return None
@@ -296,7 +296,7 @@ def _specimen(specimen: Specimen) -> Iterator[Question]:
         yield Question("specimen", text, nonsense=word == "possible" or (metres and value < 0.1 * RANGES[quantity].usual[0]))
 
 
-def _force(experiment: Experiment) -> Iterator[Question]:
+def _force(experiment: MeasuredTest) -> Iterator[Question]:
     """A force that never acts."""
     record = experiment.force
     size = float(np.ptp(record.force))
@@ -315,7 +315,7 @@ def _force(experiment: Experiment) -> Iterator[Question]:
 _LEAST_SAMPLES = 10
 
 
-def _place(experiment: Experiment) -> Iterator[Question]:
+def _place(experiment: MeasuredTest) -> Iterator[Question]:
     """Points of DIC beside the outline of the specimen."""
     assert experiment.dic is not None
     specimen, place = experiment.specimen, experiment.dic.reference[:, :2]
@@ -360,7 +360,7 @@ def _place(experiment: Experiment) -> Iterator[Question]:
     yield Question("place", f"{begin}: {text}", nonsense=True)
 
 
-def _mechanics(experiment: Experiment) -> Iterator[Question]:
+def _mechanics(experiment: MeasuredTest) -> Iterator[Question]:
     """Stress, strain and elastic slope: units and signs of force and displacement; the strain rate tells of the clock."""
     course = course_of(experiment)
     if isinstance(course, str):
@@ -427,7 +427,7 @@ _SLOW = 2e-5
 """1/s: below it the work of plastic flow is carried off as fast as it comes."""
 
 
-def _clocks(experiment: Experiment) -> Iterator[Question]:
+def _clocks(experiment: MeasuredTest) -> Iterator[Question]:
     """The clock of the force beside that of the stages: one of them in ms."""
     assert experiment.dic is not None
     force, stages = float(np.ptp(experiment.force.time)), float(np.ptp(experiment.dic.time))
@@ -438,7 +438,7 @@ def _clocks(experiment: Experiment) -> Iterator[Question]:
         yield Question("time", text, nonsense=True)
 
 
-def _crosshead(experiment: Experiment) -> Iterator[Question]:
+def _crosshead(experiment: MeasuredTest) -> Iterator[Question]:
     """Travel of the crosshead beside the elongation that DIC saw."""
     assert experiment.dic is not None
     if experiment.force.crosshead is None:
@@ -455,7 +455,7 @@ def _crosshead(experiment: Experiment) -> Iterator[Question]:
         yield Question("displacement", text)
 
 
-def _surroundings(experiment: Experiment) -> Iterator[Question]:
+def _surroundings(experiment: MeasuredTest) -> Iterator[Question]:
     """Temperatures of air and jaws."""
     air, jaws = experiment.theta_air, experiment.theta_clamp
     key = "temperatures.theta_{}_degC is {:.2f}"
@@ -480,7 +480,7 @@ def _in_kelvin(kelvin: float) -> bool:
     return low <= kelvin - CELSIUS <= high
 
 
-def _frames(experiment: Experiment) -> Iterator[Question]:
+def _frames(experiment: MeasuredTest) -> Iterator[Question]:
     """Temperatures of the infrared frames beside those of air and jaws."""
     assert experiment.ir is not None
     first = experiment.ir.frames[0]
@@ -502,7 +502,7 @@ def _frames(experiment: Experiment) -> Iterator[Question]:
         yield Question("temperature", text, nonsense=True)
 
 
-def _side(experiment: Experiment, pose: CameraPose) -> Iterator[Question]:
+def _side(experiment: MeasuredTest, pose: CameraPose) -> Iterator[Question]:
     """The side that the camera sees, by the sideways motion that it and DIC both see."""
     assert experiment.ir is not None and experiment.dic is not None
     found = seen_across(pose, experiment.ir, experiment.dic, experiment.specimen)

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.core.experiment import CELSIUS, DicField, Experiment, ForceRecord, InfraredSequence
+from thermofit.core.experiment import CELSIUS, DicField, ForceRecord, InfraredSequence, MeasuredTest
 from thermofit.read.formats.frames import read_frame_files
 from thermofit.read.formats.naming import lost_numbers, stage_time
 from thermofit.read.formats.sequence import read_dic_files
@@ -222,7 +222,7 @@ def _check_span(force: ForceRecord, time: np.ndarray, path: Path, what: str) -> 
     return [f"{path.name}: {text}, which is less than one sample"]
 
 
-def read_experiment(folder: Path, parts: Collection[str] = ("force", "dic", "ir")) -> Experiment:
+def read_experiment(folder: Path, parts: Collection[str] = ("force", "dic", "ir")) -> MeasuredTest:
     """Read a raw experiment folder. The force record is always read; of "dic" and "ir" only what `parts` names.
 
     A field that `experiment.yaml` does not declare is None. DataError for every defect, see the functions above, and where
@@ -243,7 +243,7 @@ def read_experiment(folder: Path, parts: Collection[str] = ("force", "dic", "ir"
     if "ir" in parts and description.ir is not None:
         ir, remarks = read_infrared(description)
         repairs += [*remarks, *_check_span(force, ir.time, description.force.file, "infrared frame")]
-    return Experiment(
+    return MeasuredTest(
         description.folder,
         description.specimen.lengths(),
         description.temperatures.theta_air_degC + CELSIUS,

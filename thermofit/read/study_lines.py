@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thermofit.read.formats.contents import Column, Content, DicSequence, DicStage, Record, ThermalFrames
+from thermofit.read.formats.contents import ChannelRecord, Column, Content, DicSequence, DicStage, ThermalFrames
 from thermofit.read.formats.record_words import spoken
 
 _TIMES = (("time", "time"), ("date", "time"))
@@ -31,7 +31,7 @@ def _found(key: str, column: Column) -> Found:
     return key, column.name, "" if column.source == "unknown" and not column.unit else column.unit or "1"
 
 
-def _first(record: Record, meanings: Sequence[tuple[str, str]]) -> Found | None:
+def _first(record: ChannelRecord, meanings: Sequence[tuple[str, str]]) -> Found | None:
     """The first column that has one of the meanings, in their order."""
     for meaning, key in meanings:
         for column in record.traits.columns:
@@ -40,7 +40,7 @@ def _first(record: Record, meanings: Sequence[tuple[str, str]]) -> Found | None:
     return None
 
 
-def strain_pair(record: Record) -> tuple[Column, Column] | None:
+def strain_pair(record: ChannelRecord) -> tuple[Column, Column] | None:
     """Strains along and across of a pair exx, eyy: along is the one that changes more; None where there is no such pair."""
     ends = {spoken(c.name)[-2:]: c for c in record.traits.columns if c.meaning in ("strain", "true_strain") and c.name in record.channels}
     if "xx" not in ends or "yy" not in ends:
@@ -52,7 +52,9 @@ def strain_pair(record: Record) -> tuple[Column, Column] | None:
     return (ends["xx"], ends["yy"]) if wide else (ends["yy"], ends["xx"])
 
 
-def _beside(record: Record, meanings: Sequence[tuple[str, str]], others: Mapping[str, Record]) -> tuple[Found | None, Record, str]:
+def _beside(
+    record: ChannelRecord, meanings: Sequence[tuple[str, str]], others: Mapping[str, ChannelRecord]
+) -> tuple[Found | None, ChannelRecord, str]:
     """A column of the record, else one of another test of the file; with its record, and what names that test in a source."""
     if (found := _first(record, meanings)) is not None:
         return found, record, ""
@@ -63,7 +65,7 @@ def _beside(record: Record, meanings: Sequence[tuple[str, str]], others: Mapping
 
 
 def record_body(
-    record: Record, tension: str = "", others: Mapping[str, Record] | None = None, steady: Collection[str] = frozenset()
+    record: ChannelRecord, tension: str = "", others: Mapping[str, ChannelRecord] | None = None, steady: Collection[str] = frozenset()
 ) -> list[str]:
     """Lines of an entry of `coupon.records` behind its file.
 
@@ -111,7 +113,7 @@ def record_body(
     return lines
 
 
-def _numbered(record: Record) -> str:
+def _numbered(record: ChannelRecord) -> str:
     """Columns of a table without known names, with their range."""
     shown = []
     for k, column in enumerate(record.traits.columns[:_MOST_SHOWN], start=1):
@@ -126,10 +128,10 @@ def _unnamed(numbered: str) -> str:
 
 
 def coupon_lines(
-    record: Record,
+    record: ChannelRecord,
     test: str = "",
     tension: str = "",
-    others: Mapping[str, Record] | None = None,
+    others: Mapping[str, ChannelRecord] | None = None,
     below: Mapping[str, Sequence[str]] | None = None,
     telling: Collection[str] = (),
 ) -> str:
@@ -149,13 +151,13 @@ def coupon_lines(
     return "\n".join(["coupon:", "  records:", f"    - file: {path}", *(f"      {line}" for line in (*named, *body))])
 
 
-def _silent(record: Record, below: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+def _silent(record: ChannelRecord, below: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
     """Columns of a temperature or rate of each test whose unit the file does not say, with the key of `each` that they may be."""
     keys = {"temperature": "temperature_degC", "rate": "rate"}
     return [(c.name, keys[c.meaning]) for c in record.traits.columns if c.name in below and c.meaning in keys and not c.unit]
 
 
-def series_lines(record: Record, folder: Path, pattern: str) -> str:
+def series_lines(record: ChannelRecord, folder: Path, pattern: str) -> str:
     """Section `coupon` of a study on all files of a pattern, whose first is the record."""
     said = "# {temperature_degC}, {rate} and the like instead of * read what the names say"
     whole = re.sub(r"[0-9]*\*[0-9]*", "*", pattern)  # no part of a number
@@ -176,7 +178,7 @@ def _source(name: str, unit: str) -> str:
     return _text(name) if unit else f"{{column: {_text(name)}, unit: }}   # the file does not say the unit"
 
 
-def _strain(record: Record, found: Found, test: str = "") -> str:
+def _strain(record: ChannelRecord, found: Found, test: str = "") -> str:
     key, name, unit = found
     if key == "extension":
         length = record.about.get("gauge_length")
@@ -185,7 +187,7 @@ def _strain(record: Record, found: Found, test: str = "") -> str:
     return _text(name) if key == "column" and unit and not test else f"{{{key}: {_text(name)}{_unit(unit)}{test}}}"
 
 
-def _stress(record: Record, found: Found, test: str = "") -> str:
+def _stress(record: ChannelRecord, found: Found, test: str = "") -> str:
     key, name, unit = found
     if key == "force":
         for about in ("area", "diameter"):
@@ -198,7 +200,7 @@ def _stress(record: Record, found: Found, test: str = "") -> str:
     return _text(name) if key == "column" and unit and not test else f"{{{key}: {_text(name)}{_unit(unit)}{test}}}"
 
 
-def _lateral(record: Record, found: Found) -> str:
+def _lateral(record: ChannelRecord, found: Found) -> str:
     key, name, unit = found
     if key != "extension":
         return _text(name) if key == "column" and unit else f"{{{key}: {_text(name)}{_unit(unit)}}}"

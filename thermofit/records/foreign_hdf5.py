@@ -30,7 +30,7 @@ _DAMAGES = (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowErro
 
 
 @dataclass
-class Budget:
+class ReadingLimit:
     """What may still be read; counted down while a tree is walked."""
 
     path: Path
@@ -66,7 +66,7 @@ def read_foreign(path: Path, name: str, skip: Callable[[str], bool] = lambda nam
         if name not in file:
             raise DataError(f"{path}: no variable '{name}' in this HDF5 file, found {', '.join(file) or 'none'}; save the whole analysis")
         size = path.stat().st_size
-        return tree_of(own(file, name, path), Budget(path, size, values=min(MAX_BYTES, ROOM + EXPANDED * size)), skip, 0)
+        return tree_of(own(file, name, path), ReadingLimit(path, size, values=min(MAX_BYTES, ROOM + EXPANDED * size)), skip, 0)
 
 
 def own(group: h5py.Group, name: str, path: Path) -> h5py.HLObject:
@@ -94,7 +94,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise DataError(f"{path}: cannot be read as HDF5 ({reason}), expected an undamaged file; copy or save it again") from None
 
 
-def tree_of(item: h5py.HLObject, budget: Budget, skip: Callable[[str], bool], depth: int) -> Any:
+def tree_of(item: h5py.HLObject, budget: ReadingLimit, skip: Callable[[str], bool], depth: int) -> Any:
     """An item of a file as nested dicts, lists, arrays and texts, within the budget; DataError beyond it."""
     budget.take(item, depth)
     if isinstance(item, h5py.Group):
@@ -114,7 +114,7 @@ def tree_of(item: h5py.HLObject, budget: Budget, skip: Callable[[str], bool], de
     return values
 
 
-def _no_values(item: h5py.Dataset, budget: Budget) -> np.ndarray:
+def _no_values(item: h5py.Dataset, budget: ReadingLimit) -> np.ndarray:
     """An empty array; MATLAB stores its shape as the values."""
     shape = np.ravel(item[()])
     if shape.size > 32 or np.prod(shape, dtype=float) != 0:
@@ -122,7 +122,7 @@ def _no_values(item: h5py.Dataset, budget: Budget) -> np.ndarray:
     return np.zeros(tuple(int(n) for n in shape))
 
 
-def _target(item: h5py.Dataset, reference: h5py.Reference, budget: Budget) -> h5py.HLObject:
+def _target(item: h5py.Dataset, reference: h5py.Reference, budget: ReadingLimit) -> h5py.HLObject:
     if not reference:
         raise DataError(f"{budget.path}: '{item.name}' holds a reference that leads nowhere, expected an object; save the file again")
     return item.file[reference]

@@ -34,14 +34,14 @@ _BUMP = 8.0 / 15.0
 
 
 @dataclass(frozen=True)
-class Told:
+class BalanceEntries:
     """Entries of a summary and datasets of an artefact."""
 
     entries: dict[str, Any]
     datasets: dict[str, Dataset]
 
 
-def locally_told(study: Study, here: Traced, parts: JointParts | None, numerical: np.ndarray | None) -> Told:
+def locally_told(study: Study, here: Traced, parts: JointParts | None, numerical: np.ndarray | None) -> BalanceEntries:
     """Local balances and drifts of a traced case: entries `local_balances` (None: no body was tested) and `drift`; writes the figure into
     the run folder."""
     seen = witnesses(here, parts, numerical)
@@ -50,7 +50,7 @@ def locally_told(study: Study, here: Traced, parts: JointParts | None, numerical
     if datasets:
         with matplotlib.rc_context(STYLE):
             figure = save_figures(study.run_dir / "figures", {FIGURE: significance_figure(maps_of(datasets))})[0]
-    return Told({"local_balances": balance_entry(seen, figure), "drift": _drift(here, parts)}, datasets)
+    return BalanceEntries({"local_balances": balance_entry(seen, figure), "drift": _drift(here, parts)}, datasets)
 
 
 def balance_entry(seen: Witnesses | None, figure: Path | None) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ import numpy as np
 from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case, nowhere
-from thermofit.diagnose.loop import Closed, Place, Round, like_of, place_of, ranking_rows
+from thermofit.diagnose.loop import Closed, Round, RoundEnd, like_of, place_of, ranking_rows
 from thermofit.diagnose.pose import not_asked_beyond
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.proof_elsewhere import held_out_words
@@ -21,7 +21,7 @@ from thermofit.diagnose.trial import Trial
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.residuals import lag_ones
-from thermofit.experiment.trust import Level, above_floor, doubts, grade, level, undetermined
+from thermofit.experiment.trust import ChannelLevel, above_floor, doubts, grade, level, undetermined
 from thermofit.fit.result import FitResult
 from thermofit.identify.solve import merged_counts
 from thermofit.records.artefact import Dataset, ParameterResult
@@ -134,7 +134,7 @@ def _ends(here: Traced, fit: FitResult) -> dict[str, str]:
     return undetermined(here.case.parameters, fit, here.case.bounds) if same else {}
 
 
-def _levels(here: Traced, numerical: np.ndarray) -> list[Level]:
+def _levels(here: Traced, numerical: np.ndarray) -> list[ChannelLevel]:
     """Every channel over its floor, as a whole and in every phase."""
     whole = []
     for k, c in enumerate(here.case.model.comparisons):
@@ -213,7 +213,7 @@ def _trial(trial: Trial, turn: Round) -> dict[str, Any]:
     }
 
 
-def _place(place: Place) -> dict[str, Any]:
+def _place(place: RoundEnd) -> dict[str, Any]:
     """All that a run at a place needs: values in the units of the parameters, and which of them were fitted."""
     values = {name: place.parameters[name] for name in place.parameters.given()}
     return {"f": place.f, "free": list(place.parameters.free), "parameters": values}

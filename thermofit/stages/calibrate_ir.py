@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.core.experiment import CELSIUS, Experiment, InfraredSequence, Landmarks, Specimen
+from thermofit.core.experiment import CELSIUS, InfraredSequence, Landmarks, MeasuredTest, Specimen
 from thermofit.observe.camera import CameraPose, landmark_checks, make_pose, pixel_coordinates, pose_from_landmarks, pose_uncertainty
 from thermofit.observe.camera_edges import EdgeRefinement, pixel_noise, refine_pose
 from thermofit.observe.check_picture import draw_check_picture
@@ -97,7 +97,7 @@ def _make(study: Study) -> Made:
     return Made(_datasets(ir, used), summary)
 
 
-def _given(study: Study, experiment: Experiment) -> Landmarks | None:
+def _given(study: Study, experiment: MeasuredTest) -> Landmarks | None:
     """Landmarks of the study, else of experiment.yaml; None where neither has any."""
     override = study.ir.landmarks
     given = experiment.landmarks if override is None else override.of_frame(0)
@@ -141,7 +141,7 @@ def pick(study: Study, length_mm: float, clicks: Clicks | None = None) -> dict[s
     return pick_points(np.asarray(experiment.ir.frames[number], dtype=float), length_mm, clicks)
 
 
-def _at_rest(experiment: Experiment) -> np.ndarray:
+def _at_rest(experiment: MeasuredTest) -> np.ndarray:
     """Mean (n_row, n_col) K of the frames before loading."""
     ir = experiment.ir
     assert ir is not None

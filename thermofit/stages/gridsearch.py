@@ -14,7 +14,7 @@ from thermofit.experiment.fields import with_identified
 from thermofit.identify.draws import drawn_starts
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, as_recorded, ready
-from thermofit.identify.trials import Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
+from thermofit.identify.trials import StageTrial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.uniqueness import Uniqueness, uniqueness
 from thermofit.records.artefact import Dataset, of_parameters
 from thermofit.records.executor import SERIAL, Executor
@@ -88,14 +88,14 @@ def _make(study: Study, stage: Ready, optimum: Parameters, starts: tuple[Mapping
     return Made(datasets, summary, record.parameters, seed)
 
 
-def _verdict(trials: list[Trial], names: tuple[str, ...]) -> Uniqueness:
+def _verdict(trials: list[StageTrial], names: tuple[str, ...]) -> Uniqueness:
     none = np.full((len(names), len(names)), np.nan)
     known = [none if t.failed or t.summary["curvature"] is None else np.array(t.summary["curvature"]) for t in trials]
     f, converged = np.array([t.f for t in trials]), np.array([t.converged for t in trials])
     return uniqueness(names, optima(trials, names), f, converged, np.array(known))
 
 
-def _best(trials: list[Trial]) -> Trial:
+def _best(trials: list[StageTrial]) -> StageTrial:
     """The trial with the lowest f, a converged one where there is any."""
     solved = [t for t in trials if t.converged] or [t for t in trials if not t.failed]
     if not solved:
@@ -103,7 +103,7 @@ def _best(trials: list[Trial]) -> Trial:
     return min(solved, key=lambda t: t.f)
 
 
-def _summary(study: Study, trials: list[Trial], verdict: Uniqueness) -> dict[str, Any]:
+def _summary(study: Study, trials: list[StageTrial], verdict: Uniqueness) -> dict[str, Any]:
     return {
         "verdict": verdict.text + _losses(trials),
         "trustworthy": verdict.kind == "unique",
@@ -118,7 +118,7 @@ def _summary(study: Study, trials: list[Trial], verdict: Uniqueness) -> dict[str
     }
 
 
-def _row(number: int, trial: Trial, group: int) -> dict[str, Any]:
+def _row(number: int, trial: StageTrial, group: int) -> dict[str, Any]:
     """A start as a line of a table: where it ended, with which objective and after how many runs."""
     if trial.failed:
         return {"start": number, "ends in": "failed"}
@@ -127,7 +127,7 @@ def _row(number: int, trial: Trial, group: int) -> dict[str, Any]:
     return {"start": number, "ends in": ends, **trial.summary["optimum"], "f": trial.f, "runs": runs["forward"] + runs["replayed"]}
 
 
-def _losses(trials: list[Trial]) -> str:
+def _losses(trials: list[StageTrial]) -> str:
     """How many starts gave no optimum."""
     failed = sum(t.failed for t in trials)
     short = sum(not t.failed and not t.converged for t in trials)
@@ -135,7 +135,7 @@ def _losses(trials: list[Trial]) -> str:
     return f"; {', '.join(parts)}" if parts else ""
 
 
-def _remarks(trials: list[Trial]) -> list[str]:
+def _remarks(trials: list[StageTrial]) -> list[str]:
     """Every start that failed or did not converge, by its number."""
     out = []
     for number, trial in enumerate(trials, start=1):

@@ -57,7 +57,7 @@ WIDER = 1.5
 
 
 @dataclass(frozen=True)
-class Options:
+class IdentifiabilityOptions:
     """What is asked: `stage` (None: thermal, of coupons plastic); `before` a test, under `programme`; `compare` these programmes
     (empty: all; None: no comparison); `repeats` of a bootstrap (0: none), `refit` each in full; profile; mcmc, on the `full_model`
     itself; `seed`."""
@@ -74,13 +74,13 @@ class Options:
     seed: int = 1
 
 
-def run(study: Study, options: Options | None = None, *, force: bool = False, where: Executor = SERIAL) -> Outcome:
+def run(study: Study, options: IdentifiabilityOptions | None = None, *, force: bool = False, where: Executor = SERIAL) -> Outcome:
     """Record of an analysis: `identifiability`, `identifiability-a-priori`, or `identifiability-compare`.
 
     A killed analysis resumes. StudyError where an artefact is missing (names its command), the study plans no test, or an option does not
     fit; UntrustworthyError where there are too few data; NumericsError where the model fails.
     """
-    options = _checked(options or Options())
+    options = _checked(options or IdentifiabilityOptions())
     key = options.stage or experiment_of(study).last_stage
     study.stage(key)
     task = _job(study, options, key)
@@ -96,7 +96,7 @@ def run(study: Study, options: Options | None = None, *, force: bool = False, wh
     return outcome
 
 
-def _checked(options: Options) -> Options:
+def _checked(options: IdentifiabilityOptions) -> IdentifiabilityOptions:
     """StudyError for options that contradict each other."""
     if options.before and options.repeats:
         raise StudyError("--bootstrap resamples a measured residual, and --a-priori has none: leave out one of them")
@@ -111,7 +111,7 @@ def _checked(options: Options) -> Options:
     return options
 
 
-def _job(study: Study, options: Options, key: str) -> Job:
+def _job(study: Study, options: IdentifiabilityOptions, key: str) -> Job:
     planned = options.before or options.compare is not None
     name = f"{NAME}-compare" if options.compare is not None else f"{NAME}-a-priori" if options.before else NAME
     inputs: dict[str, Path] = {}
@@ -124,7 +124,7 @@ def _job(study: Study, options: Options, key: str) -> Job:
     return job(study.run_dir, name, config, inputs)
 
 
-def _analysis(study: Study, key: str, options: Options, task: Job, where: Executor) -> Made:
+def _analysis(study: Study, key: str, options: IdentifiabilityOptions, task: Job, where: Executor) -> Made:
     subject = Subject(study, key, options.programme if options.before else None)
     ready = prepared(subject)
     kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, ready.base))
@@ -163,7 +163,7 @@ def _analysis(study: Study, key: str, options: Options, task: Job, where: Execut
 
 
 def _bootstrapped(
-    subject: Subject, linear: Linear, options: Options, kept: Kept, where: Executor
+    subject: Subject, linear: Linear, options: IdentifiabilityOptions, kept: Kept, where: Executor
 ) -> tuple[Mapping[str, Interval], np.ndarray, str]:
     if options.refit:
         found, draws, blocks = full_bootstrap(subject, linear, (options.repeats, options.seed), kept, where)
@@ -246,7 +246,7 @@ def _saved(study: Study, stage: str, figures: Mapping[str, Figure | None]) -> li
         raise StudyError(f"'{folder}' cannot be written ({error}): expected a writable folder with free space") from error
 
 
-def _compared(study: Study, key: str, options: Options, task: Job, where: Executor) -> Made:
+def _compared(study: Study, key: str, options: IdentifiabilityOptions, task: Job, where: Executor) -> Made:
     """Programmes ranked by the intervals that they would give."""
     assert options.compare is not None
     names = options.compare or experiment_of(study).programmes

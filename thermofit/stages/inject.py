@@ -42,7 +42,7 @@ LOOP = "close-loop"
 
 
 @dataclass(frozen=True)
-class Options:
+class InjectOptions:
     """What is planted: an effect by name, its amplitude in its unit, how many draws, values of its other Params that are not drawn, the
     seed of the draws; whether the answer is only predicted."""
 
@@ -54,7 +54,7 @@ class Options:
     predict_only: bool = False
 
 
-def run(study: Study, options: Options, *, force: bool = False, where: Executor = SERIAL) -> Outcome:
+def run(study: Study, options: InjectOptions, *, force: bool = False, where: Executor = SERIAL) -> Outcome:
     """Record `<run_dir>/inject-<effect>.h5` of how often the effect is found, what else is named, and what was predicted.
 
     Needs `interpolate` and the identification stages. A killed command resumes: each finished run of the loop is kept in
@@ -79,7 +79,7 @@ def run(study: Study, options: Options, *, force: bool = False, where: Executor 
 
 
 def _made(
-    study: Study, stages: tuple[str, ...], plain: Job, one: Effect, given: dict[str, float], options: Options, where: Executor
+    study: Study, stages: tuple[str, ...], plain: Job, one: Effect, given: dict[str, float], options: InjectOptions, where: Executor
 ) -> Made:
     """The prediction, the runs of the loop, and both side by side."""
     found = prepared(study, plain, stages, known_fit(diagnosis_job(study, DIAGNOSE)[0]))

@@ -15,7 +15,7 @@ from thermofit.identify.necking import (
     HardeningLaw,
     NeckingFit,
     Onset,
-    Sections,
+    SectionStrains,
     contraction,
     fit_sections,
     held_out,
@@ -48,7 +48,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
     return produce(task, lambda: _make(study), force=force)
 
 
-def sections(study: Study) -> Sections:
+def sections(study: Study) -> SectionStrains:
     """Strains of the sections of a study. DataError for frames or rows that the file does not have."""
     settings, path = study.necking, study.necking_file
     assert settings is not None and path is not None
@@ -75,7 +75,9 @@ def _make(study: Study) -> Made:
     return Made(_datasets(found, fit), {**summary, "picture": picture}, _parameters(fit))
 
 
-def _summary(settings: Necking, found: Sections, fit: NeckingFit, rates: list[dict[str, float]], seen: Onset | None) -> dict[str, Any]:
+def _summary(
+    settings: Necking, found: SectionStrains, fit: NeckingFit, rates: list[dict[str, float]], seen: Onset | None
+) -> dict[str, Any]:
     last = found.n_fit - 1
     test, neck, (mean, spread) = held_out(found, fit), neck_shape(found, last), contraction(found, last)
     value, sigma = fit.law.considere, fit.sigma("considere_strain")
@@ -126,7 +128,7 @@ def judged(fit: NeckingFit, seen: Onset | None, spread: float) -> tuple[str, boo
     return f"{text}, {abs(off):.1f} standard errors {when}: the law, equal initial sections or rate independence does not hold", False
 
 
-def _channel(found: Sections, fit: NeckingFit) -> dict[str, Any]:
+def _channel(found: SectionStrains, fit: NeckingFit) -> dict[str, Any]:
     rms = float(np.sqrt(np.mean(fit.result.residual**2)))
     noise = float(np.sqrt(np.mean(found.strain.sigma**2)))
     return {
@@ -151,7 +153,7 @@ def _parameters(fit: NeckingFit) -> dict[str, ParameterResult]:
     return out
 
 
-def _datasets(found: Sections, fit: NeckingFit) -> dict[str, Dataset]:
+def _datasets(found: SectionStrains, fit: NeckingFit) -> dict[str, Dataset]:
     strain = found.strain
     x = np.linspace(0.0, fit.law.considere, 50)
     return {
@@ -168,7 +170,7 @@ def _datasets(found: Sections, fit: NeckingFit) -> dict[str, Dataset]:
     }
 
 
-def _draw(study: Study, found: Sections, fit: NeckingFit, rates: list[dict[str, float]], seen: Onset | None) -> str:
+def _draw(study: Study, found: SectionStrains, fit: NeckingFit, rates: list[dict[str, float]], seen: Onset | None) -> str:
     x = np.linspace(0.0, 1.1 * fit.law.considere, 80)
     laws = [fit.law, *(HardeningLaw(row["considere_strain"], row["H_exp"], row["hardening_rate"]) for row in rates)]
     strain = found.strain

@@ -15,7 +15,7 @@ from thermofit.experiment.held import thermal_names
 from thermofit.experiment.several import own_names
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.identify.stage import Ready, as_recorded, ready
-from thermofit.identify.trials import Setup, Trial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
+from thermofit.identify.trials import Setup, StageTrial, optima, record_of, run_trials, setup, shown, total_counts, trial_datasets
 from thermofit.identify.variation import nominal
 from thermofit.records.artefact import Dataset
 from thermofit.records.executor import SERIAL, Executor
@@ -109,7 +109,7 @@ def unit_of(quantity: str) -> str:
     return {THICKNESS: "mm", CLOCK: "s"}[quantity]
 
 
-def _made(study: Study, stage: Ready, quantity: str, trials: list[Trial]) -> Made:
+def _made(study: Study, stage: Ready, quantity: str, trials: list[StageTrial]) -> Made:
     first, others = trials[0], trials[1:]
     if first.failed:
         raise NumericsError(f"sensitivity: the stage fails at its own optimum: {first.summary['message']}")
@@ -179,7 +179,7 @@ def sensitivity_verdict(quantity: str, values: Sequence[float], largest: dict[st
     return f"{span}: {most}; {order[-1]} least, by up to {100.0 * largest[order[-1]]:.2g} %"
 
 
-def _losses(quantity: str, trials: Sequence[Trial]) -> str:
+def _losses(quantity: str, trials: Sequence[StageTrial]) -> str:
     """The values without an optimum, by name."""
     lost: dict[str, Any] = {
         "failed": [t.given[quantity] for t in trials if t.failed],

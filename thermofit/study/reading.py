@@ -54,7 +54,7 @@ def seen(name: str, value: Any) -> Any:
     if name == "parameters" and parts:
         return _Entries(value, parts)
     if parts or name in FREELY:
-        return _Part(name, value, parts | {*FREELY.get(name, ())})
+        return _PartOfSection(name, value, parts | {*FREELY.get(name, ())})
     raise _undeclared(name)
 
 
@@ -62,7 +62,7 @@ def _undeclared(name: str) -> UndeclaredRead:
     return UndeclaredRead(f"section '{name}' of the study is read, but the key of the record lacks it: add it where the key is made")
 
 
-class _Part:
+class _PartOfSection:
     """A section of which only some keys may be read."""
 
     def __init__(self, name: str, section: BaseModel, keys: set[str]) -> None:
@@ -75,7 +75,7 @@ class _Part:
         if name not in type(self._section).model_fields or name in self._keys:
             return value
         if parts := {key.partition(".")[2] for key in self._keys if key.startswith(f"{name}.")}:
-            return _Part(f"{self._name}.{name}", value, parts)
+            return _PartOfSection(f"{self._name}.{name}", value, parts)
         raise _undeclared(f"{self._name}.{name}")
 
 

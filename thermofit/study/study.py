@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from thermofit.core.digest import use_effect_files
 from thermofit.core.errors import StudyError
-from thermofit.core.experiment import Experiment, Specimen
+from thermofit.core.experiment import MeasuredTest, Specimen
 from thermofit.core.files import TEXT_LIMIT, check_regular
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
@@ -132,7 +132,7 @@ class Study(Sections):
         setting = self.setting(name)
         return setting.scale if isinstance(setting, ParameterStart) and setting.scale is not None else param(name).scale
 
-    def start_parameters(self, experiment: Experiment | None) -> Parameters:
+    def start_parameters(self, experiment: MeasuredTest | None) -> Parameters:
         """Start values; what the study leaves out is neutral, the temperatures of air and jaws are the experiment's (K).
 
         theta_ref is theta_clamp where absent: the specimen rests in the closed jaws before the test. StudyError where

@@ -21,7 +21,7 @@ from layouts import (
 
 from thermofit.core.errors import DataError
 from thermofit.read.formats import aramis_csv, aramis_legacy, aramis_section, dlr_nodemap, gom_points
-from thermofit.read.formats.contents import DicStage, Record
+from thermofit.read.formats.contents import ChannelRecord, DicStage
 from thermofit.read.formats.registry import format_of, read_native
 from thermofit.stages.inspect import inspect
 
@@ -176,7 +176,7 @@ def test_section_is_a_curve_in_millimetres(tmp_path: Path) -> None:
     path = tmp_path / "x1_section12_0-11.txt"
     path.write_bytes(SECTION)
     record = read_native(path)
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     assert format_of(path) is aramis_section
     np.testing.assert_allclose(record.channels["Sectionlength"], [0.0, 0.133532, 0.267])
     np.testing.assert_allclose(record.channels["deltaL"], [-0.0015, -0.001535, 0.0016])

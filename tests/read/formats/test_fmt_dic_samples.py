@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from thermofit.read.formats.clock import Rules
-from thermofit.read.formats.contents import DicStage, Record, ScalarField
+from thermofit.read.formats.contents import ChannelRecord, DicStage, ScalarField
 from thermofit.read.formats.registry import read_native
 from thermofit.read.formats.sequence import read_dic_files
 
@@ -68,7 +68,7 @@ def test_aramis_sections() -> None:
     assert len(paths) == 126
     for path in paths:
         record = read_native(path)
-        assert isinstance(record, Record)
+        assert isinstance(record, ChannelRecord)
         assert (record.traits.missing, record.traits.decimal, set(record.channels)) == (0, ",", {"Sectionlength", "deltaL"})
         assert record.traits.header["stage"] == path.stem.rsplit("-", 1)[1]
         assert len(record.channels["deltaL"]) == len(path.read_text().splitlines()) - 1

@@ -10,7 +10,7 @@ from layouts import LOAD, MATCHID, MATCHID_3D, MATRIX, TABLE
 
 from thermofit.core.errors import DataError
 from thermofit.read.formats import dic_table, matchid_load, matchid_matrix, matchid_table
-from thermofit.read.formats.contents import Content, DicStage, Record, ScalarField
+from thermofit.read.formats.contents import ChannelRecord, Content, DicStage, ScalarField
 from thermofit.read.formats.registry import head_of, read_native
 
 
@@ -89,7 +89,7 @@ def test_matrix_needs_quantity_and_unit_in_its_name(tmp_path: Path) -> None:
 
 def test_load_file_has_names_with_blanks(tmp_path: Path) -> None:
     record = read(tmp_path / "Image.csv", LOAD)
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     assert record.traits.format == matchid_load.NAME
     np.testing.assert_array_equal(record.channels["Force [N]"], [1000.0, 2000.5, 3001.0])
     np.testing.assert_array_equal(record.channels["TimeStamp"], [10.5, 11.5, 12.5])
@@ -97,11 +97,11 @@ def test_load_file_has_names_with_blanks(tmp_path: Path) -> None:
 
 def test_load_file_in_kilonewtons_and_without_unit(tmp_path: Path) -> None:
     record = read(tmp_path / "a.csv", b"index;Force [kN]\n1;0,5\n2;1,5\n")
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     np.testing.assert_array_equal(record.channels["Force"], [500.0, 1500.0])
     assert record.units["Force"] == "N"
     record = read(tmp_path / "b.csv", b"index;Load\n1;0,5\n2;1,5\n")
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     assert (record.units["Load"], record.traits.remarks) == ("", ("'Load' has no unit in the file",))
 
 
@@ -110,7 +110,7 @@ def test_load_file_is_no_record_of_a_testing_machine(tmp_path: Path) -> None:
     path.write_bytes(b"index;Force [kN];Extension [in]\n1;0,5;0,1\n")
     assert not matchid_load.recognises(head_of(path))
     record = read(path, b"File;TimeStamp; Force [kN];Stroke [in]\na;1;0,5;2\n")
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     assert record.traits.format == matchid_load.NAME
     np.testing.assert_allclose([record.channels["Force"][0], record.channels["Stroke"][0]], [500.0, 50.8])
     assert record.units == {"TimeStamp": "s", "Force": "N", "Stroke": "mm"}

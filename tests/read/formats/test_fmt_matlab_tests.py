@@ -11,7 +11,7 @@ import scipy.io
 from record_layouts import MATLAB_CELLS, MATLAB_FLAT, MATLAB_PACKED, matlab, matlab_tests, rows
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Content, Record, Records
+from thermofit.read.formats.contents import ChannelRecord, Content, Records
 from thermofit.read.formats.mat5 import variables
 from thermofit.read.formats.matlab_tests import NAME
 from thermofit.read.formats.registry import read_native
@@ -39,7 +39,7 @@ def test_cell_array_of_structs(tmp_path: Path, data: bytes) -> None:
 
 def test_flat_variables(tmp_path: Path) -> None:
     record = read(tmp_path, MATLAB_FLAT)
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     assert record.about == {"area": 8.34, "gauge_length": 25.0} and record.traits.header["Af"] == "2.3"
     assert [column.meaning for column in record.traits.columns] == ["time", "force", "extension", "displacement"]
 

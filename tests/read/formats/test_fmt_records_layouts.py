@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from record_layouts import workbook
 
 from thermofit.read.formats import bare_table, machine_workbook
-from thermofit.read.formats.contents import Record
+from thermofit.read.formats.contents import ChannelRecord
 from thermofit.read.formats.record_columns import column_of
 from thermofit.read.formats.record_dates import seconds_of, start_in_header
 from thermofit.read.formats.record_table import number_of, read_preamble, stated
@@ -21,11 +21,11 @@ from thermofit.read.formats.record_words import kind_of
 from thermofit.read.formats.registry import read_native
 
 
-def read(folder: Path, text: str, name: str = "record.csv") -> Record:
+def read(folder: Path, text: str, name: str = "record.csv") -> ChannelRecord:
     path = folder / name
     path.write_text(text, encoding="utf-8")
     content = read_native(path)
-    assert isinstance(content, Record)
+    assert isinstance(content, ChannelRecord)
     return content
 
 
@@ -35,7 +35,7 @@ def rows(separator: str = ",", decimal: str = ".", n: int = 30, width: int = 3) 
     return "".join(separator.join(f"{x:.5f}".replace(".", decimal) for x in row) + "\n" for row in table)
 
 
-def meanings(record: Record) -> dict[str, str]:
+def meanings(record: ChannelRecord) -> dict[str, str]:
     return {column.name: column.meaning for column in record.traits.columns}
 
 
@@ -79,7 +79,7 @@ def test_results_above_the_record_in_a_workbook(tmp_path: Path) -> None:
     table = [["Peak force", "Rm", "A"], ["kN", "MPa", "%"], [14.2, 512, 23], [], ["Time", "Force", "Strain"], ["s", "kN", "%"]]
     path.write_bytes(workbook({"one": [*table, *[[0.1 * k, 0.5 * k, 0.01 * k] for k in range(20)]]}))
     record = read_native(path)
-    assert isinstance(record, Record) and record.traits.format == machine_workbook.NAME
+    assert isinstance(record, ChannelRecord) and record.traits.format == machine_workbook.NAME
     assert list(record.channels) == ["Time", "Force", "Strain"] and len(record.channels["Time"]) == 20
     assert record.channels["Force"][2] == pytest.approx(1000.0)
 
@@ -264,7 +264,7 @@ def test_dates_of_a_workbook(tmp_path: Path) -> None:
     table = [["stamp", "force [N]"], *[[begun + dt.timedelta(seconds=k), 2.0 * k] for k in range(12)]]
     path.write_bytes(workbook({"one": table}))
     record = read_native(path)
-    assert isinstance(record, Record)
+    assert isinstance(record, ChannelRecord)
     np.testing.assert_allclose(np.diff(record.channels["stamp"]), 1.0, atol=1e-3)
     assert record.channels["stamp"][0] == pytest.approx((begun - dt.datetime(1970, 1, 1)).total_seconds(), abs=1e-3)
 
@@ -352,7 +352,7 @@ def test_a_sheet_without_names(tmp_path: Path) -> None:
     path = tmp_path / "book.xlsx"
     path.write_bytes(workbook({"Exp": [[1e-3 * k, 3.0 * k, 2e-3 * k, 4.0 * k] for k in range(20)], "note": [["by hand"]]}))
     record = read_native(path)
-    assert isinstance(record, Record) and list(record.channels) == [f"column {k}" for k in (1, 2, 3, 4)]
+    assert isinstance(record, ChannelRecord) and list(record.channels) == [f"column {k}" for k in (1, 2, 3, 4)]
     assert record.channels["column 4"][3] == 12.0 and any("has no names" in remark for remark in record.traits.remarks)
 
 
@@ -360,5 +360,5 @@ def test_arrays_of_a_mat_file_have_no_names(tmp_path: Path) -> None:
     path = tmp_path / "test.mat"
     scipy.io.savemat(path, {"test_data": np.stack([np.linspace(0, 0.1, 20), np.linspace(0, 500, 20)], axis=1), "note": "true"})
     record = read_native(path)
-    assert isinstance(record, Record) and list(record.channels) == ["column 1", "column 2"]
+    assert isinstance(record, ChannelRecord) and list(record.channels) == ["column 1", "column 2"]
     assert record.channels["column 2"][-1] == 500.0

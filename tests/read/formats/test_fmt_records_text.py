@@ -10,7 +10,7 @@ from record_layouts import COMMENTED, INSTRON, PLAIN, SANDIA, SCHENCK, TESTXPERT
 
 from thermofit.core.errors import DataError
 from thermofit.read.formats import coupon_text, sandia_text, testxpert_text
-from thermofit.read.formats.contents import Record
+from thermofit.read.formats.contents import ChannelRecord
 from thermofit.read.formats.registry import format_of, read_native
 
 TABLE = np.array(rows())
@@ -22,9 +22,9 @@ def written(folder: Path, data: bytes, name: str = "record.dat") -> Path:
     return path
 
 
-def read(folder: Path, data: bytes) -> Record:
+def read(folder: Path, data: bytes) -> ChannelRecord:
     content = read_native(written(folder, data))
-    assert isinstance(content, Record)
+    assert isinstance(content, ChannelRecord)
     return content
 
 

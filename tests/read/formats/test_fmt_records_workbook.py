@@ -10,7 +10,7 @@ from record_layouts import CATMAN, CATMAN_TWO_RATES, MACHINE, MACHINE_ROWS, TEST
 
 from thermofit.core.errors import DataError
 from thermofit.read.formats import catman_workbook, machine_workbook, testxpert_workbook
-from thermofit.read.formats.contents import Content, Record, Records
+from thermofit.read.formats.contents import ChannelRecord, Content, Records
 from thermofit.read.formats.registry import read_native
 
 TABLE = np.array(rows())
@@ -24,7 +24,7 @@ def read(folder: Path, data: bytes) -> Content:
 
 def test_padded_machine_workbook(tmp_path: Path) -> None:
     record = read(tmp_path, MACHINE)
-    assert isinstance(record, Record) and record.traits.format == machine_workbook.NAME
+    assert isinstance(record, ChannelRecord) and record.traits.format == machine_workbook.NAME
     assert record.about == pytest.approx({"gauge_length": 8.0, "diameter": 5.98, "area": 28.086})
     assert list(record.channels) == ["S/No", "System Date", "C_1_Temps[s]", "C_1_Force[kN]", "C_1_Angle[mm]", "e_true"]
     np.testing.assert_allclose(record.channels["C_1_Force[kN]"], 1e3 * TABLE[:, 1])
@@ -39,7 +39,7 @@ def test_several_sheets_are_several_tests(tmp_path: Path) -> None:
 
 def test_catman_names_and_units(tmp_path: Path) -> None:
     record = read(tmp_path, CATMAN)
-    assert isinstance(record, Record) and record.traits.format == catman_workbook.NAME
+    assert isinstance(record, ChannelRecord) and record.traits.format == catman_workbook.NAME
     assert list(record.channels) == ["Time 1 - default sample rate", "Extenso", "Temperature"]
     assert list(record.units.values()) == ["s", "mm", "K"]
     assert len(record.channels["Extenso"]) == len(TABLE)
@@ -64,7 +64,7 @@ def test_catman_channel_without_clock_is_refused(tmp_path: Path) -> None:
 
 def test_testxpert_workbook(tmp_path: Path) -> None:
     record = read(tmp_path, TESTXPERT_BOOK)
-    assert isinstance(record, Record) and record.traits.format == testxpert_workbook.NAME
+    assert isinstance(record, ChannelRecord) and record.traits.format == testxpert_workbook.NAME
     assert record.about == pytest.approx({"thickness": 1.3, "width": 6.0})
     meanings = [column.meaning for column in record.traits.columns]
     assert meanings == ["time", "force", "extension", "displacement"]

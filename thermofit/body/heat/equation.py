@@ -110,7 +110,7 @@ def film_matrices(data: FacetData, x: np.ndarray, out: np.ndarray) -> None:
 _NONE = np.empty((0, 0, 0))
 
 
-class PointHistory(NamedTuple):
+class PointStates(NamedTuple):
     """State of all points at one time as the heat sources need it, each (n_el, 8): J, alpha, Lambda; `structure` (n_el, 8, n) is what the
     state of a point holds beyond its first eleven numbers (point.state), empty where that is nothing."""
 
@@ -127,7 +127,7 @@ def at_points(data: ElementData, nodal: np.ndarray) -> np.ndarray:
 
 @kernel
 def heat_of_increment(
-    data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, law: Law, out: np.ndarray
+    data: ElementData, start: PointStates, end: PointStates, theta: np.ndarray, law: Law, out: np.ndarray
 ) -> tuple[float, float]:
     """Nodal heat of one increment int N_a (dissipated + thermoelastic) dV added to out (n_np,), mJ.
 
@@ -171,7 +171,7 @@ class Increment(NamedTuple):
     accumulated: np.ndarray
 
 
-def increment_between(start: PointHistory, end: PointHistory) -> Increment:
+def increment_between(start: PointStates, end: PointStates) -> Increment:
     """Increment from one state of all points to another."""
     g_n, g = np.log(start.dilatation) / start.dilatation, np.log(end.dilatation) / end.dilatation
     return Increment(g_n, g, start.alpha, end.alpha, end.accumulated - start.accumulated, end.accumulated)
@@ -202,7 +202,7 @@ def add_released_heat(data: ElementData, increment: Increment, theta: np.ndarray
 
 
 @kernel
-def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, law: Law, added: np.ndarray) -> float:
+def smallest_dissipation(start: PointStates, end: PointStates, theta: float, law: Law, added: np.ndarray) -> float:
     """Smallest dissipation of one increment over all points at about theta K, mJ/mm^3; negative violates the second law. `added` (n_el, 8)
     is that of effects which change the local update itself."""
     smallest = 0.0
@@ -216,7 +216,7 @@ def smallest_dissipation(start: PointHistory, end: PointHistory, theta: float, l
 
 
 @kernel
-def dissipation_of_points(data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
+def dissipation_of_points(data: ElementData, start: PointStates, end: PointStates, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
     """Mechanical dissipation of one increment at every point, mJ/mm^3, added to out (n_el, 8); theta (n_np,) K at its end."""
     for e in range(data.hexes.shape[0]):
         for q in range(8):

@@ -15,7 +15,7 @@ import numpy as np
 from thermofit.body.body import Body, ThermalGeometry, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, HeatStep, at_constant_stress, heat_step, steady_temperature
 from thermofit.body.heat.effects import source_heat
-from thermofit.body.heat.equation import Increment, PointHistory, add_released_heat
+from thermofit.body.heat.equation import Increment, PointStates, add_released_heat
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.heat.structure import structure_heat
 from thermofit.body.sensitivity.conduction_rates import add_effect_sources, condition_rates, heat_step_rates, steady_rates
@@ -44,10 +44,10 @@ class HeatProblem:
     film_area: Mapping[str, np.ndarray]
     increments: tuple[Increment, ...]
     settings: MarchSettings
-    points: tuple[PointHistory, ...] = ()
+    points: tuple[PointStates, ...] = ()
     """Those at all times, where effects change the local update itself."""
 
-    def ends(self, n: int) -> tuple[PointHistory, PointHistory] | None:
+    def ends(self, n: int) -> tuple[PointStates, PointStates] | None:
         """Points at both ends of the step from time n to n + 1, where effects change the local update itself."""
         return (self.points[n], self.points[n + 1]) if self.points else None
 
@@ -79,7 +79,7 @@ def heat_problem(body: Body, history: History, settings: MarchSettings) -> HeatP
     return HeatProblem(body, history.time, rest, conduction, film_slots, film, area, _increments(history.points), settings, kept)
 
 
-def _increments(points: tuple[PointHistory, ...]) -> tuple[Increment, ...]:
+def _increments(points: tuple[PointStates, ...]) -> tuple[Increment, ...]:
     """Changes between all times; ln J / J of a time is kept once."""
     g = [np.log(p.dilatation) / p.dilatation for p in points]
     return tuple(

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thermofit.body.element.hex8 import ElementData
-from thermofit.body.heat.equation import PointHistory, at_points
+from thermofit.body.heat.equation import PointStates, at_points
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
 from thermofit.law.backstress import recalled_energy
@@ -24,7 +24,7 @@ _HILL_WEIGHTS = ((0, 1, 1.0), (2, 0, 1.0), (1, 2, 1.0), (3, 3, 2.0), (4, 4, 2.0)
 """Of F, G, H, L, M, N: the components whose difference, or which alone, it weights in Y : G : Y, and how often."""
 
 
-class Change(NamedTuple):
+class PointChange(NamedTuple):
     """Change of all points over one increment, each (n_el, 8): ln J at both ends, alpha at the end, Lambda at the start, dLambda, tr C_el
     at both ends and the sense of flow at the end; of each backstress (N_BACK, n_el, 8) the squares Y_n : G : Y_n, Y_n : G : Y and
     Y : G : Y."""
@@ -42,20 +42,20 @@ class Change(NamedTuple):
     after: np.ndarray
 
 
-def change_between(start: PointHistory, end: PointHistory, law: Law) -> Change:
+def change_between(start: PointStates, end: PointStates, law: Law) -> PointChange:
     """Change from one state of all points to another; both hold their structure."""
     y_n, y = _backs(start), _backs(end)
     at = TRACE - N_STATE, SENSE - N_STATE
     trace, sense = (np.ascontiguousarray(end.structure[:, :, k]) for k in at)
     trace_n = np.ascontiguousarray(start.structure[:, :, at[0]])
-    return Change(
+    return PointChange(
         np.log(start.dilatation), np.log(end.dilatation), end.alpha, start.accumulated, end.accumulated - start.accumulated,
         trace_n, trace, sense,
         _in_hill(y_n, y_n, law), _in_hill(y_n, y, law), _in_hill(y, y, law),
     )  # fmt: skip
 
 
-def _backs(points: PointHistory) -> np.ndarray:
+def _backs(points: PointStates) -> np.ndarray:
     """Y of all backstresses (N_BACK, n_el, 8, 6)."""
     y = points.structure[:, :, BACK - N_STATE :]
     return np.ascontiguousarray(np.moveaxis(y.reshape(*y.shape[:2], N_BACK, 6), 2, 0))
@@ -128,7 +128,7 @@ def _heat_at(
 
 
 @kernel
-def _heats(change: Change, theta: np.ndarray, theta_n: np.ndarray, law: Law, dissipated: np.ndarray, elastic: np.ndarray) -> None:
+def _heats(change: PointChange, theta: np.ndarray, theta_n: np.ndarray, law: Law, dissipated: np.ndarray, elastic: np.ndarray) -> None:
     squares = (change.before, change.across, change.after)
     for e in range(theta.shape[0]):
         for q in range(8):
@@ -139,7 +139,7 @@ def _heats(change: Change, theta: np.ndarray, theta_n: np.ndarray, law: Law, dis
 
 
 @kernel
-def _differentiate(change: Change, theta: np.ndarray, theta_n: np.ndarray, argument: int, law: Law, out: np.ndarray) -> None:
+def _differentiate(change: PointChange, theta: np.ndarray, theta_n: np.ndarray, argument: int, law: Law, out: np.ndarray) -> None:
     """Derivative of the heat of every point by one argument, or by the number of the law that is moved (argument < 0)."""
     h, squares = np.zeros(10), (change.before, change.across, change.after)
     if argument >= 0:
@@ -164,7 +164,7 @@ def _differentiate(change: Change, theta: np.ndarray, theta_n: np.ndarray, argum
 
 
 @kernel
-def _terms_of_points(change: Change, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
+def _terms_of_points(change: PointChange, theta: np.ndarray, law: Law, out: np.ndarray) -> None:
     """C and exp(-gamma dLambda) of every backstress into out (2, N_BACK, n_el, 8)."""
     for e in range(theta.shape[0]):
         for q in range(8):
@@ -175,7 +175,7 @@ def _terms_of_points(change: Change, theta: np.ndarray, law: Law, out: np.ndarra
 
 
 def structure_heat(
-    data: ElementData, start: PointHistory, end: PointHistory, theta: np.ndarray, theta_n: np.ndarray, law: Law, out: np.ndarray
+    data: ElementData, start: PointStates, end: PointStates, theta: np.ndarray, theta_n: np.ndarray, law: Law, out: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
     """Nodal heat of an increment beside `heat_of_increment`, added to out (n_np,), mJ; the same arguments, theta (n_np,) K, that of the
     middle of the increment, and theta_n (n_np,) at its start. At its end it is 2 theta - theta_n.
@@ -207,7 +207,7 @@ END_PLACES = np.array([LAMBDA, ALPHA, TRACE, SENSE, *range(BACK, BACK + 6 * N_BA
 
 
 def structure_slopes(
-    start: PointHistory, end: PointHistory, theta: np.ndarray, theta_n: np.ndarray, law: Law, moved: tuple[Law, ...], on: bool
+    start: PointStates, end: PointStates, theta: np.ndarray, theta_n: np.ndarray, law: Law, moved: tuple[Law, ...], on: bool
 ) -> StructureSlopes:
     """StructureSlopes of an increment, theta and theta_n (n_el, 8) K at the points in its middle and at its start.
 

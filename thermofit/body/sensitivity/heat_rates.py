@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thermofit.body.element.hex8 import ElementData
-from thermofit.body.heat.equation import Increment, PointHistory, at_points, increment_between
+from thermofit.body.heat.equation import Increment, PointStates, at_points, increment_between
 from thermofit.body.heat.structure import StructureSlopes, add_structure_rates, structure_slopes
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
@@ -29,7 +29,7 @@ _thermoelastic: Any = thermoelastic_heat
 """The law page is written for real numbers; here it takes complex ones."""
 
 
-class PointRates(NamedTuple):
+class PointStateRates(NamedTuple):
     """Rates of the points at one time: of J (n_el, 8, m) and of the state (n_el, 8, n, m)."""
 
     dilatation: np.ndarray
@@ -96,7 +96,7 @@ Temperatures = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray
 
 
 def source_slopes(
-    data: ElementData, ends: tuple[PointHistory, PointHistory], theta: tuple[np.ndarray, np.ndarray], law: SourceLaw
+    data: ElementData, ends: tuple[PointStates, PointStates], theta: tuple[np.ndarray, np.ndarray], law: SourceLaw
 ) -> SourceSlopes:
     """SourceSlopes of an increment from the points at its ends, and theta (n_np,) K of the thermoelastic term and at its start."""
     increment = increment_between(*ends)
@@ -110,7 +110,7 @@ def source_slopes(
 def heat_source_rates(
     data: ElementData,
     slopes: SourceSlopes,
-    end_rates: tuple[PointRates, PointRates],
+    end_rates: tuple[PointStateRates, PointStateRates],
     temperatures: Temperatures,
     law: SourceLaw,
     out: np.ndarray,
@@ -137,7 +137,7 @@ def frozen_source_rates(
     temperatures: Temperatures,
     law: SourceLaw,
     out: np.ndarray,
-    ends: tuple[PointHistory, PointHistory] | None = None,
+    ends: tuple[PointStates, PointStates] | None = None,
 ) -> None:
     """`heat_source_rates` where the mechanics stays as it is: temperature and law alone have rates. `ends`: the points at both ends of the
     increment, where they hold the state of effects that change the local update itself."""

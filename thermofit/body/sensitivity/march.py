@@ -1,7 +1,7 @@
 """Sensitivities of a march by direct differentiation: du/dp, dtheta/dp and dF/dp of every step, exact for the discrete equations.
 
 After each converged step the equations of both fields are differentiated along all asked-for parameters at once, through the
-history variables (M. Kleiber et al., Parameter Sensitivity in Nonlinear Mechanics, 1997):
+history variables (M. Kleiber et al., Parameter StepRates in Nonlinear Mechanics, 1997):
 
     K u' = f_ext'(p) - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
     [c0 M + gamma dt E] theta' = ... (u', u_n', theta_n', h'(s', s_n', theta'), p).
@@ -29,7 +29,7 @@ from thermofit.body.sensitivity.conduction_rates import (
     usual_change,
 )
 from thermofit.body.sensitivity.heat_rates import (
-    PointRates,
+    PointStateRates,
     SourceSlopes,
     add_dilatation_heat,
     heat_source_rates,
@@ -37,11 +37,11 @@ from thermofit.body.sensitivity.heat_rates import (
     source_slopes,
 )
 from thermofit.body.sensitivity.mechanical_rates import add_answer, dilatation_rates, load_rates, thermal_load_rates, update_rates
-from thermofit.body.sensitivity.step_rates import Linearised as Linearised
+from thermofit.body.sensitivity.step_rates import LinearisedStep as LinearisedStep
 from thermofit.body.sensitivity.step_rates import Rates as Rates
 from thermofit.body.sensitivity.step_rates import Sensitivities as Sensitivities
-from thermofit.body.sensitivity.step_rates import Sensitivity as Sensitivity
 from thermofit.body.sensitivity.step_rates import StepEnds as StepEnds
+from thermofit.body.sensitivity.step_rates import StepRates as StepRates
 from thermofit.body.solve.extrapolation import lagrange
 from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.core.errors import NumericsError
@@ -144,7 +144,7 @@ class Differentiator:
     def collect(self, n: int, rates: Rates) -> None:
         """Hand the derivatives of recorded time n to the caller."""
         k = len(self.asked.names)
-        self.asked.collect(n, Sensitivity(rates.u[:, :, :k], rates.theta[:, :k], rates.top_force[:k] * self.body.symmetry))
+        self.asked.collect(n, StepRates(rates.u[:, :, :k], rates.theta[:, :k], rates.top_force[:k] * self.body.symmetry))
 
     def rest(self, theta: np.ndarray, geometry: ThermalGeometry, conditions: HeatConditions, length: float, from_rest: bool) -> None:
         """Rates of the steady temperature theta (n_np,) of the resting specimen and of the displacement that it causes."""
@@ -155,7 +155,7 @@ class Differentiator:
             warming = volume_mean(self.body, self.resting) - rates[THETA_REF]
             self._rest_shift = length * (rates[ALPHA_EXP] * warmer + law.alpha_exp * warming)
 
-    def initial(self, mechanics: Linearised, load: np.ndarray) -> Rates:
+    def initial(self, mechanics: LinearisedStep, load: np.ndarray) -> Rates:
         """Rates of the state at rest under a load with the rates (m,): N on the end of the model, or mm from its resting place."""
         self._load = self._rest_shift + load
         start = self._states[1]
@@ -165,7 +165,7 @@ class Differentiator:
         points, dilatation = self._update(mechanics, start, self.resting, u)
         return Rates(u, self.resting, points, dilatation, self._top_rate)
 
-    def step(self, start: Rates, mechanics: Linearised, ends: StepEnds, load: np.ndarray) -> Rates:
+    def step(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds, load: np.ndarray) -> Rates:
         """Rates at the end of a step from those at its start, its load with the rates (m,). NumericsError where mechanics and heat do not
         come to agree.
 
@@ -187,7 +187,7 @@ class Differentiator:
             if sweep > 0 and softens:  # the answer below knows of expansion alone
                 u, felt = self._mechanics(mechanics, start.points, theta), theta
             points, dilatation = self._update(mechanics, start.points, theta, u)
-            found = self.heat_rates(start, (u, PointRates(dilatation, points)), theta, ends, slopes)
+            found = self.heat_rates(start, (u, PointStateRates(dilatation, points)), theta, ends, slopes)
             size = self._change(found, theta)
             if self._exact_forces or np.any(size > min(_RESOLVED, tolerance)):
                 found, felt = self._agreed(mechanics, ends, (u, dilatation), found, felt)
@@ -210,7 +210,7 @@ class Differentiator:
         return np.asarray(np.abs(found - theta).max(axis=0) / scale)
 
     def _agreed(
-        self, mechanics: Linearised, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], found: np.ndarray, felt: np.ndarray
+        self, mechanics: LinearisedStep, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], found: np.ndarray, felt: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """theta' (n_np, m) by the heat equation and that which u' and J' of the end of a step (= end) have followed, after these followed;
         the histories of the points do not. NumericsError where a strong coupling does not come to agree.
@@ -232,7 +232,7 @@ class Differentiator:
         )
 
     def _answer(
-        self, mechanics: Linearised, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], change: np.ndarray
+        self, mechanics: LinearisedStep, ends: StepEnds, end: tuple[np.ndarray, np.ndarray], change: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """u' and J' of the end of a step (= end) follow a change of theta' (n_np, m); the answer (n_np, m) of theta' to that, and the
         change that they have followed.
@@ -274,7 +274,7 @@ class Differentiator:
             values.append(theta)
         return np.asarray(sum(w * v for w, v in zip(lagrange(times, dt), values, strict=True)))
 
-    def _respond(self, mechanics: Linearised) -> None:
+    def _respond(self, mechanics: LinearisedStep) -> None:
         states = (mechanics.before, mechanics.after)
         responses(self.body.data, (mechanics.u, mechanics.theta), states, self.law, self.along, self._response)
         if self._skewed:
@@ -284,7 +284,7 @@ class Differentiator:
             largest = np.abs(stiffness_slopes(self._response, self.along)).max(axis=(0, 2))
             self._softened = moduli * (largest @ np.abs(self.along.numbers[self.along.in_structure]))
 
-    def _mechanics(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _mechanics(self, mechanics: LinearisedStep, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """u' (n_np, 3, m) for given theta' and rates of the old state."""
         body, states = self.body, (mechanics.before, mechanics.after)
         load_rates(body.data, mechanics.u, states, self.law, self.along, self._response, points_n, theta, self._loads)
@@ -298,7 +298,7 @@ class Differentiator:
         self._scale = self._add_answer(mechanics, self._loads, u)
         return u
 
-    def _update(self, mechanics: Linearised, points_n: np.ndarray, theta: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _update(self, mechanics: LinearisedStep, points_n: np.ndarray, theta: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of points and J for u', which is mended where it leaves the rates of the internal forces out of balance.
 
         Where points flow the stiffness at hand is the symmetric neighbour of the exact one, off by some 4e-4 dLambda, or one
@@ -342,7 +342,7 @@ class Differentiator:
         assemble(self.body.element_equation, self._loads, right)
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
-    def _add_answer(self, mechanics: Linearised, loads: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def _add_answer(self, mechanics: LinearisedStep, loads: np.ndarray, u: np.ndarray) -> np.ndarray:
         """u (n_np, 3, m) += K^-1 of minus the element loads (n_el, 24, m); returns the norm (m,) of the nodal loads."""
         body = self.body
         right = np.zeros((body.n_equations, self.m))
@@ -351,7 +351,7 @@ class Differentiator:
         add_answer(body.equation, x, u)
         return np.asarray(np.sqrt(np.einsum("em,em->m", right, right)))
 
-    def _warm(self, mechanics: Linearised, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _warm(self, mechanics: LinearisedStep, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Change of u' (n_np, 3, m) by one of theta' (n_np, m) and by what `_update` has left of the force rates, states held; and what the
         change of theta' adds to the rate of the force on the end at fixed u', (m,)."""
         thermal_load_rates(self.body.data, mechanics.u, self._response, change, self._warming)
@@ -371,7 +371,7 @@ class Differentiator:
         e = self._top_elements
         return np.asarray(loads[e].reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
 
-    def _by_stiffness(self, mechanics: Linearised, u: np.ndarray) -> np.ndarray:
+    def _by_stiffness(self, mechanics: LinearisedStep, u: np.ndarray) -> np.ndarray:
         """The same part of K u' (n_np, 3, m)."""
         if self.body.top >= 0:
             return np.zeros(self.m)
@@ -380,13 +380,13 @@ class Differentiator:
         return np.asarray(nodal.reshape(len(e), 8, 3, self.m)[self._top_dofs][:, 1].sum(axis=0))
 
     def heat_rates(
-        self, start: Rates, moved: tuple[np.ndarray, PointRates], theta: np.ndarray, ends: StepEnds, slopes: SourceSlopes
+        self, start: Rates, moved: tuple[np.ndarray, PointStateRates], theta: np.ndarray, ends: StepEnds, slopes: SourceSlopes
     ) -> np.ndarray:
         """theta' (n_np, m) at the end of the step by the differentiated heat equation; `moved` are u' and the rates of the points there,
         theta is the estimate so far."""
         u, end = moved
         middle_rates = start.theta if self.one_way else 0.5 * (start.theta + theta)
-        heat, rates = np.zeros((self.body.mesh.n_nodes, self.m)), (PointRates(start.dilatation, start.points), end)
+        heat, rates = np.zeros((self.body.mesh.n_nodes, self.m)), (PointStateRates(start.dilatation, start.points), end)
         temperatures = ((ends.theta[0], middle_rates), (ends.theta[1], start.theta))
         heat_source_rates(self.body.data, slopes, rates, temperatures, self._sources, heat)
         motion, conditions = ((ends.u[0], start.u), (ends.u[1], u)), self.conditions.about(middle_rates)

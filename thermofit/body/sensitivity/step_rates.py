@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from thermofit.body.heat.conduction import HeatStep
-from thermofit.body.heat.equation import PointHistory
+from thermofit.body.heat.equation import PointStates
 from thermofit.body.solve.linear import Factor
 from thermofit.core.errors import NumericsError
 from thermofit.point.state import LAMBDA
@@ -24,7 +24,7 @@ class Sensitivities:
     """
 
     names: tuple[str, ...]
-    collect: Callable[[int, Sensitivity], None]
+    collect: Callable[[int, StepRates], None]
     tolerance: float = 0.02
 
     def of(self, places: Sequence[int]) -> Sensitivities:
@@ -35,14 +35,14 @@ class Sensitivities:
             out[..., places] = some
             return out
 
-        def collect(n: int, at: Sensitivity) -> None:
-            self.collect(n, Sensitivity(every(at.u), every(at.theta), every(at.force)))
+        def collect(n: int, at: StepRates) -> None:
+            self.collect(n, StepRates(every(at.u), every(at.theta), every(at.force)))
 
         return replace(self, names=tuple(self.names[k] for k in places), collect=collect)
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class StepRates:
     """Derivatives at one time, last axis the parameters: u (n_np, 3, n) mm, theta (n_np, n) K, force (n,) N of the whole specimen.
 
     The arrays are views of buffers that the next steps overwrite: `collect` copies what it keeps.
@@ -69,7 +69,7 @@ class Rates:
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedStep:
     """The mechanics of a converged step: u, theta of the mechanics, states before and after, factor of its tangent and, under displacement
     control, the stiffness (n_el, 24, 24) itself.
 
@@ -107,8 +107,8 @@ class StepEnds:
     """What the heat equation of a step knew: histories and u at both ends, theta in its thermoelastic term (that of the middle) and at its
     start, and its solution."""
 
-    before: PointHistory
-    after: PointHistory
+    before: PointStates
+    after: PointStates
     u: tuple[np.ndarray, np.ndarray]
     theta: tuple[np.ndarray, np.ndarray]
     step: HeatStep

@@ -18,7 +18,7 @@ import numpy as np
 
 from thermofit.body.body import Body
 from thermofit.body.solve.linear import multiply_symmetric
-from thermofit.body.solve.newton import Direction, Equilibrator, Equilibrium, Level, NewtonSettings
+from thermofit.body.solve.newton import Direction, Equilibrator, Equilibrium, LoadLevel, NewtonSettings
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.law.page import Law
 
@@ -54,7 +54,7 @@ class PathFollower(Equilibrator):
         theta (n_np,) K is given, state_n (n_el, 8, 11) is the state at `start`. NumericsError where it is not found; the caller
         may cut the step.
         """
-        level = Level(theta, state_n, start.force, np.empty_like(state_n), np.empty(state_n.shape[:2]))
+        level = LoadLevel(theta, state_n, start.force, np.empty_like(state_n), np.empty(state_n.shape[:2]))
         direction = start.direction or self._elastic_direction(start, level)
         du, force_change = length * direction.u, length * direction.force
         norms: list[float] = []
@@ -80,7 +80,7 @@ class PathFollower(Equilibrator):
             f"arc control: no convergence in {self.settings.max_iterations} iterations, relative residual {here.norm / here.scale:.1e}"
         )
 
-    def _elastic_direction(self, start: PathPoint, level: Level) -> Direction:
+    def _elastic_direction(self, start: PathPoint, level: LoadLevel) -> Direction:
         """Direction of a growing force at the state of rest; the stiffness of the end is taken there."""
         self._evaluate(start.u, level, tangent=True)
         if self._factor is None:

@@ -21,7 +21,7 @@ import numpy as np
 from thermofit.body.body import Body
 from thermofit.body.heat.conduction import HeatConditions
 from thermofit.body.heat.coupling import HeatOfStep
-from thermofit.body.sensitivity.step_rates import Linearised, Rates, Sensitivities, Sensitivity, StepEnds
+from thermofit.body.sensitivity.step_rates import LinearisedStep, Rates, Sensitivities, StepEnds, StepRates
 from thermofit.body.solve.history import DEFAULTS, NOBODY, Balance, History, MarchSettings, State, Watch
 from thermofit.body.solve.loading import Loading
 from thermofit.body.solve.march import Run, beginning, marched
@@ -84,8 +84,8 @@ class _Between(Run):
         """As in any march; the last direction is that of the end alone, under the name of a Param of the machine: no such one acts."""
         wanted, count = asked.collect, len(asked.names)
 
-        def collect(n: int, at: Sensitivity) -> None:
-            wanted(n, Sensitivity(at.u[:, :, :count], at.theta[:, :count], at.force[:count]))
+        def collect(n: int, at: StepRates) -> None:
+            wanted(n, StepRates(at.u[:, :, :count], at.theta[:, :count], at.force[:count]))
 
         names = (*asked.names, _of_machine(asked.names))
         unit = np.ones((len(load_rates), 1))
@@ -148,7 +148,7 @@ class _Between(Run):
         mechanics = self._linearised(found, self.resting_temperature if one_way else state.theta, start.points)
         return replace(state, rates=self._rates_of(start.rates, mechanics, heat.ends(found))), balance
 
-    def _rates_of(self, start: Rates, mechanics: Linearised, ends: StepEnds) -> Rates:
+    def _rates_of(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds) -> Rates:
         """Rates at the end of a step under the prescribed elongation."""
         assert self.rates is not None
         k = self.lane

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from thermofit.body.body import Body, ThermalGeometry
-from thermofit.body.heat.equation import PointHistory
+from thermofit.body.heat.equation import PointStates
 from thermofit.body.sensitivity.march import Rates, Sensitivities
 from thermofit.body.solve.newton import Direction, NewtonSettings
 from thermofit.point.state import ALPHA, LAMBDA, N_STATE
@@ -122,7 +122,7 @@ class History:
     largest_multiplier: np.ndarray
     plastic_points: np.ndarray
     balance: tuple[Balance, ...]
-    points: tuple[PointHistory, ...] = ()
+    points: tuple[PointStates, ...] = ()
     counts: dict[str, int] = field(default_factory=dict)
 
     def total(self, name: str) -> float:
@@ -131,7 +131,7 @@ class History:
 
 
 @dataclass(frozen=True)
-class Record:
+class KeptState:
     """What is kept of a state that is passed."""
 
     time: float
@@ -140,20 +140,20 @@ class Record:
     top_force: float
     largest_multiplier: float
     plastic_points: int
-    points: PointHistory | None
+    points: PointStates | None
 
 
-def point_history(points: np.ndarray, dilatation: np.ndarray) -> PointHistory:
+def point_history(points: np.ndarray, dilatation: np.ndarray) -> PointStates:
     """What the heat sources need of point states (n_el, 8, 11) and J (n_el, 8)."""
-    plain = PointHistory(dilatation, np.ascontiguousarray(points[:, :, ALPHA]), np.ascontiguousarray(points[:, :, LAMBDA]))
+    plain = PointStates(dilatation, np.ascontiguousarray(points[:, :, ALPHA]), np.ascontiguousarray(points[:, :, LAMBDA]))
     return plain if points.shape[2] == N_STATE else plain._replace(structure=np.ascontiguousarray(points[:, :, N_STATE:]))
 
 
-def recorded(body: Body, state: State, settings: MarchSettings) -> Record:
+def recorded(body: Body, state: State, settings: MarchSettings) -> KeptState:
     """Record of a state."""
     accumulated = state.points[:, :, LAMBDA]
     points = point_history(state.points, state.dilatation) if settings.keep_points else None
-    return Record(
+    return KeptState(
         state.time, state.u, state.theta, state.top_force * body.symmetry, float(accumulated.max()), int((accumulated > 0.0).sum()), points
     )
 
@@ -177,7 +177,7 @@ def added(first: Balance, second: Balance) -> Balance:
     )
 
 
-def history(body: Body, records: list[Record], balances: tuple[Balance, ...], counts: dict[str, int]) -> History:
+def history(body: Body, records: list[KeptState], balances: tuple[Balance, ...], counts: dict[str, int]) -> History:
     """History of recorded states."""
     return History(
         time=np.array([r.time for r in records]),

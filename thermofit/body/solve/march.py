@@ -18,7 +18,7 @@ from thermofit.body.heat.conduction import HeatConditions, at_constant_stress, s
 from thermofit.body.heat.coupling import HeatOfStep
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.sensitivity.conduction_rates import condition_rates
-from thermofit.body.sensitivity.march import Differentiator, Linearised, Sensitivities, volume_mean
+from thermofit.body.sensitivity.march import Differentiator, LinearisedStep, Sensitivities, volume_mean
 from thermofit.body.solve.arc import PathFollower, PathPoint
 from thermofit.body.solve.history import DEFAULTS, NOBODY, State, added, history, recorded
 from thermofit.body.solve.history import Balance as Balance
@@ -281,13 +281,13 @@ class Run:
             theta = after
         raise NumericsError(f"coupling: temperature still changes by {change:.1e} K after {self.settings.max_coupling} sweeps")
 
-    def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> Linearised:
+    def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> LinearisedStep:
         """The tangent of a converged step under force control: elastic steps in a row share one factor, since their stiffness hardly
         changes, until one of them had to mend its answers; a factor with which equilibrium was just found at once is good enough; otherwise
         a fresh one.
         """
         flows = bool(np.any(found.state[:, :, LAMBDA] > before[:, :, LAMBDA]))
-        here = Linearised(found.u, theta, before, found.state)
+        here = LinearisedStep(found.u, theta, before, found.state)
         if self.body.top >= 0:
             worn = self.rates is not None and self.rates.mended
             kept = self.solver.good_factor() if flows else None if worn else self.elastic

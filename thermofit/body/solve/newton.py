@@ -87,7 +87,7 @@ class Equilibrium:
 
 
 @dataclass(frozen=True)
-class Level:
+class LoadLevel:
     """What is given for one load level: temperature, old state, load; and the buffers of the new state and of J."""
 
     theta: np.ndarray
@@ -158,7 +158,7 @@ class Equilibrator:
         theta (n_np,) K is given, or an estimate where `thermal` = (temperature of an iterate, its tolerance in K) couples the heat
         equation. NumericsError where equilibrium is not found; the caller may cut the step.
         """
-        level = Level(theta, state_n, load, np.empty_like(state_n), np.empty(state_n.shape[:2]))
+        level = LoadLevel(theta, state_n, load, np.empty_like(state_n), np.empty(state_n.shape[:2]))
         if fresh:
             self._factor = None
         exact = self._factor is None
@@ -216,7 +216,7 @@ class Equilibrator:
 
         NumericsError where the state is not admissible.
         """
-        level = Level(theta, state_n, 0.0, np.empty_like(state_n), np.empty(state_n.shape[:2]))
+        level = LoadLevel(theta, state_n, 0.0, np.empty_like(state_n), np.empty(state_n.shape[:2]))
         here = self._evaluate(u, level, tangent=True)
         if self._factor is None or not np.isfinite(here.norm):
             raise NumericsError("equilibrium: the converged state has no tangent")
@@ -237,7 +237,7 @@ class Equilibrator:
         rate = there.norm / here.norm
         return rate >= 1.0 or bool(np.log(target / there.norm) < PATIENCE * np.log(rate))
 
-    def _warmed(self, here: _Iterate, level: Level, theta: np.ndarray) -> _Iterate:
+    def _warmed(self, here: _Iterate, level: LoadLevel, theta: np.ndarray) -> _Iterate:
         """The iterate at another temperature: the forces of the change enter its residual."""
         thermal_forces(self.body.data, here.u, level.state, level.theta, theta, self.law, self._warming)
         residual = here.residual.copy()
@@ -280,7 +280,7 @@ class Equilibrator:
             u[self.body.equation == LOADED] = load
         return u
 
-    def _evaluate(self, u: np.ndarray, level: Level, *, tangent: bool = False) -> _Iterate:
+    def _evaluate(self, u: np.ndarray, level: LoadLevel, *, tangent: bool = False) -> _Iterate:
         """Residual at u, and the new point states in the buffers of the level; forms and factors the tangent if asked."""
         body = self.body
         self.passes += 1
@@ -300,7 +300,7 @@ class Equilibrator:
             self.factorisations += 1
         return _Iterate(u, residual, float(np.linalg.norm(residual)), max(float(np.linalg.norm(self._force)), self._floor))
 
-    def _search(self, here: _Iterate, step: np.ndarray, level: Level, *, backtrack: bool) -> _Iterate | None:
+    def _search(self, here: _Iterate, step: np.ndarray, level: LoadLevel, *, backtrack: bool) -> _Iterate | None:
         """Backtracking on the residual norm: the accepted iterate, or None where no step length lowers the norm.
 
         With a kept factor only the full step is tried. Any decrease is enough with a fresh tangent. Where all points stand on the

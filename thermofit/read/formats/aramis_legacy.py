@@ -17,7 +17,7 @@ from thermofit.read.formats.aramis_csv import header_pairs
 from thermofit.read.formats.contents import Column, DicStage, Head, Traits
 from thermofit.read.formats.naming import stage_time
 from thermofit.read.formats.table import NamedTable, StageFacts, make_stage
-from thermofit.read.formats.text import BLANKS, Layout, Table, detect_layout, head_lines, parse_number, read_text, split_cells
+from thermofit.read.formats.text import BLANKS, Layout, NumberTable, detect_layout, head_lines, parse_number, read_text, split_cells
 
 NAME = "ARAMIS v6 ASCII (export template, one stage)"
 WHAT = "an ARAMIS v6 export: '#' lines with 'Stage : 0 - 1' and 'Index_x, Index_y, ...', then the numbers of each point"
@@ -138,7 +138,7 @@ def read(path: Path) -> DicStage:
     if only_deformed:
         columns = [replace(column, meaning=column.meaning.removeprefix("deformed ")) for column in columns]
     columns, values = _one_id(columns, values, lines, path)
-    table = Table(values, lines, int(np.isnan(values).sum()), 0, ())
+    table = NumberTable(values, lines, int(np.isnan(values).sum()), 0, ())
     traits = Traits(NAME, path, text.encoding, BLANKS, layout.decimal, tuple(columns), table.missing, (), header_pairs(comments))
     named = NamedTable(path, tuple(columns), tuple(_FIXED.get(column.unit, column.unit) for column in columns), values, table, traits)
     stage = next((int(match.group(2)) for line in comments if (match := _STAGE.match(line))), stage_time(path)[0])

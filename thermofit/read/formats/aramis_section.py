@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Column, Head, Record, Traits
+from thermofit.read.formats.contents import ChannelRecord, Column, Head, Traits
 from thermofit.read.formats.naming import stage_time
 from thermofit.read.formats.text import BLANKS, detect_layout, head_lines, read_block, read_text
 
@@ -25,7 +25,7 @@ def recognises(head: Head) -> bool:
     return bool(lines) and _is_header(lines[0])
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> ChannelRecord:
     """The section as channels over its points; lengths are in mm, which the format fixes and the file does not say. DataError with line."""
     text = read_text(path, WHAT)
     if not _is_header(text.lines[0]):
@@ -46,4 +46,4 @@ def read(path: Path) -> Record:
     remarks = ("the file writes no units: lengths are taken as mm",)
     missing = table.missing + sum(len(table.values) for _ in table.empty)
     traits = Traits(NAME, path, text.encoding, BLANKS, layout.decimal, columns, missing, remarks, header)
-    return Record(traits, {length: table.values[:, 0], quantity: table.values[:, 1]}, units)
+    return ChannelRecord(traits, {length: table.values[:, 0], quantity: table.values[:, 1]}, units)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Head, Record, Traits
+from thermofit.read.formats.contents import ChannelRecord, Head, Traits
 from thermofit.read.formats.coupon_text import numbered_parts, read_lines_as_record
 from thermofit.read.formats.text import head_lines, read_text
 
@@ -21,7 +21,7 @@ def recognises(head: Head) -> bool:
         return False
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> ChannelRecord:
     """The record, its columns called `column 1` and so on. DataError as every text table."""
     text = read_text(path, "rows of numbers without names")
     return read_lines_as_record(text.lines, Traits(NAME, path, text.encoding))

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Column, Head, Record, Records, Traits
-from thermofit.read.formats.record_columns import Block, column_of, make_record
+from thermofit.read.formats.contents import ChannelRecord, Column, Head, Records, Traits
+from thermofit.read.formats.record_columns import ColumnBlock, column_of, make_record
 from thermofit.read.formats.record_table import Row, words_of
 from thermofit.read.formats.workbook import Sheet, is_workbook, numbers_of, read_sheets
 
@@ -50,7 +50,7 @@ def recognises(head: Head) -> bool:
     return bool(sheets) and _is_catman(sheets[0].rows)
 
 
-def read(path: Path) -> Record | Records:
+def read(path: Path) -> ChannelRecord | Records:
     """One record, or one for each time column. DataError for a channel that fits no or several time columns."""
     sheet = read_sheets(path)[0]
     if not _is_catman(sheet.rows):
@@ -61,7 +61,7 @@ def read(path: Path) -> Record | Records:
     header = {f"{channel.column.name}: rate": channel.rate for channel in channels if channel.rate}
     tests = {}
     for clock, members in groups:
-        block = Block(tuple(c.column for c in members), np.stack([c.values for c in members], axis=1))
+        block = ColumnBlock(tuple(c.column for c in members), np.stack([c.values for c in members], axis=1))
         remarks = (f"{sheet.padding} empty rows at the end dropped",) if sheet.padding else ()
         tests[clock.column.name] = make_record(Traits(NAME, path, header=header, remarks=remarks), block, {})
     if len(tests) == 1:

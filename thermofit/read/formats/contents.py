@@ -103,7 +103,7 @@ class ScalarField:
 
 
 @dataclass(frozen=True)
-class Record:
+class ChannelRecord:
     """Channels over rows of a testing machine or coupon record: name as in the file -> values (n,) in the fixed unit of `units`.
 
     `about` holds what the header says of the specimen and the test: area mm^2, gauge_length mm, diameter mm, temperature K, rate 1/s.
@@ -122,7 +122,7 @@ class Records:
     """Several tests in one file (MATLAB cell arrays, workbooks with several value sheets), by name."""
 
     traits: Traits
-    tests: Mapping[str, Record]
+    tests: Mapping[str, ChannelRecord]
 
 
-Content = DicStage | DicSequence | ThermalFrames | ScalarField | Record | Records
+Content = DicStage | DicSequence | ThermalFrames | ScalarField | ChannelRecord | Records

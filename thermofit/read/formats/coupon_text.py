@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Column, Head, Record, Traits
-from thermofit.read.formats.record_columns import Block, column_of, kind_remarks, make_record, texts_of, with_dates
+from thermofit.read.formats.contents import ChannelRecord, Column, Head, Traits
+from thermofit.read.formats.record_columns import ColumnBlock, column_of, kind_remarks, make_record, texts_of, with_dates
 from thermofit.read.formats.record_dates import is_stamp
 from thermofit.read.formats.record_table import LEAST_ROWS, MOST_COLUMNS, Cell, Start, find_start, number_of, read_preamble, words_of
 from thermofit.read.formats.record_words import plain
@@ -26,7 +26,7 @@ from thermofit.read.formats.text import (
     BLANKS,
     SEPARATOR_WORDS,
     Layout,
-    Table,
+    NumberTable,
     detect_layout,
     detect_separator,
     head_lines,
@@ -168,13 +168,13 @@ def recognises(head: Head) -> bool:
     return bool(meanings & _LOAD and meanings & (_MOTION | {"time"})) or ("time" in meanings and bool(meanings & _MOTION))
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> ChannelRecord:
     """The record of a text file; errors as `read_lines_as_record`."""
     text = read_text(path, WHAT)
     return read_lines_as_record(text.lines, Traits(NAME, path, text.encoding))
 
 
-def read_lines_as_record(lines: list[str], traits: Traits, top: int = 0, about: dict[str, float] | None = None) -> Record:
+def read_lines_as_record(lines: list[str], traits: Traits, top: int = 0, about: dict[str, float] | None = None) -> ChannelRecord:
     """The record of lines from number `top` (from 0) on. `about` is what is known of the specimen already.
 
     DataError where neither a row of names nor a table of numbers without names is found, or a row is wider than the names.
@@ -208,7 +208,7 @@ def read_lines_as_record(lines: list[str], traits: Traits, top: int = 0, about: 
         header={**preamble.header, **traits.header},
     )
     return make_record(
-        filled, Block(tuple(columns), values, (*_remarks(table), *said), texts_of(values, cells)), {**preamble.about, **(about or {})}
+        filled, ColumnBlock(tuple(columns), values, (*_remarks(table), *said), texts_of(values, cells)), {**preamble.about, **(about or {})}
     )
 
 
@@ -243,11 +243,11 @@ def numbered_parts(lines: list[str], path: Path, top: int = 0) -> Parts | None:
     return None
 
 
-def _texts(lines: Sequence[str], table: Table, layout: Layout, column: int) -> list[str]:
+def _texts(lines: Sequence[str], table: NumberTable, layout: Layout, column: int) -> list[str]:
     """Cells of one column of the table as texts."""
     rows = (split_cells(lines[k - 1], layout.separator) for k in table.lines)
     return [row[column] if column < len(row) else "" for row in rows]
 
 
-def _remarks(table: Table) -> tuple[str, ...]:
+def _remarks(table: NumberTable) -> tuple[str, ...]:
     return (f"{table.ragged} rows are shorter than the names: their last cells count as missing",) if table.ragged else ()

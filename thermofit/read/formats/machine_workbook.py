@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Head, Record, Records, Traits
-from thermofit.read.formats.record_columns import Block, column_of, kind_remarks, make_record, texts_of, with_dates
+from thermofit.read.formats.contents import ChannelRecord, Head, Records, Traits
+from thermofit.read.formats.record_columns import ColumnBlock, column_of, kind_remarks, make_record, texts_of, with_dates
 from thermofit.read.formats.record_table import LEAST_ROWS, MOST_COLUMNS, Cell, Start, find_start, read_preamble, words_of
 from thermofit.read.formats.workbook import Sheet, cell_number, is_workbook, numbers_of, read_sheets
 
@@ -30,7 +30,7 @@ def recognises(head: Head) -> bool:
         return True
 
 
-def read(path: Path) -> Record | Records:
+def read(path: Path) -> ChannelRecord | Records:
     """The record of the only sheet that holds a table, else records by sheet. DataError where none does."""
     tests = {sheet.name: sheet_record(sheet, path) for sheet in read_sheets(path) if _start_of(sheet)}
     if not tests:
@@ -52,7 +52,7 @@ def _start_of(sheet: Sheet) -> Start | None:
     return Start(good.index(True), None, good.index(True), sum(good)) if sum(good) >= LEAST_ROWS and sum(good) > 0.9 * len(rows) else None
 
 
-def sheet_record(sheet: Sheet, path: Path, about: Mapping[str, float] | None = None, form: str = NAME) -> Record:
+def sheet_record(sheet: Sheet, path: Path, about: Mapping[str, float] | None = None, form: str = NAME) -> ChannelRecord:
     """The record of a sheet; `about` is known of the specimen besides what the rows above the table say; `form` names the format."""
     start = _start_of(sheet)
     if start is None:
@@ -77,4 +77,4 @@ def sheet_record(sheet: Sheet, path: Path, about: Mapping[str, float] | None = N
         said = (f"the table has no names: its columns are called column 1 to column {width}", *said)
     remarks = (*((f"{empty} empty rows at the end dropped",) if empty else ()), *preamble.remarks, *told)
     traits = Traits(form, path, header={"sheet": sheet.name, **preamble.header}, remarks=remarks)
-    return make_record(traits, Block(tuple(columns), values, said, texts_of(values, cells)), {**preamble.about, **(about or {})})
+    return make_record(traits, ColumnBlock(tuple(columns), values, said, texts_of(values, cells)), {**preamble.about, **(about or {})})

@@ -8,7 +8,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.core.units import known_unit, to_fixed
-from thermofit.read.formats.contents import Column, Head, Record, Traits
+from thermofit.read.formats.contents import ChannelRecord, Column, Head, Traits
 from thermofit.read.formats.table import NamedTable, read_named
 from thermofit.read.formats.text import head_lines, name_and_unit, read_text, split_cells
 
@@ -53,7 +53,7 @@ def recognises(head: Head) -> bool:
     return bool(lines) and _is_header(lines[0])
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> ChannelRecord:
     """Channels over the images: time s, forces N where a unit is written, else as in the file with unit "". DataError with line."""
     text = read_text(path, WHAT)
     if not _is_header(text.lines[0]):
@@ -75,7 +75,7 @@ def read(path: Path) -> Record:
     return _record(named)
 
 
-def _record(named: NamedTable) -> Record:
+def _record(named: NamedTable) -> ChannelRecord:
     """Columns that hold numbers, by name; DataError where a name occurs twice."""
     channels: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
@@ -97,4 +97,4 @@ def _record(named: NamedTable) -> Record:
     traits = Traits(
         *(NAME, named.path, old.encoding, old.separator, old.decimal, named.columns, old.missing, (*old.remarks, *remarks), old.header)
     )
-    return Record(traits, channels, units)
+    return ChannelRecord(traits, channels, units)

@@ -13,9 +13,9 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.core.units import to_fixed
-from thermofit.read.formats.contents import Column, Head, Record, Records, Traits
+from thermofit.read.formats.contents import ChannelRecord, Column, Head, Records, Traits
 from thermofit.read.formats.mat5 import MAGIC, Value, variables
-from thermofit.read.formats.record_columns import Block, make_record
+from thermofit.read.formats.record_columns import ColumnBlock, make_record
 from thermofit.read.formats.record_table import LEAST_ROWS, MOST_COLUMNS
 
 NAME = "MATLAB 5 tests (MAT)"
@@ -40,7 +40,7 @@ def recognises(head: Head) -> bool:
     return isinstance(found.get("data"), list) or ("F" in found and bool({"t", "u", "utr"} & set(found))) or bool(_tables(found))
 
 
-def read(path: Path) -> Record | Records:
+def read(path: Path) -> ChannelRecord | Records:
     """Tests by tag, or the one test of a flat file. DataError for a damaged file or one without tests."""
     try:
         found = dict(variables(path))
@@ -56,7 +56,7 @@ def read(path: Path) -> Record | Records:
         return _record(found, path, "the file")
     if not isinstance(cells, list) or not cells:
         raise DataError(f"{path}: variable 'data' is no cell array with tests, expected structs with t, F and dL; save it again")
-    tests: dict[str, Record] = {}
+    tests: dict[str, ChannelRecord] = {}
     remarks = []
     for number, cell in enumerate(cells, start=1):
         fields = _fields(cell, path, number)
@@ -81,10 +81,12 @@ def _tables(found: Mapping[str, Value]) -> dict[str, np.ndarray]:
     }
 
 
-def _numbered(values: np.ndarray, path: Path) -> Record:
+def _numbered(values: np.ndarray, path: Path) -> ChannelRecord:
     """The record of an array whose columns have no names."""
     said = f"the array has no names: its columns are called column 1 to column {values.shape[1]}"
-    return make_record(Traits(NAME, path, remarks=(said,)), Block((Column(""),) * values.shape[1], np.asarray(values, dtype=float)), {})
+    return make_record(
+        Traits(NAME, path, remarks=(said,)), ColumnBlock((Column(""),) * values.shape[1], np.asarray(values, dtype=float)), {}
+    )
 
 
 def _fields(cell: object, path: Path, number: int) -> Mapping[str, Value]:
@@ -114,7 +116,7 @@ def _vector(value: Value, name: str, where: str) -> np.ndarray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _record(fields: Mapping[str, Value], path: Path, label: str) -> Record:
+def _record(fields: Mapping[str, Value], path: Path, label: str) -> ChannelRecord:
     where = f"{path}, {label}"
     named = [name for name in _CHANNELS if isinstance(fields.get(name), np.ndarray)]
     if "F" not in named:
@@ -137,4 +139,4 @@ def _record(fields: Mapping[str, Value], path: Path, label: str) -> Record:
     columns = tuple(Column(name, *_CHANNELS[name], source="format") for name in named)
     header = {name: str(value) for name in ("Af", "TFS") if (value := _number(fields.get(name))) is not None}
     traits = Traits(NAME, path, remarks=tuple(remarks), header={**header, "tag": _text(fields.get("tag"))})
-    return make_record(traits, Block(columns, np.stack([vectors[name] for name in named], axis=1)), about)
+    return make_record(traits, ColumnBlock(columns, np.stack([vectors[name] for name in named], axis=1)), about)

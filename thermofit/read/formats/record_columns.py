@@ -1,4 +1,4 @@
-"""Columns of a coupon record: what their names mean, units, repeated names, and the way into a `Record`."""
+"""Columns of a coupon record: what their names mean, units, repeated names, and the way into a `ChannelRecord`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.core.units import known_unit, to_fixed
-from thermofit.read.formats.contents import Column, Record, Traits
+from thermofit.read.formats.contents import ChannelRecord, Column, Traits
 from thermofit.read.formats.record_dates import CLOCK, DAY, seconds_of
 from thermofit.read.formats.record_words import ABOUT, BY_QUANTITY, NOT_ABOUT, kind_of, meanings_of
 from thermofit.read.formats.text import name_and_unit
@@ -29,7 +29,7 @@ _UNIT_PLACES = re.compile(r"\s*[,/]\s*|\s+in\s+|[_\s]+|(?=%$)")
 
 
 @dataclass(frozen=True)
-class Block:
+class ColumnBlock:
     """Rows of a table before they become channels: `columns` with unit as written, `values` (n, m) NaN where no number stands."""
 
     columns: tuple[Column, ...]
@@ -178,7 +178,7 @@ def _missing_marks(values: np.ndarray) -> tuple[np.ndarray, int]:
     return np.where(marked, np.nan, values), int(marked.sum())
 
 
-def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Record:
+def make_record(traits: Traits, block: ColumnBlock, about: Mapping[str, float]) -> ChannelRecord:
     """A record in fixed units. Rows without any number are dropped and counted; columns without any number are no channels.
 
     DataError where no column holds numbers or fewer than two rows are left.
@@ -224,7 +224,7 @@ def make_record(traits: Traits, block: Block, about: Mapping[str, float]) -> Rec
     if not channels:
         raise DataError(f"{traits.path}: no column holds numbers, expected the channels of a test; export it again")
     about = _checked(traits.path, {**stated, **about})
-    return Record(
+    return ChannelRecord(
         replace(traits, columns=tuple(columns), missing=missing, remarks=(*traits.remarks, *remarks)), channels, units, about, labels
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.core.units import to_fixed
-from thermofit.read.formats.contents import Head, Record, Traits
+from thermofit.read.formats.contents import ChannelRecord, Head, Traits
 from thermofit.read.formats.coupon_text import read_lines_as_record
 from thermofit.read.formats.text import head_lines, read_text
 
@@ -45,7 +45,7 @@ def recognises(head: Head) -> bool:
     return len(lines) > 1 and states_of(lines[0]) is not None
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> ChannelRecord:
     """The record; states in `about` (temperature K, rate 1/s) and as written in the header.
 
     DataError for a first line that is no dictionary, a state that is no finite number, or a table that cannot be read.

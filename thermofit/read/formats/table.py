@@ -16,7 +16,7 @@ from thermofit.core.errors import DataError
 from thermofit.core.units import to_fixed
 from thermofit.read.formats.contents import Column, DicStage, Traits
 from thermofit.read.formats.naming import stage_time
-from thermofit.read.formats.text import Table, Text, detect_layout, name_and_unit, read_block, split_cells
+from thermofit.read.formats.text import NumberTable, Text, detect_layout, name_and_unit, read_block, split_cells
 
 Describe = Callable[[str, str], Column]
 """From the name and the unit of a header cell to the column with its meaning."""
@@ -33,7 +33,7 @@ class NamedTable:
     columns: tuple[Column, ...]
     units: tuple[str, ...]
     values: np.ndarray
-    table: Table
+    table: NumberTable
     traits: Traits
 
     def index(self, meaning: str) -> int | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Head, Record, Traits
+from thermofit.read.formats.contents import ChannelRecord, Head, Traits
 from thermofit.read.formats.coupon_text import parts_of, read_lines_as_record
 from thermofit.read.formats.text import head_lines, read_text
 
@@ -29,7 +29,7 @@ def recognises(head: Head) -> bool:
     return all(line.startswith('"') for line in lines[: parts.start.first] if line.strip())
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> ChannelRecord:
     """The record, with the specimen's sizes from its header. DataError as every text table."""
     text = read_text(path, "a testXpert export with quoted names and units")
     return read_lines_as_record(text.lines, Traits(NAME, path, text.encoding))

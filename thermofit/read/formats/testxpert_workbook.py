@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from thermofit.core.errors import DataError
-from thermofit.read.formats.contents import Head, Record, Records, Traits
+from thermofit.read.formats.contents import ChannelRecord, Head, Records, Traits
 from thermofit.read.formats.machine_workbook import sheet_record
 from thermofit.read.formats.record_columns import about_of
 from thermofit.read.formats.record_table import words_of
@@ -37,7 +37,7 @@ def recognises(head: Head) -> bool:
     return bool(_values_of(names)) and any(name.startswith(_RESULTS) for name in names)
 
 
-def read(path: Path) -> Record | Records:
+def read(path: Path) -> ChannelRecord | Records:
     """The record of the only sheet of values, else records by specimen. DataError where there is none."""
     sheets = {sheet.name: sheet for sheet in read_sheets(path)}
     values = _values_of(list(sheets))

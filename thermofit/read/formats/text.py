@@ -45,7 +45,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Table:
+class NumberTable:
     """A block of numbers: `values` (n_row, n_column), NaN where a cell holds no number.
 
     `lines` (n_row,) number of the line of every row, from 1; `missing` cells without a number in columns that hold some; `ragged` rows that
@@ -192,7 +192,7 @@ def whole_number(value: float | None) -> int | None:
     return int(value) if value is not None and abs(value) < 1e9 and value == int(value) else None
 
 
-def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: int | None = None) -> Table:
+def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: int | None = None) -> NumberTable:
     """Numbers of the lines of a block, whose first line has the number `first`; empty lines are skipped.
 
     `width` is the number of named columns, None for that of the widest row. DataError where no row or no number is there, and where a
@@ -202,7 +202,7 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     if not numbered:
         raise DataError(f"{path}: the file ends before line {first}, expected rows of numbers; export it again")
     if width is not None and (clean := _clean_block([line for _, line in numbered], layout, width)) is not None:
-        return Table(clean, np.array([k for k, _ in numbered]), 0, 0, ())
+        return NumberTable(clean, np.array([k for k, _ in numbered]), 0, 0, ())
     rows = [split_cells(line, layout.separator) for _, line in numbered]
     widths = [_width(cells) for cells in rows]
     widest = max(widths)
@@ -221,7 +221,7 @@ def read_block(lines: list[str], path: Path, first: int, layout: Layout, width: 
     empty = void.all(axis=0)
     ragged = sum(len(cells) < n for cells in rows)
     number = np.array([k for k, _ in numbered])
-    return Table(values, number, int(void[:, ~empty].sum()), ragged, tuple(int(k) for k in np.flatnonzero(empty)))
+    return NumberTable(values, number, int(void[:, ~empty].sum()), ragged, tuple(int(k) for k in np.flatnonzero(empty)))
 
 
 def _refuse_thousands(rows: list[list[str]], void: np.ndarray, numbered: list[tuple[int, str]], path: Path) -> None:

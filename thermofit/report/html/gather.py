@@ -613,7 +613,7 @@ _LEAST = 10
 
 
 @dataclass(frozen=True)
-class Loading:
+class FirstLoading:
     """First loading of a record: strain and stress in MPa (n,), its strain rate 1/s, its temperature before the test in K."""
 
     strain: np.ndarray
@@ -622,7 +622,7 @@ class Loading:
     theta: float
 
 
-def first_loading(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, theta: float) -> Loading | None:
+def first_loading(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, theta: float) -> FirstLoading | None:
     """The part of a record (n,) up to its first turn; None where that is too short. Strain and stress are counted in its sense."""
     moved = strain - strain[0]
     end = int(np.argmax(np.abs(moved)))
@@ -634,10 +634,10 @@ def first_loading(time: np.ndarray, strain: np.ndarray, stress: np.ndarray, thet
         return None
     keep = np.r_[True, np.diff(most[: end + 1]) > 0.0]
     rate = sense * float(moved[end]) / float(time[end] - time[0])
-    return Loading((sense * moved)[: end + 1][keep], sense * stress[: end + 1][keep], sense * rate, theta)
+    return FirstLoading((sense * moved)[: end + 1][keep], sense * stress[: end + 1][keep], sense * rate, theta)
 
 
-def scatter_of(loadings: Sequence[Loading]) -> float | None:
+def scatter_of(loadings: Sequence[FirstLoading]) -> float | None:
     """Standard deviation in MPa between repeated records at the same strain, rms over the strain and over all groups; None where no test
     was repeated."""
     found = [_scatter(group) for group in _groups(loadings) if len(group) > 1]
@@ -645,7 +645,7 @@ def scatter_of(loadings: Sequence[Loading]) -> float | None:
     return float(np.sqrt(sum(n * variance for n, variance in found) / weight)) if weight else None
 
 
-def _groups(loadings: Sequence[Loading]) -> Iterator[list[Loading]]:
+def _groups(loadings: Sequence[FirstLoading]) -> Iterator[list[FirstLoading]]:
     """Records of one sense, rate and temperature; each belongs to the first one that it resembles."""
     left = list(loadings)
     while left:
@@ -661,7 +661,7 @@ def _groups(loadings: Sequence[Loading]) -> Iterator[list[Loading]]:
         yield alike
 
 
-def _scatter(group: Sequence[Loading]) -> tuple[int, float]:
+def _scatter(group: Sequence[FirstLoading]) -> tuple[int, float]:
     """Degrees of freedom and mean variance of the stress between records at the strains that all of them reach."""
     reach = min(float(one.strain[-1]) for one in group)
     level = np.linspace(_FROM * reach, reach, _LEVELS)

@@ -31,7 +31,7 @@ class FieldOverTime:
 
 
 @dataclass(frozen=True)
-class Pair:
+class BeforeAfter:
     """A component of a channel before and after (None: there is no second model), with what the two models are in words."""
 
     test: str
@@ -57,7 +57,7 @@ def field_of_rows(time: np.ndarray, xy: np.ndarray, value: np.ndarray) -> FieldO
     return FieldOverTime(times, places, field)
 
 
-def pairs(run: RunFolder) -> Iterator[Pair]:
+def pairs(run: RunFolder) -> Iterator[BeforeAfter]:
     """Every channel and component that can be drawn: of the loop, else of the diagnosis, else of the verified model."""
     found = list(_judged_pairs(run))
     seen = {(pair.test, pair.channel) for pair in found}
@@ -83,7 +83,7 @@ def verified(record: Record) -> dict[str, FieldOverTime]:
     return found
 
 
-def _judged_pairs(run: RunFolder) -> Iterator[Pair]:
+def _judged_pairs(run: RunFolder) -> Iterator[BeforeAfter]:
     record = next((run.records[stage] for stage in (LOOP, DIAGNOSE) if run.has(stage)), None)
     if record is None or not record.has("residual/value") or not record.has("rms/channel"):
         return
@@ -133,12 +133,14 @@ def _shift(records: Records, times: list[np.ndarray]) -> float:
     return min(float(t.min()) for t in times) - min(starts, default=0.0)
 
 
-def _components(test: str, channel: str, fields: tuple[FieldOverTime, FieldOverTime | None], words: tuple[str, str]) -> Iterator[Pair]:
+def _components(
+    test: str, channel: str, fields: tuple[FieldOverTime, FieldOverTime | None], words: tuple[str, str]
+) -> Iterator[BeforeAfter]:
     before, after = fields
     n = before.value.shape[2]
     for k in range(n):
         label = channel_words(channel) + (f" {_AXES[k]}" if n > 1 and channel in ("u", "du") else f" {k + 1}" if n > 1 else "")
-        yield Pair(test, channel, label, before, after, words, k)
+        yield BeforeAfter(test, channel, label, before, after, words, k)
 
 
 def raster(xy: np.ndarray) -> dict[str, Any]:

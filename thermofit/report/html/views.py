@@ -19,7 +19,7 @@ from thermofit.observe.stencils import planes
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Record
 from thermofit.report.html.gather import LOOP, VERIFY
-from thermofit.report.html.maps import Pair, pairs, raster
+from thermofit.report.html.maps import BeforeAfter, pairs, raster
 from thermofit.report.html.run_folder import IDENTIFY, Records, RunFolder
 from thermofit.study.study import Study
 
@@ -74,7 +74,7 @@ def _grid(xy: np.ndarray, grids: list[np.ndarray]) -> int:
     return len(grids) - 1
 
 
-def _map(pair: Pair, stride: int, grids: list[np.ndarray]) -> dict[str, Any]:
+def _map(pair: BeforeAfter, stride: int, grids: list[np.ndarray]) -> dict[str, Any]:
     before, after = pair.before, pair.after
     return {
         "label": pair.label,

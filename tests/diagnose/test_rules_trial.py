@@ -57,7 +57,7 @@ def refused(
     monkeypatch.setattr(module, "missed", lambda *_: misses)
     fit: Any = SimpleNamespace(sigma=fitted, at_bound=[at], names=(RATE,))
     there: Any = SimpleNamespace(case=SimpleNamespace(bounds=bounds))
-    return refusal(there, [effect("ir_drift")], ({RATE: estimate}, {RATE: sigma}), proof, fit)
+    return refusal(there, [effect("ir_drift")], {RATE: estimate}, {RATE: sigma}, proof, fit)
 
 
 @pytest.mark.parametrize("at", ["ir_registration.shift_y", "ir_registration.scale", ""])
@@ -67,7 +67,7 @@ def test_any_amplitude_at_a_bound_refuses_an_effect(monkeypatch: pytest.MonkeyPa
     names = tuple(p.name for p in effect("ir_registration").amplitudes)
     fit: Any = SimpleNamespace(sigma=(1.0,), at_bound=[n == at for n in names], names=names)
     there: Any = SimpleNamespace(case=SimpleNamespace(bounds=physical))
-    found = refusal(there, [effect("ir_registration")], (dict.fromkeys(names, 0.01), dict.fromkeys(names, 1e-3)), GOOD, fit)
+    found = refusal(there, [effect("ir_registration")], dict.fromkeys(names, 0.01), dict.fromkeys(names, 1e-3), GOOD, fit)
     assert found.startswith(f"{at} ends at its bound: 0.01") if at else found == ""
 
 
@@ -148,7 +148,7 @@ def test_only_what_acts_on_the_share_that_becomes_heat_is_asked_for_it() -> None
 @pytest.mark.parametrize(("largest", "said"), [(0.1, "flow would take up heat from a plastic strain of 0.081 on"), (0.05, "")])
 def test_an_effect_by_which_flow_would_cool_is_refused(largest: float, said: str) -> None:
     fit: Any = SimpleNamespace(sigma=(0.01,), at_bound=[False], names=(SLOPE,))
-    found = refusal(flowing(-12.5, largest), [effect("stored_energy")], ({SLOPE: -12.5}, {SLOPE: 0.01}), GOOD, fit)
+    found = refusal(flowing(-12.5, largest), [effect("stored_energy")], {SLOPE: -12.5}, {SLOPE: 0.01}, GOOD, fit)
     assert said in found and bool(said) is bool(found)
 
 

@@ -34,7 +34,7 @@ def blocks(length: int) -> Blocks:
 
 def test_white_noise_gives_the_standard_errors() -> None:
     r = residual(1)
-    moves = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), (1, REPEATS))
+    moves = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), seed=1, count=REPEATS)
     sigma = np.sqrt(np.diag(np.linalg.inv(JACOBIAN.T @ JACOBIAN)) * (r @ r) / (N - 3))
     assert moves.std(axis=0) == pytest.approx(sigma, rel=0.12)
     assert np.all(np.abs(moves.mean(axis=0)) < 4.0 * sigma / np.sqrt(REPEATS))
@@ -43,14 +43,14 @@ def test_white_noise_gives_the_standard_errors() -> None:
 def test_blocks_keep_the_memory_of_the_noise() -> None:
     """Values alike over ten entries count once: errors are sqrt(10) times those of single entries."""
     r = residual(10)
-    single = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), (1, REPEATS)).std(axis=0)
-    whole = linearised_repeats(LinearModel(r, JACOBIAN), blocks(10), (1, REPEATS)).std(axis=0)
+    single = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), seed=1, count=REPEATS).std(axis=0)
+    whole = linearised_repeats(LinearModel(r, JACOBIAN), blocks(10), seed=1, count=REPEATS).std(axis=0)
     assert whole[0] / single[0] == pytest.approx(np.sqrt(10.0), rel=0.25)
 
 
 def test_linearised_repeat_is_the_fit_to_the_drawn_residual() -> None:
     r, b = residual(10), blocks(20)
-    moves = linearised_repeats(LinearModel(r, JACOBIAN), b, (7, 5))
+    moves = linearised_repeats(LinearModel(r, JACOBIAN), b, seed=7, count=5)
     for k in range(5):
         drawn = drawn_residual(LinearModel(r, JACOBIAN).outside(b.label), b, 7, k)
         assert moves[k] == pytest.approx(-np.linalg.lstsq(JACOBIAN, drawn, rcond=None)[0], rel=1e-8, abs=1e-14)
@@ -69,8 +69,8 @@ def test_residual_of_a_block_against_the_others() -> None:
 def test_repeats_stay_within_bounds() -> None:
     r = residual(1)
     room = (np.array([0.0, -np.inf, -np.inf]), np.full(3, np.inf))
-    free = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), (1, 200))
-    held = linearised_repeats(LinearModel(r, JACOBIAN, bounds=room), blocks(1), (1, 200))
+    free = linearised_repeats(LinearModel(r, JACOBIAN), blocks(1), seed=1, count=200)
+    held = linearised_repeats(LinearModel(r, JACOBIAN, bounds=room), blocks(1), seed=1, count=200)
     assert held[:, 0].min() == 0.0 and (held[:, 0] == 0.0).mean() > 0.3
     inside = free[:, 0] > 0.0
     assert held[inside] == pytest.approx(free[inside])
@@ -82,7 +82,7 @@ def test_weights_and_too_few_blocks() -> None:
     assert w.mean() == pytest.approx(0.0, abs=0.03) and w.var() == pytest.approx(1.0, rel=0.03)
     assert len(np.unique(np.round(np.abs(w), 6))) == 3
     with pytest.raises(UntrustworthyError, match=r"4 blocks .*at least 5"):
-        linearised_repeats(LinearModel(residual(1), JACOBIAN), Blocks(np.arange(N) // 100, 4, "4 blocks"), (1, 10))
+        linearised_repeats(LinearModel(residual(1), JACOBIAN), Blocks(np.arange(N) // 100, 4, "4 blocks"), seed=1, count=10)
 
 
 def test_percentiles() -> None:

@@ -147,7 +147,7 @@ def test_interior_method_just_short_of_a_bound(minimum, flagged):
     """At 2e-4 from the bound 0: flagged if the model pulls towards the bound, not if the minimum is there."""
     evaluations = Evaluations(problem(lambda x: np.array([x[0] - minimum, 0.1]), [2e-4], [0.0], [1.0]))
     evaluations.outcome(evaluations.problem.start)
-    fit = conclude(evaluations, Settings(), ("trust-region", ""), Ending(True, "done"))
+    fit = conclude(evaluations, Settings(), "trust-region", "", Ending(True, "done"))
     assert fit.at_bound[0] == flagged
 
 

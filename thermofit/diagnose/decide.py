@@ -242,7 +242,7 @@ def _whitened(parameters: Parameters, names: tuple[str, ...], made: Driven, nois
     test = CouponTest("", history.time, history.strain, history.stress, None, parameters["theta_air"], start, {}, ())
     stress = np.zeros((len(history.time), len(names)))
     stress[:, [names.index(n) for n in material]] = rates["stress"]
-    theta = shown_rates(history.theta_sensor, rates["theta_sensor"], test, parameters, (names, of_sensor))
+    theta = shown_rates(history.theta_sensor, rates["theta_sensor"], test, parameters, names, of_sensor)
     return np.concatenate([stress / noise[0], theta / noise[1]])
 
 

@@ -112,7 +112,7 @@ def ranked(columns: Columns) -> Ranking:
     besides = [columns.model.felt(block) for block in columns.also_tried]
     threshold = threshold_of([*own.values(), *(s for s in besides if s.shape[1] > 0)])
     alike = likeness(own)
-    scores = [_score(columns, (effect, *columns.dormant[effect]), own[effect], threshold, _family(effect, alike)) for effect in own]
+    scores = [_score(columns, effect, *columns.dormant[effect], own[effect], threshold, _family(effect, alike)) for effect in own]
     impossible = {s.effect for s in scores if s.vetoed}
     scores = [replace(s, family=(s.effect, *(other for other in s.family[1:] if other not in impossible))) for s in scores]
     scores.sort(key=lambda s: (bool(s.vetoed), -s.z))
@@ -128,7 +128,7 @@ def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> floa
 def scored_alone(columns: Columns, effect: str, names: tuple[str, ...], block: np.ndarray, threshold: float) -> Score | None:
     """Score of one effect whose Params `names` have these columns (n, k), without its family; None where nothing is felt of it."""
     s = columns.model.felt(block)
-    return None if s.shape[1] == 0 else _score(columns, (effect, names, block), s, threshold, (effect,))
+    return None if s.shape[1] == 0 else _score(columns, effect, names, block, s, threshold, (effect,))
 
 
 def likeness(own: Mapping[str, np.ndarray], of: Sequence[str] | None = None) -> dict[tuple[str, str], float]:
@@ -187,10 +187,9 @@ def threshold_of(blocks: Sequence[np.ndarray]) -> float:
 
 
 def _score(
-    columns: Columns, of: tuple[str, tuple[str, ...], np.ndarray], s: np.ndarray, threshold: float, family: tuple[str, ...]
+    columns: Columns, effect: str, names: tuple[str, ...], block: np.ndarray, s: np.ndarray, threshold: float, family: tuple[str, ...]
 ) -> Score:
-    """Score of an effect = (its name, its Params, their columns), s of which are beyond the fitted ones."""
-    effect, names, block = of
+    """Score of an effect: `names` of its Params and their columns (n, k), s (n, k) of which are beyond the fitted ones."""
     model = columns.model
     found = model.score(s, columns.groups)
     size = float(found.step @ np.linalg.solve(found.covariance, found.step))

@@ -358,7 +358,7 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
     proof = min(beyond, key=lambda p: p.gain) if beyond else inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: there.case.parameters[n] for n in names}
-    refused = refusal(there, own, (estimate, sigma), proof, after)
+    refused = refusal(there, own, estimate, sigma, proof, after)
     if not refused and len(own) > 1:
         needless = [e.name for e in own if not still_needed(there, e.name)]
         refused = f"{' and '.join(needless)} not needed beside the other" if needless else ""
@@ -366,10 +366,9 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
 
 
 def refusal(
-    there: Traced, added: Sequence[Effect], found: tuple[Mapping[str, float], Mapping[str, float]], proof: Proof, fit: FitResult
+    there: Traced, added: Sequence[Effect], estimate: Mapping[str, float], sigma: Mapping[str, float], proof: Proof, fit: FitResult
 ) -> str:
-    """Why refitted effects with `found` = (estimates, their standard errors) are not accepted, empty where they are."""
-    estimate, sigma = found
+    """Why refitted effects with these estimates and standard errors are not accepted, empty where they are."""
     if fit.sigma is None:
         return "the refit has no standard errors: the data do not determine all of its parameters"
     if not proof.convinces:

@@ -27,7 +27,7 @@ from thermofit.experiment.planned import planned, simulated
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
-from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest, PlannedMotion
+from thermofit.experiment.protocol import Carried, JointProblem, PlannedMotion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
 from thermofit.experiment.stage_errors import StageErrors, stage_errors

@@ -275,8 +275,8 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
             parts = []
             for (history, rates), test in zip(found, data.tests, strict=True):
                 if field == "theta":
-                    asked = (names, of_sensor)
-                    parts.append(shown_rates(np.asarray(getattr(history, HISTORY[field])), rates[HISTORY[field]], test, parameters, asked))
+                    shown_by_model = np.asarray(getattr(history, HISTORY[field]))
+                    parts.append(shown_rates(shown_by_model, rates[HISTORY[field]], test, parameters, names, of_sensor))
                 else:
                     full = np.zeros((len(test.time), len(names)))
                     full[:, [names.index(n) for n in body]] = rates[HISTORY[field]]

@@ -30,11 +30,10 @@ def shown(theta: np.ndarray, test: CouponTest, parameters: Parameters) -> np.nda
 
 
 def shown_rates(
-    theta: np.ndarray, rates: np.ndarray, test: CouponTest, parameters: Parameters, asked: tuple[tuple[str, ...], Sequence[Effect]]
+    theta: np.ndarray, rates: np.ndarray, test: CouponTest, parameters: Parameters, names: tuple[str, ...], of_sensor: Sequence[Effect]
 ) -> np.ndarray:
-    """Derivatives (n, n_p) of what is shown by the names in asked[0]; `rates` (n, n_body) are those of theta by the other names, in order;
-    asked[1] are the effects of the sensor."""
-    names, of_sensor = asked
+    """Derivatives (n, n_p) of what is shown by names; `rates` (n, n_body) are those of theta by the names that are not of `of_sensor`,
+    the effects of the sensor, in order."""
     links = chain(SENSOR, parameters)
     scene, field, out = sensor_scene(test), theta[:, None], np.zeros((len(theta), len(names)))
     at = 0

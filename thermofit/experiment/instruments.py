@@ -110,7 +110,7 @@ class JointPrediction:
         found = {}
         for name, observation in self.instruments.observations.items():
             out = np.zeros((*observation.value.shape, len(names)))
-            self._fill(name, history, parameters, (names, of_body, slopes.of(name)), out)
+            self._fill(name, history, parameters, names, of_body, slopes.of(name), out)
             found[name] = observation.averaged(out)
         return self.of(history, parameters), found
 
@@ -119,12 +119,13 @@ class JointPrediction:
         name: str,
         history: History,
         parameters: Parameters,
-        asked: tuple[tuple[str, ...], tuple[str, ...], np.ndarray],
+        names: tuple[str, ...],
+        of_body: tuple[str, ...],
+        slopes: np.ndarray,
         out: np.ndarray,
     ) -> None:
         """Derivatives of one field at the observed points into out (n_t, n_s, n_c, n_p): those of the specimen as shown, those of the
         instruments."""
-        names, of_body, slopes = asked
         links = chain(SLOTS.get(name, ()), parameters)
         here = {n: tuple(e for e in effects(SLOTS.get(name, ())) if n in e.names or e in links) for n in names if n not in of_body}
         wanted = {n: chosen for n, chosen in here.items() if any(n in e.names for e in chosen)}

@@ -178,15 +178,14 @@ def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, s
     summary["remarks"] += _sparse_remark(at.points, "u", "DIC points", _distances(dic, face))
     summary["nodal_values"] = [_used(at, "points", fields[0], scatter * float(noise.mean()))]
     if frames is not None:
-        fields.append(_projected_temperature(study, frames(), dic, good, (face, patches), summary))
+        fields.append(_projected_temperature(study, frames(), dic, good, face, patches, summary))
     return fields
 
 
 def _projected_temperature(
-    study: Study, record: Record, dic: DicField, good: np.ndarray, where: tuple[Face, Patches], summary: dict[str, Any]
+    study: Study, record: Record, dic: DicField, good: np.ndarray, face: Face, patches: Patches, summary: dict[str, Any]
 ) -> FieldObservation:
     """Temperatures as means over the patches; `good` (n_t, n_s) are the DIC points that tell the motion."""
-    face, patches = where
     infrared, camera = _infrared(record)
     on_specimen = _on_specimen(record, face.specimen, study.ir.edge_margin)
     raw = temperature_noise(infrared, on_specimen, summary["load_start_s"])

@@ -114,7 +114,7 @@ class BodyMissing:
         out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
         view = self.instruments.view("theta", history) if links else None
         full = np.zeros((len(history.time), len(seen.xy), len(chosen))) if links else None
-        for n, theta in self._marched(parameters, history, grid, (loads, chosen)):
+        for n, theta in self._marched(parameters, history, grid, loads, chosen):
             rates = sampler.temperature_rates(theta)
             if full is not None:
                 full[n] = rates[:, 0]
@@ -126,10 +126,9 @@ class BodyMissing:
         return seen.averaged(out)
 
     def _marched(
-        self, parameters: Parameters, history: History, grid: Grid, sources: tuple[np.ndarray, np.ndarray]
+        self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray, chosen: np.ndarray
     ) -> Iterator[tuple[int, np.ndarray]]:
         """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation."""
-        loads, chosen = sources
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         strength = _means(grid, history.time)[:, k]
         state = np.zeros((self.body.mesh.n_nodes, len(chosen)))

@@ -83,8 +83,8 @@ def planned(study: Study, steps: tuple[CrossheadStep, ...], assumed: Parameters)
     }
     noise = (study.noise.displacement or settings.dic.noise_in_plane, study.noise.temperature or settings.ir.netd)
     kept = [_kept_noise(study, mesh, points, spacing) for spacing in (settings.dic.spacing, settings.ir.pixel_size)]
-    u = _blank("u", dic_time, points.xy, (2, kept[0] * noise[0]), "mm")
-    theta = _blank("theta", ir_time, points.xy, (1, kept[1] * noise[1]), "K")
+    u = _blank("u", dic_time, points.xy, 2, kept[0] * noise[0], "mm")
+    theta = _blank("theta", ir_time, points.xy, 1, kept[1] * noise[1], "K")
     force = force_observation(dic_time, load_steps["displacement"], settings.force.noise)
     begin = float(load.time[np.flatnonzero(load.force > 0.0)[0] - 1])
     phases = (TestPhase(float(load.time[0]), float(load.time[-1]), "loading"),)
@@ -108,11 +108,11 @@ def _steps(load: LoadHistory, instruments: VirtualInstruments, time: np.ndarray)
     return LoadSteps(time, force, crosshead, crosshead - instruments.machine.compliance * force)
 
 
-def _blank(name: str, time: np.ndarray, xy: np.ndarray, what: tuple[int, np.ndarray], unit: str) -> FieldObservation:
-    """A field of (components, sigma of every point) whose values are still zero."""
-    shape = (len(time), len(xy), what[0])
-    sigma = np.broadcast_to(np.maximum(what[1], 1e-6)[None, :, None], shape).copy()
-    return FieldObservation(name, time, xy, np.zeros(shape), sigma, np.ones(shape[:2], dtype=bool), unit)
+def _blank(name: str, time: np.ndarray, xy: np.ndarray, components: int, sigma: np.ndarray, unit: str) -> FieldObservation:
+    """A field with `sigma` (n_s,) of every point, whose values are still zero."""
+    shape = (len(time), len(xy), components)
+    of_all = np.broadcast_to(np.maximum(sigma, 1e-6)[None, :, None], shape).copy()
+    return FieldObservation(name, time, xy, np.zeros(shape), of_all, np.ones(shape[:2], dtype=bool), unit)
 
 
 def _filled(study: Study, data: Measured, assumed: Parameters) -> Measured:

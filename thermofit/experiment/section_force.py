@@ -147,7 +147,7 @@ def _prepared(seen: JointErrors, spans: tuple[Span, ...], *, whole: bool = False
         return None
     spread = np.where(known, np.sqrt(np.einsum("tyb,tb->ty", weights**2, noise**2)), np.nan)
     groups = _groups(observation.time, strain, spread, spans)
-    sections = _sections(seen, profile, groups, weights, known, (error[:, :, 1], shown[:, :, 1]), y)
+    sections = _sections(seen, profile, groups, weights, known, error[:, :, 1], shown[:, :, 1], y)
     settings = PointSettings(joint.study.hardening_law, joint.study.numerics.plastic_integration == "closed-form")
     of_rows = _row_weights(weights, noise, groups)
     return _Prepared(sections, _of_point(seen, sections), settings, of_rows, weights, groups, half)
@@ -252,11 +252,12 @@ def _sections(
     groups: list[np.ndarray],
     weights: np.ndarray,
     known: np.ndarray,
-    fields: tuple[np.ndarray, np.ndarray],
+    error: np.ndarray,
+    shown: np.ndarray,
     y: np.ndarray,
 ) -> SectionHistories:
-    """Histories of sections, neighbours averaged by `groups`; `fields` are error and prediction (n_t, n_s) of u_y mm."""
-    error, shown = (np.einsum("tyb,tb->ty", weights, profile.mean(f)) for f in fields)
+    """Histories of sections, neighbours averaged by `groups`; `error` and prediction `shown` (n_t, n_s) are those of u_y mm."""
+    error, shown = (np.einsum("tyb,tb->ty", weights, profile.mean(f)) for f in (error, shown))
     there = np.array([known[g].all(axis=0) for g in groups])
     mean = [np.array([v[g].mean(axis=0) for g in groups]) for v in (error, shown)]
     time = np.array([float(seen.joint.model.observations["u"].time[g].mean()) for g in groups])
@@ -321,7 +322,7 @@ def predicted_states(seen: JointErrors, spans: tuple[Span, ...]) -> Predicted | 
     weights, known, y = strain_weights(profile, half)
     groups = [np.array([k]) for k in np.flatnonzero(known.any(axis=1))]
     shown = observation.value[:, :, 1] + seen.errors["u"][:, :, 1]
-    sections = _sections(seen, profile, groups, weights, known, (0.0 * shown, shown), y)
+    sections = _sections(seen, profile, groups, weights, known, 0.0 * shown, shown, y)
     parameters = _of_point(seen, sections)
     settings = PointSettings(seen.joint.study.hardening_law, seen.joint.study.numerics.plastic_integration == "closed-form")
     accumulated, rate = np.zeros(sections.predicted.shape), np.full(sections.predicted.shape, np.nan)

@@ -58,13 +58,12 @@ def require_blocks(blocks: Blocks) -> None:
         )
 
 
-def linearised_repeats(fit: LinearModel, blocks: Blocks, draws: tuple[int, int]) -> np.ndarray:
-    """Moves dx (count, n_p) of the optimum within the bounds of a fit in `draws` = (seed, count) repeats.
+def linearised_repeats(fit: LinearModel, blocks: Blocks, *, seed: int, count: int) -> np.ndarray:
+    """Moves dx (count, n_p) of the optimum within the bounds of a fit in `count` repeats.
 
     UntrustworthyError where there are too few blocks.
     """
     require_blocks(blocks)
-    seed, count = draws
     product = fit.columns * fit.outside(blocks.label)[:, None]
     sums = np.stack([np.bincount(blocks.label, column, blocks.count) for column in product.T], axis=1)
     weights = np.stack([block_weights(blocks, seed, k) for k in range(count)])

@@ -187,7 +187,7 @@ class Evaluations:
             if origin == "memory":
                 self._repeated += 1
             else:
-                self._record(x, outcome, purpose, (origin == "store", need_residual))
+                self._record(x, outcome, purpose, replayed=origin == "store", need_residual=need_residual)
             results.append(outcome)
         return results
 
@@ -230,8 +230,7 @@ class Evaluations:
             return self.best[1].residual, self.best[1].jacobian
         return self._recent.get(key), None
 
-    def _record(self, x: np.ndarray, outcome: EvaluatedResidual, purpose: Purpose, how: tuple[bool, bool]) -> None:
-        replayed, need_residual = how
+    def _record(self, x: np.ndarray, outcome: EvaluatedResidual, purpose: Purpose, *, replayed: bool, need_residual: bool) -> None:
         x = x.copy()
         x.setflags(write=False)
         self._check_size(outcome.residual)

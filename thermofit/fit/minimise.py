@@ -110,4 +110,4 @@ def minimise(problem: Problem, method: str = "least-squares", settings: Settings
         ending, detail = derivative_free(evaluations, settings, algorithm), f"{algorithm}, no derivatives"
     else:
         raise StudyError(f"fit method '{method}' is not known; known are {', '.join(METHODS)}")
-    return conclude(evaluations, settings, (method, detail), ending)
+    return conclude(evaluations, settings, method, detail, ending)

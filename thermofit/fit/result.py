@@ -62,8 +62,8 @@ class FitResult:
         return not self.converged and any(evaluation.failed for evaluation in self.log)
 
 
-def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str], ending: Ending) -> FitResult:
-    """FitResult at the best step; `ran` = (method, algorithm).
+def conclude(evaluations: Evaluations, settings: Settings, method: str, algorithm: str, ending: Ending) -> FitResult:
+    """FitResult at the best step of a method, `algorithm` in its own words.
 
     A result more than one sigma and ten tolerances from its predicted minimum is not converged.
     NumericsError if nothing was evaluated successfully.
@@ -80,7 +80,7 @@ def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str],
     optimality, spread = None, None
     converged, message = ending.converged, ending.message
     if jacobian is not None:
-        optimality, at_bound = _optimality(problem, x, (jacobian, residual), settings, at_bound)
+        optimality, at_bound = _optimality(problem, x, jacobian, residual, settings, at_bound)
         if optimality.step > 10.0 * settings.x_tolerance and optimality.drop > 1.0:
             converged = False
             message = (
@@ -93,8 +93,8 @@ def conclude(evaluations: Evaluations, settings: Settings, ran: tuple[str, str],
             error = str(untrustworthy)
     return FitResult(
         names=problem.names,
-        method=ran[0],
-        algorithm=ran[1],
+        method=method,
+        algorithm=algorithm,
         x=x.copy(),
         f=f,
         residual=residual,
@@ -125,10 +125,9 @@ def _distance(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def _optimality(
-    problem: Problem, x: np.ndarray, point: tuple[np.ndarray, np.ndarray], settings: Settings, on_bound: np.ndarray
+    problem: Problem, x: np.ndarray, jacobian: np.ndarray, residual: np.ndarray, settings: Settings, on_bound: np.ndarray
 ) -> tuple[Optimality, np.ndarray]:
     """The remaining step, and at_bound including parameters that an interior method left a little short of their bound."""
-    jacobian, residual = point
     lower, upper = scaled_bounds(problem)
     z = to_scaled(problem, x)
     step = full_step(problem, z, residual, jacobian * problem.scale)

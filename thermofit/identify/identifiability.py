@@ -67,7 +67,7 @@ def analysed(linear: Linear, freedom: float = FREEDOM) -> Analysis:
     held = tuple(name for name, at in zip(linear.names, linear.at_bound, strict=True) if at)
     return Analysis(
         kind=kind,
-        verdict=_verdict(kind, found, (info.names, relative), fixing, held),
+        verdict=_verdict(kind, found, info.names, relative, fixing, held),
         names=info.names,
         relative=relative,
         detectability=detectability(info),
@@ -98,10 +98,9 @@ def _kind(found: Spectrum, wide: Spectrum) -> Kind:
 
 
 def _verdict(
-    kind: Kind, found: Spectrum, errors: tuple[tuple[str, ...], np.ndarray], fixing: tuple[tuple[str, ...], ...], held: tuple[str, ...]
+    kind: Kind, found: Spectrum, names: tuple[str, ...], relative: np.ndarray, fixing: tuple[tuple[str, ...], ...], held: tuple[str, ...]
 ) -> str:
     """The answer in one line."""
-    names, relative = errors
     at_bound = f"; {', '.join(held)} at its bound and held there" if held else ""
     if kind == "unique":
         worst = int(np.argmax(relative)) if len(relative) else 0

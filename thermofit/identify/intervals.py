@@ -96,7 +96,7 @@ def bootstrap(linear: Linear, repeats: int, seed: int) -> tuple[dict[str, Interv
     blocks = residual_blocks(linear.model, linear.residual)
     kept = np.flatnonzero(~linear.at_bound)
     x = np.tile(linear.x, (repeats, 1))
-    x[:, kept] += linearised_repeats(linear.inside, blocks, (seed, repeats))
+    x[:, kept] += linearised_repeats(linear.inside, blocks, seed=seed, count=repeats)
     return _percentiles(linear, x, blocks), x, blocks
 
 
@@ -115,10 +115,9 @@ def _percentiles(linear: Linear, x: np.ndarray, blocks: Blocks) -> dict[str, Int
 
 
 def full_bootstrap(
-    subject: Subject, linear: Linear, repeats: tuple[int, int], kept: Kept, where: Executor
+    subject: Subject, linear: Linear, count: int, seed: int, kept: Kept, where: Executor
 ) -> tuple[dict[str, Interval], np.ndarray, Blocks]:
-    """The same with every repeat fitted anew; `repeats` = (count, seed). UntrustworthyError for too few blocks."""
-    count, seed = repeats
+    """The same with every repeat fitted anew. UntrustworthyError for too few blocks."""
     blocks = residual_blocks(linear.model, linear.residual)
     require_blocks(blocks)
     chunks = [tuple(range(first, min(first + _CHUNK, count))) for first in range(0, count, _CHUNK)]

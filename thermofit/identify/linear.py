@@ -114,7 +114,7 @@ def linear_of(
     names = settings.free
     body = model.segments is None
     asked = tuple(name for name in PRESCRIBED if body and "theta" in model.observations and name not in names)
-    residual, slopes = _linearised(study, settings, model, base, (asked, store))
+    residual, slopes = _linearised(study, settings, model, base, asked, store)
     x = base.vector()
     bounds = np.array([study.bounds(name) for name in names])
     shifts = {
@@ -137,10 +137,9 @@ def linear_of(
 
 
 def _linearised(
-    study: Study, settings: StageSettings, model: StageModel, base: Parameters, more: tuple[tuple[str, ...], Checkpoint | None]
+    study: Study, settings: StageSettings, model: StageModel, base: Parameters, asked: tuple[str, ...], store: Checkpoint | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residual (n,) and slopes (n, n_p + asked): exact where the model has derivatives, else by differences without the asked ones."""
-    asked, store = more
     key = base.vector()
     kept = None if store is None else store.get(key)
     if kept is not None:

@@ -153,15 +153,15 @@ def channel(record: ChannelRecord, source: ColumnSource, quantity: str, key: str
         remarks.append(f"column '{column.name}' has no unit in the file and is taken as {words}")
     else:
         raise StudyError(f"key '{key}': column '{column.name}' has no unit in the file; give it, {{column: {column.name}, unit: ...}}")
-    return _converted(values, unit, quantity, (key, column.name)), remarks
+    return _converted(values, unit, quantity, key, column.name), remarks
 
 
-def _converted(values: np.ndarray, unit: str, quantity: str, place: tuple[str, str]) -> np.ndarray:
+def _converted(values: np.ndarray, unit: str, quantity: str, key: str, name: str) -> np.ndarray:
     """Values in the fixed unit; StudyError where the unit is not one of the quantity."""
     known = known_unit(unit)
     if known is None or known.quantity != quantity:
         what = "is not known" if known is None else f"is one of {known.quantity}"
-        raise StudyError(f"key '{place[0]}': unit '{unit}' of column '{place[1]}' {what}, expected one of {quantity}")
+        raise StudyError(f"key '{key}': unit '{unit}' of column '{name}' {what}, expected one of {quantity}")
     return to_fixed(values, unit)[0]
 
 

@@ -166,7 +166,7 @@ def _bootstrapped(
     subject: Subject, linear: Linear, options: IdentifiabilityOptions, kept: Kept, where: Executor
 ) -> tuple[Mapping[str, Interval], np.ndarray, str]:
     if options.refit:
-        found, draws, blocks = full_bootstrap(subject, linear, (options.repeats, options.seed), kept, where)
+        found, draws, blocks = full_bootstrap(subject, linear, options.repeats, options.seed, kept, where)
         how = "every repeat fitted anew"
     else:
         found, draws, blocks = bootstrap(linear, options.repeats, options.seed)

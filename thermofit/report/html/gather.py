@@ -73,7 +73,7 @@ def report_of(run: RunFolder, study: Study | None = None, failure: str = "") -> 
         format=FORMAT,
         name=run.path.name if study is None else study.name,
         made_with=f"thermofit {__version__}",
-        verdict=_verdict(run, bars, (ladder, added), file, failure),
+        verdict=_verdict(run, bars, ladder, added, file, failure),
         bars=bars,
         ladder=ladder,
         smallest=_smallest(summary),
@@ -102,11 +102,9 @@ def report_of(run: RunFolder, study: Study | None = None, failure: str = "") -> 
 
 
 def _verdict(
-    run: RunFolder, bars: Sequence[Bars], causes: tuple[Sequence[Rung], Mapping[str, Sequence[str]]], file: str, failure: str
+    run: RunFolder, bars: Sequence[Bars], ladder: Sequence[Rung], added: Mapping[str, Sequence[str]], file: str, failure: str
 ) -> Verdict:
-    """The sentence of the first page by how far the run has come; `causes`: the ladder, and effects in the model with what could stand for
-    each."""
-    ladder, added = causes
+    """The sentence of the first page by how far the run has come; `added`: effects in the model with what could stand for each."""
     last = next((stage for stage in (LOOP, DIAGNOSE, VERIFY) if run.has(stage)), "")
     open_ones = _open(run, last)
     trusted = bool(last) and is_trustworthy(run.records[last])
@@ -425,13 +423,12 @@ def _parameters(run: RunFolder, study: Study | None) -> list[Value]:
         true = None if study is None else study.truth_of(name)
         # The record of the loop gives as start what it found.
         start = None if stage in (DIAGNOSE, LOOP) and starts[name] == p.value else starts[name]
-        rows.append(_value(name, p, stage, (start, before.get(name), true)))
+        rows.append(_value(name, p, stage, start, before.get(name), true))
     return rows
 
 
-def _value(name: str, p: ParameterResult, stage: str, beside: tuple[float | None, float | None, float | None]) -> Value:
-    """A parameter; `beside`: its start, its value before effects were added, its true value."""
-    start, before, true = beside
+def _value(name: str, p: ParameterResult, stage: str, start: float | None, before: float | None, true: float | None) -> Value:
+    """A parameter: its start, its value before effects were added, its true value."""
     half = _NORMAL * p.sigma if p.sigma is not None and np.isfinite(p.sigma) else None
     return Value(
         name=name,

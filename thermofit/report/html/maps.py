@@ -65,7 +65,7 @@ def pairs(run: RunFolder) -> Iterator[BeforeAfter]:
         if VERIFY in records:
             for channel, field in verified(records[VERIFY]).items():
                 if channel in ("du", "dtheta", "stress", "strain", "theta") and (test, channel) not in seen:
-                    yield from _components(test, channel, (field, None), ("the verified model", ""))
+                    yield from _components(test, channel, field, None, ("the verified model", ""))
     yield from found
 
 
@@ -103,16 +103,16 @@ def _judged_pairs(run: RunFolder) -> Iterator[BeforeAfter]:
             time = time - _shift(run.tests[test], of_test)
         last = field_of_rows(time, rows["xy"][own], rows["value"][own])
         if record.stage == DIAGNOSE or not added:
-            yield from _components(test, channel, (last, None), words)
+            yield from _components(test, channel, last, None, words)
         elif before is not None:
             first = field_of_rows(time, rows["xy"][own], before[own])
-            yield from _components(test, channel, (first, last), words)
+            yield from _components(test, channel, first, last, words)
         else:
             stages = verified(run.tests.get(test, run.records)[VERIFY]) if VERIFY in run.tests.get(test, run.records) else {}
             if channel in stages:
-                yield from _components(test, channel, (stages[channel], last), ("the model of the stages, not fitted jointly", words[1]))
+                yield from _components(test, channel, stages[channel], last, ("the model of the stages, not fitted jointly", words[1]))
             else:
-                yield from _components(test, channel, (last, None), (words[1], ""))
+                yield from _components(test, channel, last, None, (words[1], ""))
 
 
 def _values_before(run: RunFolder, record: Record, rows: Mapping[str, np.ndarray]) -> np.ndarray | None:
@@ -134,9 +134,8 @@ def _shift(records: Records, times: list[np.ndarray]) -> float:
 
 
 def _components(
-    test: str, channel: str, fields: tuple[FieldOverTime, FieldOverTime | None], words: tuple[str, str]
+    test: str, channel: str, before: FieldOverTime, after: FieldOverTime | None, words: tuple[str, str]
 ) -> Iterator[BeforeAfter]:
-    before, after = fields
     n = before.value.shape[2]
     for k in range(n):
         label = channel_words(channel) + (f" {_AXES[k]}" if n > 1 and channel in ("u", "du") else f" {k + 1}" if n > 1 else "")

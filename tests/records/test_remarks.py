@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thermofit.records.remarks import Note, as_one, named, sorted_out
+from thermofit.records.staging import Note, as_one, named, sorted_out
 
 
 def test_remarks_and_notes_part() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tiny
 
-from thermofit.records.each import each
+from thermofit.records.staging import each
 from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]

@@ -23,7 +23,7 @@ from thermofit.observe.comparison import plain, rigid_free, temperature_change
 from thermofit.observe.observation import FieldObservation, face_operator
 from thermofit.records.artefact import Dataset, Record
 from thermofit.records.progress import progress
-from thermofit.records.remarks import Note, sorted_out
+from thermofit.records.staging import Note, sorted_out
 from thermofit.study.study import Study
 
 _SAME_TIME = 1e-6

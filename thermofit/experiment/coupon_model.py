@@ -28,7 +28,7 @@ from thermofit.observe.comparison import Comparison, Weight, plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
-from thermofit.records.remarks import Note
+from thermofit.records.staging import Note
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 

@@ -33,7 +33,7 @@ from thermofit.experiment.several import JointSeveral, free_in, joined, own_name
 from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked, KnownErrors, together
 from thermofit.records.artefact import Record
-from thermofit.records.remarks import as_one, named
+from thermofit.records.staging import as_one, named
 from thermofit.study.section import MeshSize
 from thermofit.study.stages import Stages, StageSettings
 from thermofit.study.study import Study

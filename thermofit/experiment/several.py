@@ -17,7 +17,7 @@ from thermofit.experiment.joint import Joint, Known
 from thermofit.experiment.known_motion import Direction
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
-from thermofit.records.remarks import as_one, named
+from thermofit.records.staging import as_one, named
 from thermofit.study.study import Study
 
 BOUNDARY = acting("film", "reference")

@@ -19,7 +19,7 @@ from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.hardening.curves import fitted_to_curve
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
-from thermofit.records.remarks import Note
+from thermofit.records.staging import Note
 from thermofit.study.geometry import STRAIGHT
 from thermofit.study.study import Study
 from thermofit.virtual.machine import bar_of, uniaxial_law

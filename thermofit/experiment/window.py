@@ -9,7 +9,7 @@ import numpy as np
 from thermofit.core.errors import DataError, StudyError
 from thermofit.experiment.fields import LoadSteps, Measured
 from thermofit.observe.observation import FieldObservation
-from thermofit.records.remarks import Note
+from thermofit.records.staging import Note
 
 _FORCE_SHARE = 0.9
 """The elastic window ends at this share of the force at which the strain leaves the straight line."""

@@ -14,8 +14,7 @@ from thermofit.experiment.prediction import Errors
 from thermofit.identify.budget import budget_datasets, budget_summary
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
-from thermofit.records.remarks import sorted_out
-from thermofit.records.staging import Made
+from thermofit.records.staging import Made, sorted_out
 from thermofit.study.study import Study
 
 MISFIT = 1.5

@@ -26,8 +26,7 @@ from thermofit.identify.solve import DRIVE, Solved, discard_checkpoints, model_o
 from thermofit.law.bounds import beta_warning
 from thermofit.records.artefact import open_record
 from thermofit.records.key import stage_key
-from thermofit.records.remarks import Note, named
-from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
+from thermofit.records.staging import Job, Made, Note, Outcome, artefact_path, job, named, produce
 from thermofit.study.reading import reading
 from thermofit.study.stages import ElasticStage, StageSettings
 from thermofit.study.study import Study

@@ -19,8 +19,7 @@ from thermofit.observe.picking import pick as pick_points
 from thermofit.read.plausible import asked
 from thermofit.read.raw import read_experiment
 from thermofit.records.artefact import Dataset
-from thermofit.records.each import each
-from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.records.staging import Made, Outcome, each, job, produce
 from thermofit.study.study import Study
 
 NAME = "calibrate-ir"

@@ -5,8 +5,7 @@ from __future__ import annotations
 from thermofit.experiment.protocol import FieldTest
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
-from thermofit.records.remarks import Note
-from thermofit.records.staging import Outcome
+from thermofit.records.staging import Note, Outcome
 from thermofit.study.study import Study
 
 

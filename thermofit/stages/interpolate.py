@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from thermofit.experiment.forms import raw_of
-from thermofit.records.each import each
 from thermofit.records.key import key_of
-from thermofit.records.staging import Outcome, job, produce
+from thermofit.records.staging import Outcome, each, job, produce
 from thermofit.study.study import Study
 
 NAME = "interpolate"

@@ -17,10 +17,9 @@ from thermofit.core.parameters import NAMES, Parameters, param, physical_bounds
 from thermofit.effects.catalogue import KINEMATICS, LOAD, MEASUREMENT, effects
 from thermofit.law.page import in_model_axes
 from thermofit.records.artefact import Dataset, ParameterResult
-from thermofit.records.each import each
 from thermofit.records.key import read_of
 from thermofit.records.progress import progress
-from thermofit.records.staging import Made, Outcome, job, produce
+from thermofit.records.staging import Made, Outcome, each, job, produce
 from thermofit.study.section import MeshSize, mesh_size
 from thermofit.study.study import Study
 from thermofit.study.virtual import Simulate

@@ -12,7 +12,7 @@ from small_bodies import NOMINAL, SPECIMEN, bar_mesh
 from thermofit.body.body import Body, tension_body
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Differentiator, LinearisedStep, PointRates, Rates, Sensitivities, StepEnds, StepRates
+from thermofit.body.sensitivity.march import Differentiator, LinearisedStep, PointStateRates, Rates, Sensitivities, StepEnds, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import NumericsError, StudyError
@@ -250,7 +250,7 @@ def test_a_step_whose_differentiation_fails_is_cut_and_leaves_nothing_behind(mon
         calls[0] += 1
         return step(self, start, mechanics, ends, load)
 
-    def failing(self: Differentiator, start: Rates, u: np.ndarray, end: PointRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
+    def failing(self: Differentiator, start: Rates, u: np.ndarray, end: PointStateRates, theta: np.ndarray, ends: StepEnds) -> np.ndarray:
         if calls[0] in (3, 13):  # the steps to 9 s and, two halves later, to 37 s
             raise NumericsError("made to fail")
         return heat(self, start, u, end, theta, ends)

@@ -178,7 +178,7 @@ def test_a_body_from_raw_files_to_the_map(tmp_path: Path) -> None:
     study = load_study(tiny.write(tmp_path, content))
     for name in ("simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal"):
         tiny.stage_run(name)(study)
-    options = inject.Options("local_source", 0.5, 3, {"width": 4.0})
+    options = inject.InjectOptions("local_source", 0.5, 3, {"width": 4.0})
     only = inject.run(study, replace(options, predict_only=True)).record.summary
     assert only["predicted"]["completeness"] == 1.0 and only["predicted"]["smallest"] < 0.25
     assert len(only["map"]) >= 1 and all(0.0 < cell["smallest"] for cell in only["map"]) and Path(only["figures"][inject.FIGURE]).exists()

@@ -95,14 +95,14 @@ def alike_to(here: Traced, name: str, block: np.ndarray) -> tuple[str, ...]:
     values that the loop tries for them; itself first. On a body, where a run costs more, laws of the motion are asked at their first
     values."""
     model = here.problem.model
-    planted = {"": model.felt(block)}
+    planted = {"": model.sensitive(block)}
     found = [name]
     for other in (e for e in here.case.known if e.name in here.problem.dormant and e.name != name):
         sets = scans(other, here.case)
         if here.case.scored is not None and not acts_in_heat(other):
             sets = sets[:1]
         try:
-            blocks = [model.felt(b) for b in directions(here, other, sets)]
+            blocks = [model.sensitive(b) for b in directions(here, other, sets)]
         except NumericsError:  # values with which it cannot run cannot be taken for it either
             continue
         felt = {str(k): s for k, s in enumerate(blocks) if s.shape[1]}
@@ -113,7 +113,7 @@ def alike_to(here: Traced, name: str, block: np.ndarray) -> tuple[str, ...]:
 
 def shown_in(here: Traced, block: np.ndarray) -> dict[str, float]:
     """Share of each channel in the squares of an effect's columns beyond the fitted parameters."""
-    felt = here.problem.model.felt(block)
+    felt = here.problem.model.sensitive(block)
     size = np.linalg.norm(felt, axis=0)
     parts = (felt / np.where(size > 0.0, size, 1.0)) ** 2
     return {c: float(parts[here.rows.channel == k].sum() / max(parts.sum(), 1e-300)) for k, c in enumerate(here.case.channels)}

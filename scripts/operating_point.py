@@ -16,7 +16,7 @@ import numpy as np
 from operating_draw import World, worlds
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, untold
+from thermofit.diagnose.case import Case, not_identifiable
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import within
 from thermofit.diagnose.refit import JointFit
@@ -216,7 +216,7 @@ def _case(study: Study, data: CouponData, model: StageModel, parameters: Paramet
     run = coupon_run(study, data, parameters.free)
     strain = max(float(run.history(parameters, test).accumulated.max()) for test in data.tests)
     there = flow_conditions(data.tests, lambda test: run.history(parameters, test))
-    known, _ = untold(effects_of_point(sensor=hot), parameters, there)
+    known, _ = not_identifiable(effects_of_point(sensor=hot), parameters, there)
     return Case(model, parameters, known, record_spans(data), station_names(), largest_strain=strain)
 
 

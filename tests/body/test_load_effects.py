@@ -11,7 +11,7 @@ from small_bodies import NOMINAL, SPECIMEN
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
-from thermofit.body.solve.loading import felt_force, felt_force_rate, moving
+from thermofit.body.solve.loading import acting_force, acting_force_rate, moving
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import StudyError
@@ -75,7 +75,7 @@ def test_acting_load_in_closed_form() -> None:
     on = BASE.replace(**ON)
     force = 1.01 * (RECORDED + 40.0)
     assert np.allclose(FORCE.acting(on).value, force, rtol=1e-15)
-    assert np.array_equal(felt_force(RECORDED, on), FORCE.acting(on).value)
+    assert np.array_equal(acting_force(RECORDED, on), FORCE.acting(on).value)
     peak = np.array([40.4, 40.4, *[force[2]] * 4])
     give = 1e-5 * force + 0.04 * (1.0 - np.exp(-peak / 1000.0))
     assert np.allclose(CROSSHEAD.acting(on).value, CROSSHEAD.value - give + give[0], rtol=1e-14)
@@ -95,7 +95,7 @@ def test_rates_of_the_acting_load_are_those_of_differences(loading: Loading, val
         expected = (there - back) / (2.0 * h)
         assert np.allclose(found[:, k], expected, rtol=1e-5, atol=1e-6 * max(np.abs(expected).max(), 1e-9)), name
         if loading is FORCE:
-            assert np.allclose(felt_force_rate(RECORDED, parameters, name), found[:, k], rtol=1e-15)
+            assert np.allclose(acting_force_rate(RECORDED, parameters, name), found[:, k], rtol=1e-15)
 
 
 @pytest.mark.parametrize("loading", [FORCE, CROSSHEAD], ids=["force", "crosshead"])

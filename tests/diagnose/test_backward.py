@@ -10,7 +10,7 @@ from refits import refitting
 from seen_field import N_T, TIME, Y, case_of
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.backward import Means, Refit, made_up_for, still_needed
+from thermofit.diagnose.backward import Means, Refit, compensated, still_needed
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
@@ -56,22 +56,22 @@ def at_the_end(monkeypatch: pytest.MonkeyPatch, shape: np.ndarray, **planted: fl
 def test_an_effect_that_stood_in_for_a_held_exponent_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     here, means, labels = at_the_end(monkeypatch, GAP, **{LAMP: 0.02, "lamp.start": 45.0})
     assert still_needed(here, "ir_drift"), "with the start held it is missed"
-    found = made_up_for(here, "ir_drift", ["lamp"], means)
+    found = compensated(here, "ir_drift", ["lamp"], means)
     assert found is not None and labels == ["without ir_drift exponents"]
     last, fit = found
     assert last.case.parameters[DRIFT] == 0.0 and DRIFT not in fit.names and fit.converged
     assert last.case.parameters["lamp.start"] == pytest.approx(45.0, abs=1.0)
     assert last.case.parameters[LAMP] == pytest.approx(0.02, rel=0.03)
-    assert made_up_for(replace(here, case=replace(here.case, cheap=True)), "ir_drift", ["lamp"], means) is None
+    assert compensated(replace(here, case=replace(here.case, cheap=True)), "ir_drift", ["lamp"], means) is None
 
 
 def test_an_effect_that_no_exponent_resembles_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     here, means, labels = at_the_end(monkeypatch, WAVE, **{LAMP: 0.02, "lamp.start": HELD, DRIFT: 0.05})
-    assert made_up_for(here, "ir_drift", ["lamp"], means) is None and labels == []
-    assert made_up_for(here, "ir_drift", [], means) is None
+    assert compensated(here, "ir_drift", ["lamp"], means) is None and labels == []
+    assert compensated(here, "ir_drift", [], means) is None
 
 
 def test_an_effect_that_an_exponent_only_resembles_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     """A refit is made, and the held-out error rises without the effect."""
     here, means, labels = at_the_end(monkeypatch, 4.0 * GAP + 0.4 * WAVE, **{LAMP: 0.02, "lamp.start": HELD, DRIFT: 0.08})
-    assert made_up_for(here, "ir_drift", ["lamp"], means) is None and labels == ["without ir_drift exponents"]
+    assert compensated(here, "ir_drift", ["lamp"], means) is None and labels == ["without ir_drift exponents"]

@@ -14,7 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 
 __all__ = ["problem"]
 SPOTS = [
@@ -30,7 +30,7 @@ SPOTS = [
 def test_they_come_back_within_three_standard_errors(problem: Made, planted: dict[str, float]) -> None:
     """A source that is not in the catalogue, conductivity, capacity, heat of plastic work and both films."""
     found = found_of(problem(**planted))
-    names = felt_by_temperatures(found.parameters.free)
+    names = acting_on_temperatures(found.parameters.free)
     z = np.array([(found.parameters[n] - TRUTH[n]) / s for n, s in zip(names, found.source.uncertainty, strict=True)])
     assert set(names) == set(THERMAL) and np.abs(z).max() < 3.0, dict(zip(names, z, strict=True))
     assert np.mean(z**2) > 0.05, "and are not told too wide"

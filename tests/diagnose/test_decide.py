@@ -22,10 +22,10 @@ from thermofit.diagnose.decide import (
     columns,
     decided,
     decisions,
-    felt_at_point,
     in_words,
+    sensitive_at_point,
 )
-from thermofit.diagnose.decide_told import Discrimination
+from thermofit.diagnose.discrimination import Discrimination
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced
@@ -195,6 +195,6 @@ def test_what_was_added_besides_is_in_no_family_and_is_a_parameter() -> None:
     on = on.with_free((*LAW.free, "kappa", "H_lin", "backstress_first.C", "ir_drift.rate"))
     case = SimpleNamespace(parameters=on, model=SimpleNamespace(missing=None))
     here = cast(Traced, SimpleNamespace(case=case))
-    coupon = at_point(here, family, felt_at_point(here))
+    coupon = at_point(here, family, sensitive_at_point(here))
     assert coupon.free == (*LAW.free, "backstress_first.C"), "what it was added by is not taken out of its own column"
     assert coupon["ir_drift.rate"] == 0.0 and coupon["H_lin"] == 100.0 and coupon["second_hardening.b"] == 100.0

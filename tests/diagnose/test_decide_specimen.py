@@ -30,7 +30,7 @@ from thermofit.diagnose.decide_specimen import (
     planned,
     spread,
 )
-from thermofit.diagnose.decide_told import Discrimination, Family
+from thermofit.diagnose.discrimination import Discrimination, Family
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.experiment.fields import LoadSteps, Measured

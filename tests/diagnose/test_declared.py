@@ -44,7 +44,7 @@ def test_estimate_is_drawn_to_what_was_declared() -> None:
     """One step with a prior: the mean of estimate and declared value, each with the weight of its own error."""
     free, held = of_drift(declared(3, None)[0]), of_drift(declared(3, 1e-5)[0])
     here = declared(3, None)[0]
-    s = here.problem.model.felt(here.problem.dormant["ir_drift"][1])
+    s = here.problem.model.sensitive(here.problem.dormant["ir_drift"][1])
     weight = float((s * s).sum())
     assert held.estimate[RATE] == pytest.approx(free.estimate[RATE] * weight / (weight + 1e10), rel=1e-6)
     assert held.detectability == pytest.approx(free.detectability), "a prior is no datum by which the test would feel it"
@@ -142,4 +142,4 @@ def test_rows_of_priors_do_not_make_an_effect_felt() -> None:
     columns = here.problem
     dead = np.zeros_like(columns.dormant["ir_drift"][1])
     dead[-1] = 1.0
-    assert columns.model.felt(dead).shape[1] == 0 and columns.model.felt(columns.dormant["ir_drift"][1]).shape[1] == 1
+    assert columns.model.sensitive(dead).shape[1] == 0 and columns.model.sensitive(columns.dormant["ir_drift"][1]).shape[1] == 1

@@ -16,10 +16,10 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import still_needed
 from thermofit.diagnose.before_after import before_after
-from thermofit.diagnose.case import Case, Elsewhere
-from thermofit.diagnose.elsewhere import beyond_of, elsewhere_of
+from thermofit.diagnose.case import Case, OtherTest
 from thermofit.diagnose.loop import Closed, close_loop, ranking_rows
-from thermofit.diagnose.proof_elsewhere import held_out_words, predicted_beyond, unseen_rms
+from thermofit.diagnose.other_tests import other_test_of, unseen_columns_of
+from thermofit.diagnose.proof_other_tests import held_out_words, predicted_unseen, unseen_rms
 from thermofit.diagnose.trace import traced
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span
@@ -30,7 +30,7 @@ DRIFT = {"ir_drift.rate": 1e-3}
 ALL = frozenset(e.name for e in KNOWN)
 
 
-def another(seed: int, judges: frozenset[str] = ALL, own: tuple[str, ...] = (), **planted: float) -> Elsewhere:
+def another(seed: int, judges: frozenset[str] = ALL, own: tuple[str, ...] = (), **planted: float) -> OtherTest:
     """A second test of the same specimen with noise of its own."""
     here = case_of(seed, **planted)
 
@@ -40,18 +40,18 @@ def another(seed: int, judges: frozenset[str] = ALL, own: tuple[str, ...] = (), 
     def case(p: Parameters) -> Case:
         return replace(here, parameters=p)
 
-    return Elsewhere("second", case, carried, judges, own)
+    return OtherTest("second", case, carried, judges, own)
 
 
-def started(test: Elsewhere | None, seed: int = 3, **planted: float) -> tuple[Case, object, object]:
+def started(test: OtherTest | None, seed: int = 3, **planted: float) -> tuple[Case, object, object]:
     """A case at the optimum of what it fits, its fit, and how to refit."""
     case = case_of(seed, **planted)
     refit = refitting(case.model)
     parameters, fit = refit(case.parameters, "joint")
-    return replace(case, parameters=parameters, elsewhere=() if test is None else (test,)), fit, refit
+    return replace(case, parameters=parameters, other_tests=() if test is None else (test,)), fit, refit
 
 
-def closed(test: Elsewhere | None, seed: int = 3, **planted: float) -> Closed:
+def closed(test: OtherTest | None, seed: int = 3, **planted: float) -> Closed:
     case, fit, refit = started(test, seed, **planted)
     return close_loop(case, fit, refit, 3, None)  # type: ignore[arg-type]
 
@@ -99,8 +99,8 @@ def test_gain_on_the_unseen_test_is_that_of_the_refit() -> None:
     first, second = found.first, found.rounds[1].traced
     model = test.case(BASE).model
     for here in (first, second):
-        assert predicted_beyond(here) == pytest.approx(model.residual(here.case.parameters), abs=0.02)
-    mean = [float(np.mean(predicted_beyond(here) ** 2)) for here in (first, second)]
+        assert predicted_unseen(here) == pytest.approx(model.residual(here.case.parameters), abs=0.02)
+    mean = [float(np.mean(predicted_unseen(here) ** 2)) for here in (first, second)]
     proof = found.rounds[0].trials[0].proof
     assert proof is not None and proof.gain == pytest.approx(1.0 - mean[1] / mean[0], rel=1e-6)
     assert first.proofs["ir_drift"].gain == pytest.approx(proof.gain, abs=0.02)
@@ -134,7 +134,7 @@ def test_a_test_that_does_not_feel_an_effect_does_not_judge_it() -> None:
 def test_a_gain_below_its_uncertainty_leaves_it_to_the_fitted_rows() -> None:
     """The unseen test lacks something large of its own: there the error falls, but who knows by what."""
     found = closed(another(11, **DRIFT, **{"ir_emissivity.slope": 60.0}), **DRIFT)
-    before, after = (float(np.sum(predicted_beyond(here) ** 2)) for here in (found.first, found.last))
+    before, after = (float(np.sum(predicted_unseen(here) ** 2)) for here in (found.first, found.last))
     assert after < before
     proof = found.rounds[0].trials[0].proof
     assert found.accepted == ("ir_drift",) and proof is not None and proof.on == ""
@@ -144,8 +144,8 @@ def test_parameters_of_the_unseen_test_are_fitted_on_its_own_data() -> None:
     planted = {"ir_drift.rate": 4e-3}
     off, _, _ = started(another(11, **planted))
     own, _, _ = started(another(11, own=("ir_drift.rate",), **planted))
-    assert unseen_rms(here := traced(off), here.beyond)[0]["theta@second"][0] > 3.0
-    assert unseen_rms(here := traced(own), here.beyond)[0]["theta@second"][0] == pytest.approx(1.0, rel=0.03)
+    assert unseen_rms(here := traced(off), here.unseen)[0]["theta@second"][0] > 3.0
+    assert unseen_rms(here := traced(own), here.unseen)[0]["theta@second"][0] == pytest.approx(1.0, rel=0.03)
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -153,11 +153,11 @@ def test_an_accepted_effect_is_kept_where_the_unseen_test_needs_it(there: bool) 
     """The backward check asks the unseen test too: what it shows is needed, what it does not show is not."""
     found = closed(None, **DRIFT)
     assert found.accepted == ("ir_drift",)
-    case = replace(found.last.case, elsewhere=(another(12, **(DRIFT if there else {})),))
+    case = replace(found.last.case, other_tests=(another(12, **(DRIFT if there else {})),))
     assert still_needed(traced(case), "ir_drift") is there
 
 
-def failing(test: Elsewhere, where: Callable[[Parameters], bool]) -> Elsewhere:
+def failing(test: OtherTest, where: Callable[[Parameters], bool]) -> OtherTest:
     """A held-out test whose model fails at some parameters."""
 
     def case(p: Parameters) -> Case:
@@ -226,9 +226,9 @@ def test_a_held_out_test_whose_force_cannot_be_carried_is_driven_by_its_sections
             return ALL
 
     test: Any = Unseen("force", None if by_sections == "none" else Unseen("sections"))
-    found = elsewhere_of(test, cast(Any, SimpleNamespace(free=here.parameters.free)), here.parameters, KNOWN)
-    case = replace(here, elsewhere=(found,))
-    beyond, failed = beyond_of(case, ("ir_drift",), {})
+    found = other_test_of(test, cast(Any, SimpleNamespace(free=here.parameters.free)), here.parameters, KNOWN)
+    case = replace(here, other_tests=(found,))
+    beyond, failed = unseen_columns_of(case, ("ir_drift",), {})
     if by_sections == "driven":
         assert [b.name for b in beyond] == ["second"] and set(beyond[0].dormant) == {"ir_drift"} and failed == {}
     else:

@@ -19,7 +19,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose import loop
 from thermofit.diagnose.backward import Means, held_out_of, without
 from thermofit.diagnose.before_after import before_after, error_datasets
-from thermofit.diagnose.case import Case, Sharper
+from thermofit.diagnose.case import Case, RefinedProblem
 from thermofit.diagnose.loop import Closed, candidates, close_loop, ranking_rows, rivals
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import ends_of
@@ -129,26 +129,26 @@ def with_gain_as_noise(case: Case, near: float) -> tuple[Case, list[float]]:
     column = plain_one.residual(np.repeat(field(BASE)[:, :, None] - 297.0, 1, axis=2))
     sharp_model = replace(planted, comparisons=(plain_one.blurred(1e-3 * column[:, None]),))
 
-    def sharper(parameters: Parameters) -> Sharper | None:
+    def sharper(parameters: Parameters) -> RefinedProblem | None:
         asked.append(parameters["ir_drift.rate"])
         if abs(parameters["ir_drift.rate"] - 0.02) > near:
             return None
         fit = refitting(sharp_model)
-        return Sharper(sharp_model, None, fit, fit, np.zeros(plain_one.n))
+        return RefinedProblem(sharp_model, None, fit, fit, np.zeros(plain_one.n))
 
-    return replace(case, sharper=sharper), asked
+    return replace(case, refined_at=sharper), asked
 
 
 def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -> None:
     """Not before the drift is in; then once, with the error at first told again by that problem, and the ranking as it was at first."""
     case, asked = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02}), 1e-3)
     case, fit = fitted(case)
-    plain_end = close_loop(replace(case, sharper=None), fit, refitting(case.model), 3, None)
+    plain_end = close_loop(replace(case, refined_at=None), fit, refitting(case.model), 3, None)
     found = close_loop(case, fit, refitting(case.model), 3, None)
     assert found.accepted == plain_end.accepted == ("ir_drift",)
     assert len(asked) == 2 and asked[0] == 0.0 and asked[1] == pytest.approx(0.02, rel=0.05)
     sharp_model = found.last.case.model
-    assert found.last.case.sharper is None and sharp_model is not case.model and found.first.case.model is sharp_model
+    assert found.last.case.refined_at is None and sharp_model is not case.model and found.first.case.model is sharp_model
     np.testing.assert_allclose(found.first.columns.residual, sharp_model.residual(case.parameters))
     assert found.first.ranking is found.rounds[0].traced.ranking and found.numerical is not None
     assert (
@@ -160,17 +160,17 @@ def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -
 def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermined() -> None:
     case, _ = with_gain_as_noise(case_of(5, **DRIFTING), 1e-3)
     case, fit = fitted(case)
-    sharper = case.sharper
+    sharper = case.refined_at
     assert sharper is not None
 
-    def holding(parameters: Parameters) -> Sharper | None:
+    def holding(parameters: Parameters) -> RefinedProblem | None:
         sharp = sharper(parameters)
         if sharp is None:
             return None
         nearby = sharp.nearby
         return replace(sharp, nearby=lambda start, label: nearby(start.with_free(n for n in start.free if n != "c0"), label))
 
-    found = close_loop(replace(case, sharper=holding), fit, refitting(case.model), 3, None)
+    found = close_loop(replace(case, refined_at=holding), fit, refitting(case.model), 3, None)
     assert found.accepted == ("ir_drift",) and "c0" not in found.last.case.parameters.free
     (said,) = found.remarks
     assert said == f"held at c0 = {found.last.case.parameters['c0']:.3g}: free beside the error of the force, it does not settle"
@@ -180,10 +180,10 @@ def test_exponents_that_were_held_are_asked_again_beside_the_error_of_the_force(
     """A force that is taken as exact and wrong may have held them at the wrong place."""
     case, _ = with_gain_as_noise(case_of(5, **DRIFTING), 1e-3)
     case, fit = fitted(case)
-    sharper, begun = case.sharper, []
+    sharper, begun = case.refined_at, []
     assert sharper is not None
 
-    def watched(parameters: Parameters) -> Sharper | None:
+    def watched(parameters: Parameters) -> RefinedProblem | None:
         sharp = sharper(parameters)
         if sharp is None:
             return None
@@ -196,7 +196,7 @@ def test_exponents_that_were_held_are_asked_again_beside_the_error_of_the_force(
         return replace(sharp, nearby=near)
 
     monkeypatch.setattr(loop, "vague_exponents", lambda case: (EXPONENT,))
-    found = close_loop(replace(case, sharper=watched), fit, refitting(case.model), 3, None)
+    found = close_loop(replace(case, refined_at=watched), fit, refitting(case.model), 3, None)
     assert [EXPONENT in free for free in begun] == [True] and EXPONENT not in found.last.case.parameters.free
     assert found.remarks[0].startswith(f"held at {EXPONENT} = ")
 
@@ -275,11 +275,11 @@ def test_the_loop_goes_on_where_the_error_of_the_force_cannot_be_told() -> None:
     case, fit = fitted(case_of(5, **DRIFTING))
     asked: list[Parameters] = []
 
-    def failing(parameters: Parameters) -> Sharper:
+    def failing(parameters: Parameters) -> RefinedProblem:
         asked.append(parameters)
         raise NumericsError("the finer run failed")
 
-    found = close_loop(replace(case, sharper=failing), fit, refitting(case.model), 3, None)
+    found = close_loop(replace(case, refined_at=failing), fit, refitting(case.model), 3, None)
     assert found.accepted == ("ir_drift",) and len(asked) == 1 and found.last.case.model is case.model
     (said,) = found.remarks
     assert said.startswith("the force is taken as exact to the end") and "the finer run failed" in said
@@ -289,7 +289,7 @@ def test_the_loop_goes_on_where_the_motion_cannot_be_run(monkeypatch: pytest.Mon
     def failing(here: Traced) -> Traced:
         raise NumericsError("step 3 does not converge")
 
-    monkeypatch.setattr("thermofit.diagnose.loop.retraced", failing)
+    monkeypatch.setattr("thermofit.diagnose.loop.rescored", failing)
     found = closed(5, **DRIFTING)
     assert found.accepted == ("ir_drift",) and len(found.remarks) == len(found.rounds)
     assert all("no effect was judged on the known motion" in said and "step 3" in said for said in found.remarks)
@@ -374,7 +374,7 @@ def test_an_effect_that_others_make_up_for_goes_unless_the_fit_without_it_fails(
             raise NumericsError("no start can be run")
         return without(here, name, means)
 
-    monkeypatch.setattr("thermofit.diagnose.loop.made_up_for", answer)
+    monkeypatch.setattr("thermofit.diagnose.loop.compensated", answer)
     found = closed(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0})
     (first,) = found.rounds[0].accepted
     assert (first in found.accepted) is fails and (found.dropped == ()) is fails

@@ -16,11 +16,11 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import pose as module
 from thermofit.diagnose.backward import Means
-from thermofit.diagnose.case import Case, Sharper
+from thermofit.diagnose.case import Case, RefinedProblem
 from thermofit.diagnose.drift import drifts
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.pose import beyond_landmarks, not_asked_beyond, released
+from thermofit.diagnose.pose import contradicting_landmarks, not_asked_of_pose, released
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rejudge import ends_of_fit
 from thermofit.diagnose.trace import traced
@@ -77,7 +77,7 @@ def test_within_its_bounds_it_is_no_cause() -> None:
 def test_beyond_them_it_is_named_with_all_of_it() -> None:
     found = looped(0.02, 0.005)
     assert found.accepted == ("ir_drift",) and found.last.case.parameters[RATE] == pytest.approx(0.02, rel=0.05)
-    assert beyond_landmarks(found.first.case) == ("ir_drift",) and beyond_landmarks(found.last.case) == ()
+    assert contradicting_landmarks(found.first.case) == ("ir_drift",) and contradicting_landmarks(found.last.case) == ()
     before, after = (float(np.mean(t.columns.residual**2)) for t in (found.first, found.last))
     assert before > 2.0 and after == pytest.approx(1.0, abs=0.1), "the error before is that at the bound"
 
@@ -91,7 +91,7 @@ def test_what_is_not_better_beyond_is_refused() -> None:
     """At the bound by chance: the data do not ask for more."""
     case, fit, refit = bounded(0.0, 1e-9)
     here = traced(case, None, fit=fit)
-    assert beyond_landmarks(replace(case, parameters=case.parameters.replace(**{RATE: 1e-9}))) == ("ir_drift",)
+    assert contradicting_landmarks(replace(case, parameters=case.parameters.replace(**{RATE: 1e-9}))) == ("ir_drift",)
     at_end = replace(here, case=replace(case, parameters=case.parameters.replace(**{RATE: 1e-9})))
     found = released(at_end, fit, Means(refit, None, "auto"))
     (trial,) = found.trials
@@ -116,14 +116,14 @@ def test_all_fits_go_beyond_from_then_on_and_the_landmarks_say_nothing() -> None
     job: Any = SimpleNamespace()
     fitting = JointFit(narrow, joint.settings, joint.model, job, parts=joint)
     bare = replace(fitting, parts=None)
-    sharp = Sharper(joint.model, joint.scored, fitting, bare, np.zeros(1), fitting.heated)
+    sharp = RefinedProblem(joint.model, joint.scored, fitting, bare, np.zeros(1), fitting.heated)
     case = Case(
-        joint.model, at, (), (), frozenset(), scored=joint.scored, sharper=lambda _: sharp, heated=fitting.heated, bounds=narrow.bounds
+        joint.model, at, (), (), frozenset(), scored=joint.scored, refined_at=lambda _: sharp, heated=fitting.heated, bounds=narrow.bounds
     )
     wide = module.wider(fitting, at, NAMES)
     found = module.widened(replace(case, pose=frozenset(NAMES)), NAMES, wide)
     assert not found.pose and all(found.bounds(n) == physical(n) for n in NAMES) and found.bounds("kappa") == narrow.bounds("kappa")
-    told, heated = (None if of is None else of(at) for of in (found.sharper, found.heated))
+    told, heated = (None if of is None else of(at) for of in (found.refined_at, found.heated))
     assert told is not None and heated is not None and told.scored is not None and found.scored is not None and isinstance(wide, JointFit)
     rows = len(NAMES) + 1
     for fit in (wide, told.refit, told.nearby):
@@ -143,7 +143,7 @@ def test_the_second_camera_is_asked_where_the_first_one_stays() -> None:
     ends = {RATE: 1e-9, moved: 1e-3}
     there = case.parameters.replace(**ends).with_free((*case.parameters.free, *ends))
     here = traced(replace(case, parameters=there, pose=frozenset(ends), bounds=lambda n: (-ends[n], ends[n]) if n in ends else physical(n)))
-    assert beyond_landmarks(here.case) == ("ir_drift", "ir_emissivity")
+    assert contradicting_landmarks(here.case) == ("ir_drift", "ir_emissivity")
     found = released(here, fit, Means(refitting(case.model), None, "auto"))
     assert [t.effects for t in found.trials] == [("ir_drift",), ("ir_emissivity",)]
     assert found.trials[0].refused and found.accepted is not None and not found.trials[1].refused
@@ -183,7 +183,7 @@ def test_a_pose_at_its_end_is_no_doubt_where_held_out_data_ask_for_no_more(
     )
     proof = Proof(1.0, 1.0, {}, gain, 2e-4, 5)
     trial: Any = SimpleNamespace(effects=("ir_drift",), proof=proof, refused=refused, unjudged=unjudged)
-    said = not_asked_beyond(case, (trial,))
+    said = not_asked_of_pose(case, (trial,))
     assert set(said) == ({RATE} if told else set())
     assert not told or "beyond it, held-out error falls by 0.02 % +- 0.02 %" in said[RATE]
-    assert not_asked_beyond(case, ()) == {}
+    assert not_asked_of_pose(case, ()) == {}

@@ -87,7 +87,7 @@ def test_the_pose_of_a_camera_is_of_its_own_test_alone(monkeypatch: pytest.Monke
     monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit((base, fit)))
     monkeypatch.setattr(module, "within", lambda study, *_: study)
-    monkeypatch.setattr(module, "elsewhere_of", lambda test, settings, *_: seen.append(settings.free))
+    monkeypatch.setattr(module, "other_test_of", lambda test, settings, *_: seen.append(settings.free))
     families = module.freed_effects
     monkeypatch.setattr(module, "freed_effects", lambda free: asked.append(families(free)) or families(free))
     found = prepared(STUDY, cast(Any, None), ())

@@ -15,18 +15,18 @@ from virtual_pulls import SIZE, TRUTH, study
 
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose import retraced as module
+from thermofit.diagnose import rescored as module
 from thermofit.diagnose.case import Case, HeatFit, rows_of
 from thermofit.diagnose.held_out import Rows, Split, split_by_blocks
 from thermofit.diagnose.protected import Protected, begins, pairs, protected
-from thermofit.diagnose.retraced import retraced
+from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import freed_from_the_start
 from thermofit.diagnose.unlisted import unlisted
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import effect, effects, load_effect
 from thermofit.experiment.joint import Joint, joint_settings
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.model import Prior
 from thermofit.experiment.residuals import Span
 
@@ -109,7 +109,7 @@ def trace_of(made: tuple[Case, HeatFit, Rows, Split]) -> tuple[Traced, Traced]:
     """The trace at the optimum of a plain fit, by one linear step and by refits."""
     case, fit, *_ = made
     here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
-    return here, retraced(here)
+    return here, rescored(here)
 
 
 def test_what_explains_less_than_half_of_the_broad_source_is_no_name(problem: Made) -> None:
@@ -164,7 +164,7 @@ def test_a_refit_with_exponents_free_is_given_up_where_it_would_be_no_name(probl
     telling = replace(fit, from_here=from_here)
     there = replace(case, heated=lambda _: telling, known=tuple(e for e in case.known if e.name == "latent_heat"))
     here = traced(replace(there, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
-    retraced(here)
+    rescored(here)
     assert {beaten for freed, beaten, _ in asked if not freed} == {np.inf}
     ((_, limit, end),) = (one for one in asked if one[0])
     held = min(left for freed, _, left in asked if not freed)
@@ -178,7 +178,7 @@ def test_on_the_known_motion_the_camera_stands_where_its_landmarks_have_it(probl
     pose, plain = "ir_drift.rate", fit.minimised(case.parameters.replace(**fit.first), "plain")
     known = tuple(e for e in case.known if e.name in ("clamp_drift", "lamp"))
     there = plain.replace(**{pose: 0.01}).with_free((*plain.free, pose))
-    refitted = retraced(traced(replace(case, parameters=there, known=known, pose=frozenset((pose,)))))
+    refitted = rescored(traced(replace(case, parameters=there, known=known, pose=frozenset((pose,)))))
     assert refitted.case.parameters[pose] == 0.01 and pose in refitted.case.parameters.free
     assert refitted.protected.parameters[pose] == 0.0 and pose not in refitted.protected.parameters.free
     ends = [end.parameters for end in refitted.shown.values()]
@@ -196,7 +196,7 @@ def test_effects_are_judged_on_the_motion_that_displacements_tell(monkeypatch: p
         return fit
 
     plain = fit.minimised(case.parameters.replace(**fit.first), "plain")
-    found = retraced(traced(replace(case, parameters=plain, heated=heat, moved=lambda p: p.replace(M_y0=101.0))))
+    found = rescored(traced(replace(case, parameters=plain, heated=heat, moved=lambda p: p.replace(M_y0=101.0))))
     assert heated == [101.0] and found.case.parameters["M_y0"] == plain["M_y0"] != 101.0
     assert {end.parameters["M_y0"] for end in found.shown.values()} == {101.0}
 
@@ -207,7 +207,7 @@ def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
     assert first.effect == "clamp_drift" and first.estimate["clamp_drift.rate"] == pytest.approx(0.05, rel=0.1)
     assert first.z > 300.0, "the root of what the square sum falls by"
     assert "clamp_drift" in refitted.warmed and refitted.proofs["clamp_drift"].convinces
-    assert step.beyond_floor(float(step.columns.residual @ step.columns.residual)) > 0.0
+    assert step.excess(float(step.columns.residual @ step.columns.residual)) > 0.0
 
 
 def test_jaws_that_drift_explain_most_from_there(problem: Made) -> None:
@@ -216,7 +216,7 @@ def test_jaws_that_drift_explain_most_from_there(problem: Made) -> None:
     first, *others = begins(case, fit, found_of(made), WARM)
     assert first.effects == ("clamp_drift",) and first.f < 0.8 * min(b.f for b in others)
     assert first.parameters["clamp_drift.rate"] == pytest.approx(0.05, rel=0.3)
-    assert set(felt_by_temperatures(case.parameters.free)) == set(THERMAL) and len(rows.time) == len(split.held_out[0])
+    assert set(acting_on_temperatures(case.parameters.free)) == set(THERMAL) and len(rows.time) == len(split.held_out[0])
 
 
 def test_two_that_act_at_once_begin_together(problem: Made) -> None:

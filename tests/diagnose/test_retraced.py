@@ -12,7 +12,7 @@ from thermofit.diagnose.backward import Refit
 from thermofit.diagnose.case import Case, HeatFit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.refit import EXPONENTS
-from thermofit.diagnose.retraced import missed, retraced
+from thermofit.diagnose.rescored import missed, rescored
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.model import StageModel
@@ -100,7 +100,7 @@ def traces(seed: int, **planted: float) -> tuple[Traced, Traced]:
     case = case_of(seed, **planted)
     parameters, _ = refit_of(case.model)(case.parameters, "joint")
     here = traced(replace(case, parameters=parameters))
-    return here, retraced(here)
+    return here, rescored(here)
 
 
 @pytest.mark.parametrize(("name", "coefficient"), [("clamp_drift", "alpha_clamp"), ("air_drift", "alpha_air")])
@@ -125,7 +125,7 @@ def test_noise_that_frames_share_makes_a_refit_less_sure() -> None:
     """Of nine times the variance along any change: the same fall is a third as many standard errors."""
     here, plain = traces(1, **{"clamp_drift.rate": 0.03})
     noisy = replace(here, problem=replace(here.problem, model=replace(here.problem.model, noise=lambda v: 9.0 * v)))
-    one, nine = (next(s for s in r.ranking.scores if s.effect == "clamp_drift") for r in (plain, retraced(noisy)))
+    one, nine = (next(s for s in r.ranking.scores if s.effect == "clamp_drift") for r in (plain, rescored(noisy)))
     assert nine.z == pytest.approx(one.z / 3.0, rel=0.05) and nine.predicted_drop == pytest.approx(one.predicted_drop)
 
 
@@ -144,7 +144,7 @@ def test_the_trace_stays_where_one_step_is_enough() -> None:
         assert refitted is step
     hidden, _ = traces(1, **{"clamp_drift.rate": 0.03})
     plain_case = replace(hidden, case=replace(hidden.case, heated=None))
-    assert retraced(plain_case) is plain_case
+    assert rescored(plain_case) is plain_case
 
 
 def test_the_loop_adds_what_the_refits_name() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import backward as module
-from thermofit.diagnose.backward import made_up_for, still_needed, without_effects
+from thermofit.diagnose.backward import compensated, still_needed, without_effects
 from thermofit.diagnose.held_out import Proof, Split
 from thermofit.fit.linear_model import LinearModel
 
@@ -75,7 +75,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, left: float, convinces: bool = False,
     monkeypatch.setattr(module, "proof_of_refit", lambda *_: None)
     monkeypatch.setattr(module, "compared", lambda *_: GOOD if convinces else replace(GOOD, sigma=0.3))
     means: Any = SimpleNamespace(refit=refit, at_end=lambda *_: "there")
-    return begun, made_up_for(here_of(HELD, cheap, left), "ir_drift", ["lamp"], means) is not None
+    return begun, compensated(here_of(HELD, cheap, left), "ir_drift", ["lamp"], means) is not None
 
 
 @pytest.mark.parametrize(("left", "refits"), [(0.79, 1), (0.81, 0)])

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from thermofit.diagnose.elsewhere import proof_of_change
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared, groups_of, scatter, split_by_blocks, split_by_phase
+from thermofit.diagnose.other_tests import proof_of_change
 from thermofit.fit.linear_model import LinearModel
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -189,7 +189,7 @@ def test_rows_that_no_fold_holds_out_are_not_compared() -> None:
     assert np.isfinite(found).sum() == 4 and compared(found, 0.5 * found, line(10), 1).gain == pytest.approx(0.75)
 
 
-class Beyond:
+class UnseenColumns:
     """A held-out test of 600 rows."""
 
     noise, name, residual, rows = None, "second", np.zeros(600), line(600)
@@ -204,7 +204,7 @@ def test_a_held_out_test_judges_where_it_feels_the_change(before: float, after: 
     """d.d has to be above two standard errors 2 sqrt(d.d) of the noise, which is a change of 4 / sqrt(600) = 0.163 in each of 600 rows, and
     above 0.003 r.r, which is one of 0.0548 times r."""
     one, other = np.full(600, before), np.full(600, after)
-    beyond: Any = [Beyond()]
+    beyond: Any = [UnseenColumns()]
     found = proof_of_change(one, other, beyond)
     assert (found is not None) is judged
     assert found is None or (found.on == "second" and (found.gain > 0.0) is (after < before))

@@ -85,7 +85,7 @@ def turned(
     monkeypatch.setattr(module, "leaves_more_than_it_takes", lambda *_: left)
     monkeypatch.setattr(module, "best_pair", pairs)
     monkeypatch.setattr(module, "rivals", lambda *_: rivals)
-    monkeypatch.setattr(module, "told_apart", apart)
+    monkeypatch.setattr(module, "discriminated", apart)
     monkeypatch.setattr(module, "ends_of_fit", lambda t, _: dict.fromkeys(bounds.get(getattr(t, "name", ""), ()), "at its bound"))
     here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap))
     trials, winner = next_round(here, FIT, MEANS, room)
@@ -237,7 +237,7 @@ def looped(
         return Rejudged(here, fit, gone, tuple(f"{n} is gone" for n in gone))
 
     here: Any = Shown(
-        case=SimpleNamespace(sharper=None, parameters=None),
+        case=SimpleNamespace(refined_at=None, parameters=None),
         ranking=Ranked((score("e"), score("rival"))),
         unjudged={"lamp": "no run"},
         promising=lambda: (score("rival"),),
@@ -245,7 +245,7 @@ def looped(
     )
     turns = iter([(trials, winner and (winner, (here, FIT))), ([trial("late", 0.1, "no run", unjudged=True)], None)])
     monkeypatch.setattr(module, "traced", lambda *_, **__: here)
-    monkeypatch.setattr(module, "retraced", lambda t: t)
+    monkeypatch.setattr(module, "rescored", lambda t: t)
     monkeypatch.setattr(module, "next_round", turn)
     monkeypatch.setattr(module, "rejudged", judged)
     monkeypatch.setattr(module, "exponents_again", lambda here, fit, earlier, means: said.append(("again", earlier)) or Rejudged(here, fit))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.retraced import asked_of, missed
-from thermofit.diagnose.retraced import enough as one_step_is_enough
+from thermofit.diagnose.rescored import asked_of, missed
+from thermofit.diagnose.rescored import enough as one_step_is_enough
 from thermofit.diagnose.trace import Traced
 
 N = 200
@@ -22,7 +22,7 @@ def here_of(beyond: float, numerical: np.ndarray | None = None, **drops: float) 
     residual = np.full(N, np.sqrt((N + beyond) / N))
     here = SimpleNamespace(columns=SimpleNamespace(residual=residual), ranking=SimpleNamespace(scores=scores))
     here.problem = SimpleNamespace(numerical=numerical)
-    here.beyond_floor = lambda f: Traced.beyond_floor(cast(Traced, here), f)
+    here.excess = lambda f: Traced.excess(cast(Traced, here), f)
     return here
 
 

@@ -19,12 +19,12 @@ from thermofit.diagnose.trial import (
     NEARER,
     Trial,
     cools_from,
+    discriminated,
     ended_at,
     freed_refit,
     nearer,
     on_readings,
     refusal,
-    told_apart,
     tried,
     tried_together,
     worth_of,
@@ -475,7 +475,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
 ) -> None:
     """Of a gain of 0.5, where the refit drives the reading of kappa off."""
     prior = SimpleNamespace(name="kappa")
-    monkeypatch.setattr(module, "beyond_error", lambda *_: (prior,))
+    monkeypatch.setattr(module, "contradicted", lambda *_: (prior,))
     monkeypatch.setattr(module, "in_words", lambda *_: "off")
     monkeypatch.setattr(module, "worth_of", lambda *_: SimpleNamespace(proof=replace(GOOD, gain=without), refused=why))
     begun = []
@@ -494,7 +494,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
 
 
 def test_an_effect_whose_own_param_no_reading_explains_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "beyond_error", lambda *_: (SimpleNamespace(name=RATE),))
+    monkeypatch.setattr(module, "contradicted", lambda *_: (SimpleNamespace(name=RATE),))
     monkeypatch.setattr(module, "in_words", lambda *_: "off")
     means: Any = SimpleNamespace(refit=failing)
     here = here_of(model=SimpleNamespace(priors=()))
@@ -514,5 +514,5 @@ def test_refits_are_told_apart_by_two_standard_errors(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(module, "held_out_of", lambda t: error[id(t)])
     monkeypatch.setattr(module, "compared", compare)
-    assert told_apart(one, other) is apart and told_apart(other, one) is apart
+    assert discriminated(one, other) is apart and discriminated(other, one) is apart
     assert seen == [(3.0, 0.0)] * 2

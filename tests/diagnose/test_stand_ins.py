@@ -35,9 +35,9 @@ def beside(here: Traced, cosine: float) -> Traced:
     k = here.case.parameters.free.index("ir_drift.rate")
     amplitude, column = here.case.parameters["ir_drift.rate"], here.columns.fitted[:, k]
     rest = here.problem.model.only([i for i in range(here.columns.fitted.shape[1]) if i != k])
-    own = rest.felt(column[:, None])[:, 0]
+    own = rest.sensitive(column[:, None])[:, 0]
     noise = np.random.default_rng(3).normal(size=len(own))
-    other = here.problem.model.beyond(noise)
+    other = here.problem.model.projected(noise)
     mixed = cosine * own + np.sqrt(1.0 - cosine**2) * np.linalg.norm(own) / np.linalg.norm(other) * other
     block = (mixed * amplitude / 0.01)[:, None]
     problem = replace(here.problem, dormant={**here.problem.dormant, ALIKE: (("ir_gain.gain",), block)})
@@ -96,7 +96,7 @@ def test_a_refit_on_the_known_motion_tells_what_one_step_could_not(
 
     monkeypatch.setattr(module, "refitted", refitted)
     if motion:
-        monkeypatch.setattr(module, "felt_by_temperatures", lambda names: tuple(n for n in names if not n.startswith(ALIKE)))
+        monkeypatch.setattr(module, "acting_on_temperatures", lambda names: tuple(n for n in names if not n.startswith(ALIKE)))
     warm = replace(here, case=replace(here.case, heated=lambda parameters: SimpleNamespace()))
     assert stand_ins(warm, "ir_drift") == (() if told else (ALIKE,))
     assert begun == ([] if motion else [(0.0, False, ALIKE, True)])

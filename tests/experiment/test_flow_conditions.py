@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import untold
+from thermofit.diagnose.case import not_identifiable
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.coupon_records import CouponTest, whole
 from thermofit.experiment.flow_conditions import (
@@ -239,11 +239,11 @@ def test_temperatures_are_compared_at_the_same_strain_from_the_knee_on() -> None
 def test_elasticity_after_flow_is_seen_where_a_record_unloads(legs: list[tuple[float, float, int]], unloads: bool) -> None:
     found = conditions(record(*legs), record((0.05, 1e-3, 300), name="b"))
     assert found.unloads is unloads
-    known, said = untold(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0))
+    known, said = not_identifiable(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0))
     assert ("elastic_degradation" in names(known)) is unloads and len(said) == 1 + int(not unloads)
     assert unloads or said[0].startswith("not asked for elastic_degradation: no record unloads after flow")
     assert "elastic_degradation" in names(
-        untold(effects_of_point(sensor=False), STEEL.with_free(("elastic_degradation.amount",)), found)[0]
+        not_identifiable(effects_of_point(sensor=False), STEEL.with_free(("elastic_degradation.amount",)), found)[0]
     )
 
 
@@ -267,13 +267,13 @@ def test_moduli_over_temperature_need_elastic_ranges_apart(thetas: tuple[float, 
     assert effect("modulus_by_temperature").span == APART
     if not curves:
         assert found.elastic == pytest.approx(thetas)
-    known, said = untold(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0, unloads=True))
+    known, said = not_identifiable(effects_of_point(sensor=False), STEEL, replace(found, apart=100.0, span=107.0, unloads=True))
     assert ("modulus_by_temperature" in names(known)) is asked
     if not asked:
         where = "are not seen in any record" if curves else f"lie at {thetas[0]:.0f} to {thetas[1]:.0f} K"
         assert said[0].startswith(f"not asked for modulus_by_temperature: elastic ranges {where}, expected more than 50 K apart")
     assert "modulus_by_temperature" in names(
-        untold(effects_of_point(sensor=False), STEEL.with_free(("modulus_by_temperature.slope",)), found)[0]
+        not_identifiable(effects_of_point(sensor=False), STEEL.with_free(("modulus_by_temperature.slope",)), found)[0]
     )
 
 
@@ -300,16 +300,16 @@ def test_effects_are_asked_by_what_the_records_hold() -> None:
     at = {case: replace(there, elastic=(293.0, 400.0)) for case, there in at.items()}
     left = {"neither": rates | some, "rates": some, "some kelvins": spans, "temperatures": rates, "both": set()}
     for case, there in at.items():
-        known, said = untold(every, STEEL, there)
+        known, said = not_identifiable(every, STEEL, there)
         assert names(every) - names(known) == left[case], case
         assert len(said) == {"neither": 2, "rates": 1, "some kelvins": 1, "temperatures": 1, "both": 0}[case]
-    _, said = untold(every, STEEL, at["neither"])
+    _, said = not_identifiable(every, STEEL, at["neither"])
     assert said[0].startswith("not asked for rate_logarithmic, rate_power") or said[0].startswith("not asked for rate_power, rate_log")
     assert "0.001 to 0.0012 1/s in all, a factor of 1.2 at the same strain" in said[0] and "293 to 296 K, 0 K apart" in said[1]
     assert "; 20 K of self-heating are computed, not measured" in said[1] and "expected more than 5 K" in said[1]
-    assert "are computed" not in untold(every, STEEL, at["rates"])[1][0]
+    assert "are computed" not in not_identifiable(every, STEEL, at["rates"])[1][0]
     on = STEEL.replace(**{"rate_logarithmic.C": 0.01})
     freed = STEEL.with_free(("rate_power.K",))
-    assert "rate_logarithmic" in names(untold(every, on, at["neither"])[0])
-    assert "rate_power" in names(untold(every, freed, at["neither"])[0])
-    assert "thermal_softening" in names(untold(every, STEEL.with_free(("thermal_softening.slope",)), at["neither"])[0])
+    assert "rate_logarithmic" in names(not_identifiable(every, on, at["neither"])[0])
+    assert "rate_power" in names(not_identifiable(every, freed, at["neither"])[0])
+    assert "thermal_softening" in names(not_identifiable(every, STEEL.with_free(("thermal_softening.slope",)), at["neither"])[0])

@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.body_check import verification
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import LoadSteps, Measured
-from thermofit.experiment.force_error import told_error, with_force_error
+from thermofit.experiment.force_error import estimated_error, with_force_error
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.verification import KnownErrors
 
@@ -167,10 +167,10 @@ def test_all_channels_tell_the_error_of_the_force() -> None:
         for o in (data.displacement, data.temperature)
     }
     holding = replace(errs, data=replace(data, displacement=seen["u"], temperature=seen["theta"]))
-    found = told_error(holding, PARAMETERS)
+    found = estimated_error(holding, PARAMETERS)
     assert found is not None
     np.testing.assert_allclose(found, planted, atol=0.2 * np.abs(planted).max())
-    assert told_error(holding.without_force_error(), PARAMETERS) is None
+    assert estimated_error(holding.without_force_error(), PARAMETERS) is None
 
 
 def test_what_is_known_of_the_force_is_taken_off_before_a_run() -> None:

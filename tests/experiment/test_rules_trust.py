@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.experiment.errors_told import too_far
+from thermofit.experiment.joint_errors import too_far
 from thermofit.experiment.model import Prior
 from thermofit.experiment.trust import ChannelLevel, above_floor, at_bound, doubts, grade, level, undetermined
 

@@ -47,7 +47,7 @@ def test_projection_and_free_step_are_those_of_least_squares(seed: int, p: int, 
     assert model.left == pytest.approx(model.residual + model.unit @ d, abs=1e-10)
     assert model.free_step * model.size == pytest.approx(d, rel=1e-8, abs=1e-10)
     assert model.columns.T @ model.left / model.size == pytest.approx(0.0, abs=1e-10)
-    assert model.beyond(model.left) == pytest.approx(model.left, abs=1e-12), "a projection"
+    assert model.projected(model.left) == pytest.approx(model.left, abs=1e-12), "a projection"
     assert model.basis.T @ model.basis == pytest.approx(np.eye(p), abs=1e-12)
     assert model.step.d * model.size == pytest.approx(d, rel=1e-6, abs=1e-8)
     assert model.remaining == pytest.approx(model.left, abs=1e-6)
@@ -167,7 +167,7 @@ def test_the_score_of_further_columns_is_a_fit_of_all(seed: int, p: int, k: int)
     random, model = np.random.default_rng((seed, 1)), made(seed, p)
     block = random.normal(size=(N, k))
     whole = model.with_columns(block)
-    found = model.score(model.felt(block))
+    found = model.score(model.sensitive(block))
     d, rest = np.linalg.lstsq(whole.columns, -model.residual, rcond=None)[:2]
     assert found.step == pytest.approx(d[p:], rel=1e-7, abs=1e-9)
     assert found.drop == pytest.approx(model.left @ model.left - float(rest[0]), rel=1e-7, abs=1e-9)
@@ -194,9 +194,9 @@ def test_what_is_taken_up_or_only_felt_by_priors_is_not_felt() -> None:
     fitted = np.stack([np.ones(6), np.arange(6.0)], axis=1)
     line, square, last = 3.0 + 2.0 * np.arange(6.0), np.arange(6.0) ** 2, np.eye(6)[5]
     model = LinearModel(np.zeros(6), fitted)
-    assert model.felt(np.stack([line, square, last], axis=1)).shape == (6, 2)
-    assert LinearModel(np.zeros(6), np.eye(6)[:, :1], n_priors=1).felt(np.stack([last, square], axis=1)).shape == (6, 1)
-    assert model.felt(np.stack([line + 1e-5 * square, line + 1e-8 * square], axis=1)).shape == (6, 1)
+    assert model.sensitive(np.stack([line, square, last], axis=1)).shape == (6, 2)
+    assert LinearModel(np.zeros(6), np.eye(6)[:, :1], n_priors=1).sensitive(np.stack([last, square], axis=1)).shape == (6, 1)
+    assert model.sensitive(np.stack([line + 1e-5 * square, line + 1e-8 * square], axis=1)).shape == (6, 1)
 
 
 def test_dependent_columns_and_columns_of_zeros_span_what_is_left_of_them() -> None:

@@ -16,7 +16,7 @@ from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.fields import Measured
 from thermofit.fit.budget import Budget
 from thermofit.identify import refine as module
-from thermofit.identify.budget import budget_datasets, helps_most, told_moves
+from thermofit.identify.budget import budget_datasets, earlier_moves, helps_most
 from thermofit.identify.refine import refined
 from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.records.staging import Made, job
@@ -119,7 +119,7 @@ def test_a_budget_goes_through_a_record_and_joins_the_stages() -> None:
         found = {**budget_datasets(budget), "evaluations/names": Dataset(np.array(budget.names), "1", ("parameter",))}
         result = {name: SimpleNamespace(free=True) for name in budget.names}
         read[stage] = _Stored(found, result)
-    names, parts = told_moves(read)  # type: ignore[arg-type]
+    names, parts = earlier_moves(read)  # type: ignore[arg-type]
     assert names == ("E", "M_y0")
     assert np.array_equal(parts["force noise"], [[1.0, 3.0], [4.0, 0.0]])
     assert np.array_equal(parts["noise of a"], [[2.0, 7.0], [0.0, 0.0]]) and np.array_equal(parts["theta_air"], [[0.0], [0.5]])

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, untold
+from thermofit.diagnose.case import Case, not_identifiable
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.refit import JointFit
 from thermofit.experiment.coupon import CouponExperiment
@@ -116,7 +116,7 @@ def looped(study: Study, tests: tuple[CouponTest, ...], folder: Path) -> Closed:
     parameters, fit = refit(base, "joint")
     run = coupon_run(study, data, settings.free)
     there = flow_conditions(tests, lambda test: run.history(parameters, test))
-    known, _ = untold(effects_of_point(sensor=any(test.theta is not None for test in tests)), parameters, there)
+    known, _ = not_identifiable(effects_of_point(sensor=any(test.theta is not None for test in tests)), parameters, there)
     case = Case(model, parameters, known, experiment.spans, station_names(), cheap=True, bounds=study.bounds)
     return close_loop(case, fit, refit, study.diagnosis.max_effects, None)
 

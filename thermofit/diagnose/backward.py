@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.proof_elsewhere import proof_of_need, proof_of_refit
+from thermofit.diagnose.proof_other_tests import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.effects.catalogue import effect
@@ -73,7 +73,7 @@ def without(here: Traced, name: str, means: Means) -> tuple[Traced, FitResult]:
     return means.at_end(here, end), end[1]
 
 
-def made_up_for(here: Traced, name: str, others: Sequence[str], means: Means) -> tuple[Traced, FitResult] | None:
+def compensated(here: Traced, name: str, others: Sequence[str], means: Means) -> tuple[Traced, FitResult] | None:
     """The loop's state without an effect whose part held exponents of other accepted ones take over; None where the effect is needed.
 
     Of an exponent that was held because freeing it gained nothing an effect accepted before may have made up the difference (a lamp that

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.diagnose.backward import held_out_of
-from thermofit.diagnose.elsewhere import both_predicted
 from thermofit.diagnose.held_out import rms_with_error
-from thermofit.diagnose.proof_elsewhere import unseen_rms
+from thermofit.diagnose.other_tests import both_predicted
+from thermofit.diagnose.proof_other_tests import unseen_rms
 from thermofit.diagnose.trace import Traced
 from thermofit.records.artefact import Dataset
 
@@ -39,7 +39,7 @@ def before_after(first: Traced, last: Traced) -> Table:
     """
     floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in first.case.model.comparisons}
     table: Table = {}
-    predicted = both_predicted(first.beyond, last.beyond)
+    predicted = both_predicted(first.unseen, last.unseen)
     for word, here, tests in zip(WORDS, (first, last), predicted, strict=True):
         unseen, noise = unseen_rms(here, tests)
         fit, held = channel_rms(here, here.columns.residual), channel_rms(here, held_out_of(here)) | unseen

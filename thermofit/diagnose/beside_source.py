@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.diagnose.retraced import on_its_motion, protected_at, shown_rows
+from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import Unlisted
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.linear_model import projection
 
 
@@ -47,10 +47,10 @@ def beside_source(here: Traced, missing: Unlisted | None) -> BesideSource | None
         _, columns = case.model.linearised(moved.case.parameters, free)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted heat are not known ({error})")
-    thermal = felt_by_temperatures(found.parameters.free)
+    thermal = acting_on_temperatures(found.parameters.free)
     value = {n: found.parameters[n] for n in thermal}
     sigma = dict(zip(thermal, found.source.uncertainty.tolist(), strict=True))
-    others = [n for n in free if n not in felt_by_temperatures(free)]
+    others = [n for n in free if n not in acting_on_temperatures(free)]
     own = ~shown_rows(here)
     if others and own.any():
         block = columns[own][:, [free.index(n) for n in others]]

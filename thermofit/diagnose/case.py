@@ -61,7 +61,7 @@ class HeatFit:
 
 
 @dataclass(frozen=True)
-class Sharper:
+class RefinedProblem:
     """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, also from
     close to its optimum, the error (n,) of the mesh that is left in its residual, and how to fit the temperatures alone and the motion."""
 
@@ -75,7 +75,7 @@ class Sharper:
 
 
 @dataclass(frozen=True)
-class Elsewhere:
+class OtherTest:
     """A held-out test: the case that parameters of the fit make of it, how fitted names are carried there, the names of effects that it
     can judge, and its own parameters that are fitted on its own data."""
 
@@ -100,13 +100,13 @@ class Case:
     """True where a run costs next to nothing: exponents are scanned when effects are ranked, not only when one is tried."""
     scored: Scored | None = None
     """Residual, Jacobian by names and columns along directions of the heat equation, where the driver tells the two fields apart."""
-    elsewhere: tuple[Elsewhere, ...] = ()
+    other_tests: tuple[OtherTest, ...] = ()
     """Held-out tests, which no fit sees."""
     placed: Rows | None = None
     """Where the rows of the residual are from; None: what `rows_of` says."""
     largest_strain: float = 0.1
     """Largest Lambda of the test, of which strains that are tried are shares."""
-    sharper: Callable[[Parameters], Sharper | None] | None = None
+    refined_at: Callable[[Parameters], RefinedProblem | None] | None = None
     """The problem that knows the error of the force, for parameters at which that error could explain what it would hide; None: this one
     does, or there is none."""
     heated: Callable[[Parameters], HeatFit | None] | None = None
@@ -262,7 +262,7 @@ def _feels(effect: Effect, parameters: Parameters, step: tuple[complex, complex]
     return bool(np.imag(found) != 0.0)
 
 
-def untold(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+def not_identifiable(known: Sequence[Effect], parameters: Parameters, there: FlowConditions) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
     """Those of the known effects that coupon records can tell, and why the others are not asked: where the rate is one, or a function of
     the plastic strain, an overstress is hardening by another name, and so is a softening where the temperature is one, a function of the
     strain, or only computed; where no record unloads after flow its elasticity is not seen again, and where no elastic ranges lie apart in
@@ -293,7 +293,7 @@ def untold(known: Sequence[Effect], parameters: Parameters, there: FlowCondition
             f"not asked for {', '.join(e.name for e in unseen)}: no record unloads after flow, by a quarter of its stress at least, so "
             "that its elasticity is not seen again; an unloading would tell"
         )
-    alike = [e for e in dormant if e.slot == WARM_ELASTICITY and not there.tells_modulus(e.span)]
+    alike = [e for e in dormant if e.slot == WARM_ELASTICITY and not there.determines_modulus(e.span)]
     if alike:
         (cold, hot), least = there.elastic, min(max(e.span, ONE_TEMPERATURE) for e in alike)
         found = f"lie at {cold:.0f} to {hot:.0f} K" if np.isfinite(cold) else "are not seen in any record"

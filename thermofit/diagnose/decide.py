@@ -18,7 +18,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
-from thermofit.diagnose.decide_told import CandidateProgramme, Discrimination, Family, told_of
+from thermofit.diagnose.discrimination import CandidateProgramme, Discrimination, Family, discrimination_of
 from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
@@ -145,7 +145,7 @@ def added_families(closed: Closed) -> tuple[Family, ...]:
 def decisions(here: Traced, added: Sequence[Family] = (), parts: JointParts | None = None) -> tuple[Decision, ...]:
     """A decision for every family of an effect that was added, then for every one that is undecided among dormant effects; `parts`: the
     problem of the specimens, where the records are no coupons."""
-    known = felt_at_point(here)
+    known = sensitive_at_point(here)
     dormant = tuple(f for f in undecided_families(here) if not any(set(f) <= set(other.members) for other in added))
     settings = {n: v for family in dormant for other in family for n, v in here.settings.get(other, {}).items()}
     together = Family(tuple(dict.fromkeys(n for family in dormant for n in family)), "", settings)
@@ -154,7 +154,7 @@ def decisions(here: Traced, added: Sequence[Family] = (), parts: JointParts | No
     return (*found, *(_decision(Family(family), runs, on_specimen, known) for family in dormant))
 
 
-def felt_at_point(here: Traced) -> frozenset[str]:
+def sensitive_at_point(here: Traced) -> frozenset[str]:
     """Names of the effects that a coupon of this material feels; where the records are coupons, with those of their sensor."""
     return frozenset(e.name for e in (here.case.known if _records(here) else effects_of_point(sensor=False)))
 
@@ -197,7 +197,7 @@ def _on_specimen(here: Traced, family: Family, parts: JointParts | None) -> _Run
 
 
 def _all_told(runs: _Runs, members: Sequence[str]) -> tuple[Discrimination, ...]:
-    return tuple(t for p, own in runs if own is not None and (t := told_of(p, own, members)) is not None)
+    return tuple(t for p, own in runs if own is not None and (t := discrimination_of(p, own, members)) is not None)
 
 
 def _decision(family: Family, runs: _Runs, on_specimen: _Runs, known: frozenset[str]) -> Decision:
@@ -228,7 +228,7 @@ def columns(
         return None
     at = {name: k for k, name in enumerate(names)}
     found = projection(whole[:, : len(free)])
-    own = {name: found.felt(whole[:, [at[n] for n in group]]) for name, group in felt.items()}
+    own = {name: found.sensitive(whole[:, [at[n] for n in group]]) for name, group in felt.items()}
     return {name: block for name, block in own.items() if block.shape[1] > 0}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import TINY, feels_rate
-from thermofit.diagnose.decide_told import Family
+from thermofit.diagnose.discrimination import Family
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.joint import Joint, JointParts, joint_settings
@@ -196,7 +196,7 @@ def columns(joint: Joint, programme: OtherProgramme, parameters: Parameters, fam
     at = {n: k for k, n in enumerate((*names, *(n for n, _ in directions)))}
     whole = np.concatenate([jacobian, along], axis=1)
     found = LinearModel(np.zeros(len(whole)), whole[:, : len(free)], n_priors=len(strip.model.priors))
-    shown = {name: found.felt(whole[:, [at[n] for n in group]]) for name, group in felt.items()}
+    shown = {name: found.sensitive(whole[:, [at[n] for n in group]]) for name, group in felt.items()}
     return {name: block for name, block in shown.items() if block.shape[1] > 0}
 
 

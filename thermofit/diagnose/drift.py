@@ -139,7 +139,7 @@ def _asked(here: Traced, states: Mapping[str, np.ndarray]) -> list[_Asked]:
             if not spread > max(_SPREAD[variable], 1e-12):
                 continue
             own = column * np.where(known, (v - mean) / spread, 0.0)
-            if np.linalg.norm(model.beyond(own)) > _OWN * np.linalg.norm(own):
+            if np.linalg.norm(model.projected(own)) > _OWN * np.linalg.norm(own):
                 out.append(_Asked(name, variable, own, spread))
     return out
 
@@ -161,7 +161,7 @@ def _plainness(here: Traced, one: _Asked) -> tuple[int, int]:
 
 def _scored(here: Traced, model: LinearModel, one: _Asked) -> tuple[float, float, float, float, float]:
     """z, step, standard error, fall of the square sum, and that which the error of mesh and steps alone would make."""
-    s = model.beyond(one.column)[:, None]
+    s = model.projected(one.column)[:, None]
     if np.linalg.norm(s) <= _OWN * np.linalg.norm(one.column):
         return 0.0, 0.0, 1.0, 0.0, 0.0
     scored = model.score(s, here.problem.groups)
@@ -177,7 +177,7 @@ def _proved(here: Traced, model: LinearModel, one: _Asked) -> bool:
 
 
 def _cosine(model: LinearModel, one: _Asked, other: _Asked) -> float:
-    a, b = model.beyond(one.column), model.beyond(other.column)
+    a, b = model.projected(one.column), model.projected(other.column)
     return float(abs(a @ b) / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-300))
 
 
@@ -199,7 +199,7 @@ def _blocks(here: Traced, one: _Asked, v: np.ndarray) -> tuple[tuple[float, floa
             centres.append(float(np.average(v[own], weights=column[own] ** 2)))
     # Rows without a value of the variable keep the parameter of the fit.
     others = model.only([i for i in range(len(names)) if i != k])
-    felt = others.felt(np.stack(columns, axis=1))
+    felt = others.sensitive(np.stack(columns, axis=1))
     if felt.shape[1] != len(columns):
         return ()
     found = others.score(felt, here.problem.groups)

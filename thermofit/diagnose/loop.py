@@ -10,19 +10,19 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.backward import Means, Refit, held_out_of, made_up_for, still_needed, without
+from thermofit.diagnose.backward import Means, Refit, compensated, held_out_of, still_needed, without
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.pose import released
-from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.refit import has_size
 from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
-from thermofit.diagnose.retraced import retraced
+from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
-from thermofit.diagnose.trial import Accepted, Trial, told_apart, tried
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.diagnose.trial import Accepted, Trial, discriminated, tried
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -97,9 +97,9 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
     unasked: dict[str, str] = {}
     while True:
         try:
-            sharp = _sharpened(here, first, how)
+            sharp = _with_refined(here, first, how)
         except NumericsError as error:
-            sharp, here = None, replace(here, case=replace(here.case, sharper=None))
+            sharp, here = None, replace(here, case=replace(here.case, refined_at=None))
             remarks.append(f"the force is taken as exact to the end: a run of the problem that knows its error failed ({error})")
         if sharp is None and not here.whole:
             try:
@@ -117,7 +117,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             first, here, fit, refit, numerical = sharp
             base = fit if here is first else None
         try:
-            here = retraced(here)
+            here = rescored(here)
         except NumericsError as error:
             remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
         first = first if rounds else here
@@ -209,7 +209,7 @@ def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accept
     A best one whose exponents are adrift has to be told apart for SURE: all of the data have brought them there, the held-out ones too.
     """
     by = SURE if best[0].adrift else NEAR
-    near = [one for one in passed if one[0] is best[0] or not told_apart(best[1][0], one[1][0], by)]
+    near = [one for one in passed if one[0] is best[0] or not discriminated(best[1][0], one[1][0], by)]
 
     def loose(one: tuple[Trial, Accepted]) -> int:
         return len(set(ends_of_fit(*one[1])) - set(before)) + len(one[0].adrift)
@@ -220,7 +220,7 @@ def _simplest(best: tuple[Trial, Accepted], passed: Sequence[tuple[Trial, Accept
 def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Trial:
     """The accepted trial with the effects whose own refits predict held-out data as well in its family: this test does not tell them."""
     (score,) = trial.scores
-    alike = [n for n, other in ends.items() if n not in score.family and not told_apart(end, other)]
+    alike = [n for n, other in ends.items() if n not in score.family and not discriminated(end, other)]
     return replace(trial, scores=(replace(score, family=(*score.family, *alike)),))
 
 
@@ -232,7 +232,7 @@ def backward_check(closed: Closed, how: str) -> Closed:
     for name in (n for n in closed.accepted if n not in latest):
         needed, others = still_needed(here, name), [n for n in closed.accepted if n != name and n not in dropped]
         try:
-            found = made_up_for(here, name, others, means) if needed else without(here, name, means)
+            found = compensated(here, name, others, means) if needed else without(here, name, means)
         except NumericsError as error:
             remarks.append(f"{name} {'may not be' if needed else 'is no longer'} needed, but stays in: the fit without it failed ({error})")
             continue
@@ -279,13 +279,13 @@ def place_of(here: Traced) -> RoundEnd:
     return RoundEnd(here.case.parameters, float(here.columns.residual @ here.columns.residual))
 
 
-def _sharpened(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
+def _with_refined(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
     """First and present trace by the problem that knows the error of the force, its fit, how to fit it and its numerical error; None where
     the model still misses more than that error could explain: its noise would then hide what is missing."""
-    sharp = None if here.case.sharper is None else here.case.sharper(here.case.parameters)
+    sharp = None if here.case.refined_at is None else here.case.refined_at(here.case.parameters)
     if sharp is None:
         return None
-    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, moved=sharp.moved, sharper=None)
+    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, moved=sharp.moved, refined_at=None)
     # An exponent that was not told beside a force taken as exact may be told now, and elsewhere: that force was wrong in its favour.
     again = (*case.parameters.free, *vague_exponents(case))
     parameters, fit = sharp.nearby(case.parameters.with_free(again), "error of the force")
@@ -303,7 +303,7 @@ def vague_exponents(case: Case) -> tuple[str, ...]:
     free = set(case.parameters.free)
     added = [e for e in case.known if free & {p.name for p in e.amplitudes}]
     held = tuple(p.name for e in added for p in e.exponents if has_size(p) and p.name not in free)
-    return tuple(n for n in held if n not in felt_by_temperatures(held))
+    return tuple(n for n in held if n not in acting_on_temperatures(held))
 
 
 def rivals(here: Traced, name: str, gain: float) -> bool:

@@ -19,7 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.backward import Means, held_out_of
 from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.retraced import shown_alone, shown_together
+from thermofit.diagnose.rescored import shown_alone, shown_together
 from thermofit.diagnose.score import LEVEL, Score
 from thermofit.diagnose.trace import Scan, Traced
 from thermofit.diagnose.trial import Accepted, Trial, tried_together
@@ -48,7 +48,7 @@ class Pair:
 
 def leaves_more_than_it_takes(here: Traced, fit: FitResult, trials: Sequence[Trial]) -> bool:
     """Whether the best single refit takes less than half of what the residual holds beyond its floor, and that is more than chance."""
-    beyond = here.beyond_floor(fit.f)
+    beyond = here.excess(fit.f)
     if beyond == 0.0:
         return False
     return max((t.achieved_drop for t in trials if not t.refused), default=0.0) < 0.5 * beyond
@@ -67,7 +67,7 @@ def pairs_of(here: Traced) -> list[Pair]:
     """Pairs by the fall of r.r that a joint step predicts, the largest first, each at the best values of its exponents."""
     scores = partners(here)
     scans = {s.effect: here.scanned.get(s.effect) or (({}, here.problem.dormant[s.effect][1]),) for s in scores if s.effect in _known(here)}
-    own = {(name, k): here.problem.model.beyond(block) for name, tried in scans.items() for k, (_, block) in enumerate(tried)}
+    own = {(name, k): here.problem.model.projected(block) for name, tried in scans.items() for k, (_, block) in enumerate(tried)}
     left, found = here.problem.model.left, []
     for one, other in combinations([s for s in scores if s.effect in scans], 2):
         best: Pair | None = None

@@ -16,9 +16,9 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means, Refit
-from thermofit.diagnose.case import Case, HeatFit, Scored, Sharper
+from thermofit.diagnose.case import Case, HeatFit, RefinedProblem, Scored
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.retraced import hidden
+from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, Trial, judged_trial
 from thermofit.effects.catalogue import effect, effect_of_param
@@ -42,18 +42,18 @@ class Released:
     refit: Refit
 
 
-def beyond_landmarks(case: Case) -> tuple[str, ...]:
+def contradicting_landmarks(case: Case) -> tuple[str, ...]:
     """Effects of a fitted pose of which a number is at the end of what an error of the landmarks can reach."""
     ends = (n for n in sorted(case.pose & set(case.parameters.free)) if at_bound(case.parameters[n], case.bounds(n)))
     return tuple(dict.fromkeys(effect_of_param(n).name for n in ends))
 
 
 def released(here: Traced, fit: FitResult, means: Means) -> Released:
-    """Poses that are `beyond_landmarks`, each fitted within its physical bounds and without the datum of its landmarks, which do not speak
-    of a camera that was moved; judged against where it is, up to the first that is accepted. A trial whose runs fail says so. `fit`: the
-    one that ends here."""
+    """Poses that are `contradicting_landmarks`, each fitted within its physical bounds and without the datum of its landmarks, which do not
+    speak of a camera that was moved; judged against where it is, up to the first that is accepted. A trial whose runs fail says so. `fit`:
+    the one that ends here."""
     trials: list[Trial] = []
-    for name in beyond_landmarks(here.case):
+    for name in contradicting_landmarks(here.case):
         own = tuple(p.name for p in effect(name).amplitudes)
         refit = wider(means.refit, here.case.parameters, own)
         score = hidden(name)
@@ -68,12 +68,12 @@ def released(here: Traced, fit: FitResult, means: Means) -> Released:
     return Released(tuple(trials), None, means.refit)
 
 
-def not_asked_beyond(case: Case, trials: Sequence[Trial]) -> dict[str, str]:
+def not_asked_of_pose(case: Case, trials: Sequence[Trial]) -> dict[str, str]:
     """Numbers of a fitted pose at the end of what an error of the landmarks can reach, each with a remark, where a trial beyond that has
     shown that held-out data do not ask for more: then the end is no doubt of the answer."""
     shown = {t.effects[0]: t.proof for t in trials if len(t.effects) == 1 and t.refused and not t.unjudged and t.proof is not None}
     out = {}
-    for name in beyond_landmarks(case):
+    for name in contradicting_landmarks(case):
         proof = shown.get(name)
         if proof is None or proof.convinces:
             continue
@@ -96,9 +96,9 @@ def wider(refit: Refit, parameters: Parameters, names: Sequence[str]) -> Refit:
 
 def widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
     """The case within the physical bounds of some parameters, without what was declared of them, in all of its fits; `wide` is one."""
-    bounds, sharper = case.bounds, case.sharper
+    bounds, sharper = case.bounds, case.refined_at
 
-    def sharp(parameters: Parameters) -> Sharper | None:
+    def sharp(parameters: Parameters) -> RefinedProblem | None:
         found = None if sharper is None else sharper(parameters)
         if found is None:
             return None
@@ -112,7 +112,7 @@ def widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
         case,
         model=_without_datum(case.model, names),
         bounds=lambda name: physical(name) if name in names else bounds(name),
-        sharper=None if sharper is None else sharp,
+        refined_at=None if sharper is None else sharp,
         pose=case.pose - set(names),
         scored=_scored(wide, case.scored),
         heated=_heated(wide, case.heated),

@@ -10,19 +10,19 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
-from thermofit.diagnose.case import Case, Sharper, untold
-from thermofit.diagnose.elsewhere import elsewhere_of
+from thermofit.diagnose.case import Case, RefinedProblem, not_identifiable
 from thermofit.diagnose.known_fit import KnownFit
+from thermofit.diagnose.other_tests import other_test_of
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rows import rows_of_tests
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.effects.catalogue import BASE, effect_of_param, effects, is_of_effect
 from thermofit.experiment.drive import FORCE, carried
 from thermofit.experiment.drive import SECTIONS as BY_SECTIONS
-from thermofit.experiment.errors_told import told, too_far
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.forms import experiment_after, experiment_of
 from thermofit.experiment.instruments import station_names
+from thermofit.experiment.joint_errors import told, too_far
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
@@ -103,12 +103,12 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
     """The same in the drive that the experiment has. NumericsError where its model fails."""
     base, _ = with_identified(study, experiment.start(), stages)
     joint = experiment.diagnosed(base)
-    shown, said = (joint.known, ()) if joint.flow is None else untold(joint.known, joint.base, joint.flow)
+    shown, said = (joint.known, ()) if joint.flow is None else not_identifiable(joint.known, joint.base, joint.flow)
     pose = frozenset(n for n in joint.told if is_of_effect(n))
     # A camera stands where it stands in its own test alone.
     settings = joint.settings
     shared = settings.model_copy(update={"free": tuple(n for n in settings.free if n not in pose)}) if pose else settings
-    elsewhere = tuple(elsewhere_of(test, shared, joint.base, shown) for test in experiment.unseen)
+    elsewhere = tuple(other_test_of(test, shared, joint.base, shown) for test in experiment.unseen)
     fitting = within(study, joint.base, joint.told)
     task = replace(task, config={**task.config, DRIVE: experiment.drive}) if experiment.drive == BY_SECTIONS else task
     refit = JointFit(fitting, joint.settings, joint.model, task, parts=joint.parts)
@@ -130,10 +130,10 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         instruments=frozenset(n for n in (*parameters.free, *(n for e in shown for n in e.names)) if bare_name(n) in station_names()),
         cheap=joint.model.cheap,
         scored=None if joint.parts is None else joint.parts.scored,
-        elsewhere=elsewhere,
+        other_tests=elsewhere,
         placed=rows_of_tests(joint.each, joint.spans),
         largest_strain=joint.largest_strain,
-        sharper=_sharper(joint, refit),
+        refined_at=_refinement(joint, refit),
         heated=refit.heated,
         moved=None if joint.parts is None else refit.moved,
         correlation_length=joint.correlation_length,
@@ -153,14 +153,14 @@ def _unknown_force(experiment: Experiment, joint: JointProblem) -> tuple[str, ..
     return (f"the force is taken as exact: interpolate.h5 holds no error of it ({again} adds that to a record of an earlier version)",)
 
 
-def _sharper(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], Sharper | None] | None:
+def _refinement(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], RefinedProblem | None] | None:
     """The problem that knows the error of the force, which was taken as exact, where that could explain what the residual shows of it. The
     errors are told again at the parameters at hand: an effect that was added brings gradients of its own."""
     plain, first = joint.plain, joint.errors
     if plain is None or first is None or not first.far:
         return None
 
-    def sharp(parameters: Parameters) -> Sharper | None:
+    def sharp(parameters: Parameters) -> RefinedProblem | None:
         """The sharper problem told at parameters; None while the model misses more there than the error of the force could explain."""
         found = first
         if too_far(first.whole, parameters):
@@ -173,7 +173,7 @@ def _sharper(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], Sha
             )
         fitting = replace(refit, model=found.whole.model, parts=found.whole, ends={})
         nearby = replace(fitting, parts=None)
-        return Sharper(found.whole.model, found.whole.scored, fitting, nearby, found.left_whole, fitting.heated, fitting.moved)
+        return RefinedProblem(found.whole.model, found.whole.scored, fitting, nearby, found.left_whole, fitting.heated, fitting.moved)
 
     return sharp
 

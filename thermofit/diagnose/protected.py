@@ -26,7 +26,7 @@ from thermofit.diagnose.case import Case, HeatFit, scans
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, field_of, likeliest, roughness
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.known_motion import acts_in_heat, felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures, acts_in_heat
 from thermofit.experiment.missing import Missing
 from thermofit.fit.linear_model import LinearModel, Room
 
@@ -77,7 +77,7 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
     grid = None if missing is None else missing.everywhere(COUNTS)
     if missing is None or directed is None or grid is None:
         return None
-    thermal = felt_by_temperatures(case.parameters.free)
+    thermal = acting_on_temperatures(case.parameters.free)
     readings = {prior.name: prior.value for prior in fit.model.priors if prior.firm and prior.name in thermal}
     there = case.parameters.replace(**{n: v for n, v in {**fit.first, **readings}.items() if n in thermal})
     scale = np.array([param(n).scale for n in thermal])
@@ -192,7 +192,7 @@ def pairs(case: Case, found: Protected, singles: Sequence[Begin]) -> tuple[Begin
 def _begin(case: Case, found: Protected, added: tuple[str, ...], values: Mapping[str, float], block: np.ndarray) -> Begin:
     """One step of all thermal parameters and effects, from the protected parameters, within the bounds."""
     linear, own = found.linear, tuple(p.name for name in added for p in effect(name).amplitudes)
-    names = (*felt_by_temperatures(found.parameters.free), *own)
+    names = (*acting_on_temperatures(found.parameters.free), *own)
     whole = linear.with_columns(block, _room(case, found.parameters, own))
     step = whole.step
     moved = {n: found.parameters[n] + float(d) for n, d in zip(names, step.d, strict=True)}

@@ -15,7 +15,7 @@ from thermofit.core.parameters import Param, Parameters, param
 from thermofit.diagnose.case import HeatFit
 from thermofit.effects.catalogue import effect, effect_of_param
 from thermofit.experiment.joint import JointParts
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.model import StageModel
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
@@ -228,7 +228,7 @@ class JointFit:
         """
         if self.parts is None:
             return start
-        thermal = felt_by_temperatures(start.free)
+        thermal = acting_on_temperatures(start.free)
         mechanical = tuple(name for name in start.free if name not in thermal)
         model = self.parts.mechanics
         if model is not None and mechanical:
@@ -261,13 +261,13 @@ class JointFit:
         def from_here(start: Parameters, label: str, to_beat: float) -> Parameters:
             return minimised(start, label, alone=True, to_beat=to_beat)
 
-        return HeatFit(model, minimised, from_here, self._first_values(felt_by_temperatures(parameters.free)))
+        return HeatFit(model, minimised, from_here, self._first_values(acting_on_temperatures(parameters.free)))
 
     def moved(self, parameters: Parameters) -> Parameters:
         """The parameters with those that temperatures do not feel fitted to the displacements alone, remembered by where it starts; the
         same where these are not compared. NumericsError where it cannot be run."""
         model = None if self.parts is None else self.parts.mechanics
-        thermal = felt_by_temperatures(parameters.free)
+        thermal = acting_on_temperatures(parameters.free)
         mechanical = tuple(name for name in parameters.free if name not in thermal)
         if model is None or not mechanical:
             return parameters
@@ -287,7 +287,7 @@ class JointFit:
         values; None where neither can be run. The second is left out where `alone` says so, where the first one leaves no more than `good`
         times the mean square of the noise, and where it begins at an optimum: that of an earlier fit on nearly the same motion (but for
         `both_starts`). `to_beat`: see `Settings`."""
-        thermal = felt_by_temperatures(start.free)
+        thermal = acting_on_temperatures(start.free)
         enough = good * sum(c.n for c in model.comparisons)
         ends: list[tuple[float, int, Parameters]] = []
         for turn, begin in enumerate((start, start.replace(**self._first_values(thermal)))):

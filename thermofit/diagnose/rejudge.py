@@ -14,7 +14,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import bare_name
 from thermofit.diagnose.backward import Means, held_out_of, without
 from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import AWAY, freed_refit
 from thermofit.effects.catalogue import effect

@@ -106,10 +106,10 @@ def ranked(columns: Columns) -> Ranking:
         raise UntrustworthyError(
             f"diagnosis: {n} residuals and {p} fitted parameters leave nothing to judge; fix parameters or use more data"
         )
-    felt = {effect: columns.model.felt(block) for effect, (_, block) in columns.dormant.items()}
+    felt = {effect: columns.model.sensitive(block) for effect, (_, block) in columns.dormant.items()}
     own = {effect: s for effect, s in felt.items() if s.shape[1] > 0}
     unfelt = [effect for effect in felt if effect not in own]
-    besides = [columns.model.felt(block) for block in columns.also_tried]
+    besides = [columns.model.sensitive(block) for block in columns.also_tried]
     threshold = threshold_of([*own.values(), *(s for s in besides if s.shape[1] > 0)])
     alike = likeness(own)
     scores = [_score(columns, effect, *columns.dormant[effect], own[effect], threshold, _family(effect, alike)) for effect in own]
@@ -127,7 +127,7 @@ def drop_of(columns: Columns, names: tuple[str, ...], block: np.ndarray) -> floa
 
 def scored_alone(columns: Columns, effect: str, names: tuple[str, ...], block: np.ndarray, threshold: float) -> Score | None:
     """Score of one effect whose Params `names` have these columns (n, k), without its family; None where nothing is felt of it."""
-    s = columns.model.felt(block)
+    s = columns.model.sensitive(block)
     return None if s.shape[1] == 0 else _score(columns, effect, names, block, s, threshold, (effect,))
 
 
@@ -142,10 +142,10 @@ def likeness(own: Mapping[str, np.ndarray], of: Sequence[str] | None = None) -> 
     return found
 
 
-def likeness_beyond(fitted: np.ndarray, blocks: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
+def projected_likeness(fitted: np.ndarray, blocks: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
     """`likeness` of columns (n, k) of effects after all that the fitted columns (n, p) can take of them."""
     model = projection(fitted)
-    return likeness({effect: model.beyond(block) for effect, block in blocks.items()})
+    return likeness({effect: model.projected(block) for effect, block in blocks.items()})
 
 
 def indistinguishable(fitted: np.ndarray, own: Mapping[str, Sequence[int]]) -> tuple[str, str, float] | None:
@@ -155,7 +155,7 @@ def indistinguishable(fitted: np.ndarray, own: Mapping[str, Sequence[int]]) -> t
     """
     taken = {k for columns in own.values() for k in columns}
     others = fitted[:, [k for k in range(fitted.shape[1]) if k not in taken]]
-    alike = likeness_beyond(others, {effect: fitted[:, list(columns)] for effect, columns in own.items()})
+    alike = projected_likeness(others, {effect: fitted[:, list(columns)] for effect, columns in own.items()})
     pairs = [(cos, one, other) for (one, other), cos in alike.items() if one < other]
     cos, one, other = max(pairs, default=(0.0, "", ""))
     return (one, other, cos) if cos > ALIKE else None

@@ -19,11 +19,11 @@ from thermofit.core.parameters import param
 from thermofit.diagnose.backward import held_out_of, without_effects
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.loop import Closed, like_of
-from thermofit.diagnose.retraced import hidden, refitted
+from thermofit.diagnose.rescored import hidden, refitted
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.linear_model import LinearModel
 
 
@@ -38,9 +38,9 @@ def with_stand_ins(closed: Closed) -> Closed:
 def stand_ins(here: Traced, name: str, family: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Dormant effects, of the family or at |cos| above ALIKE from the accepted one, that in its stead predict held-out data as well."""
     rest = _at_neutral(here, name)
-    own = rest.felt(_amplitudes(here, name))
+    own = rest.sensitive(_amplitudes(here, name))
     blocks = {n: _best_of(here, rest, n) for n in here.problem.dormant if n != name}
-    near = {n: rest.felt(block) for n, block in blocks.items()}
+    near = {n: rest.sensitive(block) for n, block in blocks.items()}
     alike = likeness({name: own, **{n: s for n, s in near.items() if s.shape[1] > 0}}, (name,))
     asked = [n for n in blocks if n in family or alike.get((name, n), 0.0) > ALIKE]
     now, folds = held_out_of(here), len(here.split.held_out)
@@ -58,7 +58,7 @@ def _told_by_refit(here: Traced, name: str, other: str) -> bool:
     """Whether a refit with the other effect in the stead of the accepted one, on the known motion, predicts held-out data worse. False
     where temperatures do not show both, or no start of it can be run: then nothing tells them."""
     both = (*effect(name).names, *effect(other).names)
-    if here.case.heated is None or len(felt_by_temperatures(both)) < len(both):
+    if here.case.heated is None or len(acting_on_temperatures(both)) < len(both):
         return False
     off, parameters = {n: param(n).neutral for n in effect(name).names}, here.case.parameters
     there = parameters.replace(**off).with_free(tuple(n for n in parameters.free if n not in off))
@@ -98,5 +98,5 @@ def _best_of(here: Traced, rest: LinearModel, name: str) -> np.ndarray:
     blocks = [block for _, block in here.scanned.get(name, ())] or [here.problem.dormant[name][1]]
     if len(blocks) == 1:
         return blocks[0]
-    drops = [rest.score(s).drop if (s := rest.felt(block)).shape[1] > 0 else -1.0 for block in blocks]
+    drops = [rest.score(s).drop if (s := rest.sensitive(block)).shape[1] > 0 else -1.0 for block in blocks]
     return blocks[int(np.argmax(drops))]

@@ -13,14 +13,14 @@ from thermofit.core.parameters import Param, Parameters, param
 from thermofit.diagnose.backward import Means, Refit, held_out_of, still_needed
 from thermofit.diagnose.case import scans
 from thermofit.diagnose.held_out import SURE, Proof, compared
-from thermofit.diagnose.proof_elsewhere import proof_of_refit
+from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS, with_effect
-from thermofit.diagnose.retraced import missed
+from thermofit.diagnose.rescored import missed
 from thermofit.diagnose.score import Score, ranked
 from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, is_of_effect
-from thermofit.experiment.known_motion import felt_by_temperatures
-from thermofit.experiment.priors import beyond_error, in_words
+from thermofit.experiment.known_motion import acting_on_temperatures
+from thermofit.experiment.priors import contradicted, in_words
 from thermofit.experiment.trust import at_bound
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
@@ -193,7 +193,7 @@ def warmed_start(here: Traced, scores: Sequence[Score]) -> Parameters:
     """The parameters of the trace, those that temperatures feel as the refit of these effects on the known motion has left them."""
     start = here.case.parameters
     end = here.shown.get(" ".join(s.effect for s in scores))
-    return start if end is None else start.replace(**{n: end.parameters[n] for n in felt_by_temperatures(start.free)})
+    return start if end is None else start.replace(**{n: end.parameters[n] for n in acting_on_temperatures(start.free)})
 
 
 def freed_from_the_start(here: Traced, scores: Sequence[Score]) -> tuple[str, ...]:
@@ -205,7 +205,7 @@ def freed_from_the_start(here: Traced, scores: Sequence[Score]) -> tuple[str, ..
     every = tuple(p.name for s in scores for p in effect(s.effect).exponents)
     shown = here.shown.get(" ".join(s.effect for s in scores))
     fitted = () if shown is None else shown.parameters.free
-    return tuple(n for n in every if n in fitted or n not in felt_by_temperatures(every))
+    return tuple(n for n in every if n in fitted or n not in acting_on_temperatures(every))
 
 
 def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, means: Means) -> tuple[Trial, Accepted | None]:
@@ -412,7 +412,7 @@ def on_readings(here: Traced, scores: Sequence[Score], end: Parameters, proof: P
     A second refit holds these readings, and the exponents, where they were. What is missing besides may drive them as well, and they stand
     in for it (a lamp for warmer air): an effect that keeps OWN_GAIN of its gain does not rest on them.
     """
-    gone = {prior.name: prior for prior in beyond_error(here.case.model.priors, end, here.case.parameters)}
+    gone = {prior.name: prior for prior in contradicted(here.case.model.priors, end, here.case.parameters)}
     if not gone:
         return "", ""
     said = "; ".join(in_words(prior, end[name]) for name, prior in gone.items())
@@ -436,7 +436,7 @@ def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dic
     return {p.name: (parameters[p.name], sigma.get(p.name)) for name in names for p in effect(name).params if p.scan}
 
 
-def told_apart(one: Traced, other: Traced, sure: float = SURE) -> bool:
+def discriminated(one: Traced, other: Traced, sure: float = SURE) -> bool:
     """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors."""
     ends = {id(t): held_out_of(t) for t in (one, other)}
     worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))

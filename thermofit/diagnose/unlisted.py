@@ -19,7 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, compared
-from thermofit.diagnose.retraced import protected_at
+from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, basis_of, field_of, proved
@@ -29,7 +29,7 @@ from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import Grid
 from thermofit.fit.linear_model import LinearModel
 
@@ -170,7 +170,7 @@ def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
         found = protected_at(here, fit)
         if found is None:
             return here, ""
-        parameters = here.case.parameters.replace(**{n: found.parameters[n] for n in felt_by_temperatures(free)})
+        parameters = here.case.parameters.replace(**{n: found.parameters[n] for n in acting_on_temperatures(free)})
         residual, columns = here.case.model.linearised(parameters, free)
     except NumericsError as error:
         return here, f"the term was sought at the optimum without it: parameters beside a broad source are not known ({error})"
@@ -181,7 +181,7 @@ def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
 def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
     """Channels that hold more than noise and discretisation make, the surest first."""
     model = here.problem.model
-    error = None if numerical is None else model.beyond(numerical)
+    error = None if numerical is None else model.projected(numerical)
     found = [s for s in structures(here.case, here.rows, model.left, error) if s.stands_out]
     return sorted(found, key=lambda s: -s.excess / s.blocks.spread)
 
@@ -199,7 +199,7 @@ def best_listed(here: Traced, structure: Structure, names: Sequence[str]) -> tup
 def _stepped(here: Traced, score: Score) -> np.ndarray:
     """Residual (n,) after a joint step of an effect and all fitted parameters."""
     model = here.problem.model
-    return LinearModel(model.left, model.felt(here.problem.dormant[score.effect][1])).left
+    return LinearModel(model.left, model.sensitive(here.problem.dormant[score.effect][1])).left
 
 
 def kind_of(case: Case, structure: Structure) -> str:

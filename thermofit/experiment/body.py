@@ -17,10 +17,10 @@ from thermofit.experiment.body_check import checked
 from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
-from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
 from thermofit.experiment.forward import nodal_gauge
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
+from thermofit.experiment.joint_errors import told
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
@@ -160,7 +160,7 @@ class BodyExperiment:
         """Settings as the study gives them."""
         return self.study.stage(key), ()
 
-    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+    def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """None: a stage on fields tells what it frees."""
         return {}
 

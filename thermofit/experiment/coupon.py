@@ -19,7 +19,7 @@ from thermofit.experiment.coupon_elastic import STRAIGHT, modulus_error
 from thermofit.experiment.coupon_model import answerable, coupon_model, coupon_run, point_settings
 from thermofit.experiment.coupon_records import CouponData, CouponTest, coupon_data, read_tests, whole
 from thermofit.experiment.fields import INTERPOLATE, start_parameters
-from thermofit.experiment.flow_conditions import elastic_temperatures, flow_conditions, told_temperature
+from thermofit.experiment.flow_conditions import elastic_temperatures, flow_conditions, known_temperature
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prescribed import Moved, acting, columns, of_records
@@ -149,7 +149,7 @@ class CouponExperiment:
         settings, kept = answerable(self.study.stage(key), self.data)
         return settings.model_copy(update={"beside": ()}) if key == "elastic" else settings, kept
 
-    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+    def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """nu for a plastic stage that compares the strain across the load, within what the elastic one has told.
 
         Held, its error would be one of all samples of the flow: 0.2 % of nu, the error of twenty samples below half of the proof stress, is
@@ -310,7 +310,7 @@ class CouponExperiment:
         error = modulus_error([line for test in self.data.tests if (line := test.line) is not None])
         if "E" not in stage.free or stage.window != "auto" or study.diagnosis.free is not None or error > KNOWN:
             return {}
-        theta = [t for test in self.data.tests for t in elastic_temperatures(test, told_temperature(test), False)]
+        theta = [t for test in self.data.tests for t in elastic_temperatures(test, known_temperature(test), False)]
         if theta and max(theta) - min(theta) > SPAN:
             return {}
         return {"E": _about(base["E"], error, study.bounds("E"))}

@@ -85,7 +85,7 @@ class FlowConditions:
         """True where an effect of the temperature on flow, which needs temperatures `span` K apart (0: any), can be told."""
         return self.span > max(span, ONE_TEMPERATURE)
 
-    def tells_modulus(self, span: float) -> bool:
+    def determines_modulus(self, span: float) -> bool:
         """The same for an effect of the temperature on the elastic moduli."""
         return self.elastic[1] - self.elastic[0] > max(span, ONE_TEMPERATURE)
 
@@ -101,7 +101,7 @@ def flow_conditions(tests: Sequence[CouponTest], run: Callable[[CouponTest], Poi
         history = run(test)
         again = unloads_after_flow(history)
         unloads |= again
-        rate, theta = rates_of_flow(test, history), told_temperature(test)
+        rate, theta = rates_of_flow(test, history), known_temperature(test)
         elastic += elastic_temperatures(test, theta, again)
         used = np.isfinite(rate)
         rates.append(rate[used])
@@ -146,7 +146,7 @@ def _ends(values: Sequence[float]) -> tuple[float, float]:
     return (min(known), max(known)) if known else (np.nan, np.nan)
 
 
-def told_temperature(test: CouponTest) -> np.ndarray:
+def known_temperature(test: CouponTest) -> np.ndarray:
     """Temperature in K (n_t,) of a record as somebody told it: the sensor's, or else the one at which it was declared to begin."""
     return np.full(len(test.time), test.theta_start) if test.theta is None else test.theta
 

@@ -20,7 +20,7 @@ _TELLS = 1e-3
 """Part of the largest mode's effect below which a mode is left out."""
 
 
-def told_error(joint: Joint, parameters: Parameters) -> np.ndarray | None:
+def estimated_error(joint: Joint, parameters: Parameters) -> np.ndarray | None:
     """Error of the prescribed force at all load steps, N (n_steps,), as all channels together tell it: the mean of its modes, given the
     residual. None where it is not known. NumericsError where the run fails."""
     whole = joint.data.steps["all"].error

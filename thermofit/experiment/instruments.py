@@ -8,7 +8,7 @@ import numpy as np
 
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.history import History, Watch
-from thermofit.body.solve.loading import felt_force, felt_force_rate
+from thermofit.body.solve.loading import acting_force, acting_force_rate
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import KINEMATICS, effects
 from thermofit.effects.scene import Scene
@@ -73,7 +73,7 @@ class Instruments:
         if name == "force":
             recorded = self.observations[name].value
             return (
-                self.samplers[name].observed(name, history) - (felt_force(recorded.ravel(), parameters) - recorded.ravel())[:, None, None]
+                self.samplers[name].observed(name, history) - (acting_force(recorded.ravel(), parameters) - recorded.ravel())[:, None, None]
             )
         links = chain(SLOTS.get(name, ()), parameters)
         if not links:
@@ -136,7 +136,7 @@ class JointPrediction:
                 slope = slopes[..., of_body.index(n)]
                 if name == "force":
                     recorded = self.instruments.observations[name].value.ravel()
-                    out[..., k] = slope - felt_force_rate(recorded, parameters, n)[:, None, None]
+                    out[..., k] = slope - acting_force_rate(recorded, parameters, n)[:, None, None]
                 elif view is not None and links:
                     flat = slope if name == "u" else slope[:, :, 0]
                     out[..., k] = view.taken(seen_along(view.field, flat, view.scene, links, parameters))

@@ -22,7 +22,7 @@ from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
 from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
-from thermofit.experiment.known_motion import Direction, along, felt_by_temperatures, freely_expanding, keeping_points
+from thermofit.experiment.known_motion import Direction, acting_on_temperatures, along, freely_expanding, keeping_points
 from thermofit.experiment.missing_body import BodyMissing
 from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
@@ -289,7 +289,7 @@ class Joint:
         moving = {place: one for place, one in telling.items() if field_of(model.comparisons[place]) == "u"}
         seen, moved = np.ones(len(residual), dtype=bool), np.ones(len(names), dtype=bool)
         if moving:
-            telling, warm = moving, felt_by_temperatures(names)
+            telling, warm = moving, acting_on_temperatures(names)
             seen[:], moved = False, np.array([n not in warm for n in names], dtype=bool)
             for place in moving:
                 seen[rows[place]] = True

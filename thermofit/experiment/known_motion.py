@@ -29,7 +29,7 @@ def acts_in_heat(effect: Effect) -> bool:
     return effect.slot in HEATING
 
 
-def felt_by_temperatures(names: Sequence[str]) -> tuple[str, ...]:
+def acting_on_temperatures(names: Sequence[str]) -> tuple[str, ...]:
     """Those of the named parameters that change temperatures, or what the infrared camera shows of them, on a motion that is known."""
     felt = thermal_names().union(*(e.names for e in effects(INFRARED)))
     return tuple(name for name in names if bare_name(name) in felt)

@@ -82,7 +82,7 @@ class JointErrors:
         return np.array([float(low) for low, _ in each]), np.array([float(high) for _, high in each])
 
     @cached_property
-    def told_by_motion(self) -> np.ndarray:
+    def known_by_motion(self) -> np.ndarray:
         """Triangle (k, p) of the whitened derivatives of displacements, force and readings: |R x| is what they say against a change x."""
         model = self.joint.model
         columns = model.assemble_jacobian(self.errors, self.slopes)

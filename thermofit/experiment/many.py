@@ -20,9 +20,9 @@ from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import MESH, STEPS
 from thermofit.experiment.drive import SECTIONS, with_force_channel
-from thermofit.experiment.errors_told import told
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
+from thermofit.experiment.joint_errors import told
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
 from thermofit.experiment.prescribed import Moved, of_test
@@ -152,7 +152,7 @@ class SeveralExperiments:
         settings = self.study.stage(key)
         return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), ()
 
-    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+    def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """None: a stage on fields tells what it frees."""
         return {}
 

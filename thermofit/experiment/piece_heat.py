@@ -125,7 +125,7 @@ def piece_heat(seen: JointErrors, flow: MeasuredFlow | None = None) -> LocalBala
         names=names,
         value=seen.parameters.vector(),
         bounds=seen.bounds,
-        told=seen.told_by_motion,
+        told=seen.known_by_motion,
         beside=np.concatenate(beside, axis=1),
         y=y,
         time=time,

@@ -57,7 +57,7 @@ def pose_bounds(study: Study, registration: Mapping[str, float]) -> dict[str, tu
     return {n: (known[n].value - UNLIKELY * known[n].sigma, known[n].value + UNLIKELY * known[n].sigma) for n in pose}
 
 
-def beyond_error(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> tuple[Prior, ...]:
+def contradicted(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> tuple[Prior, ...]:
     """Declared values from which parameters lie so far off that no error of the reading explains it.
 
     `before`: parameters that are taken as they are; what is no worse than there is not held against the new ones.
@@ -72,8 +72,8 @@ def beyond_error(priors: Sequence[Prior], parameters: Parameters, before: Parame
 
 
 def improbable(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> str:
-    """Why parameters cannot be, where one is `beyond_error` of what was declared; else empty."""
-    return next((in_words(prior, parameters[prior.name]) for prior in beyond_error(priors, parameters, before)), "")
+    """Why parameters cannot be, where one is `contradicted` of what was declared; else empty."""
+    return next((in_words(prior, parameters[prior.name]) for prior in contradicted(priors, parameters, before)), "")
 
 
 def in_words(prior: Prior, value: float) -> str:

@@ -15,10 +15,10 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import Effect
-from thermofit.experiment.errors_told import JointWithErrors
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.flow_conditions import FlowConditions
 from thermofit.experiment.joint import JointParts
+from thermofit.experiment.joint_errors import JointWithErrors
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prescribed import Moved
 from thermofit.experiment.residuals import Span
@@ -212,7 +212,7 @@ class Experiment(Protocol):
         """Settings of an identification stage on these data, and the elastic constants that it leaves as the study gives them because no
         datum tells them."""
 
-    def told_before(self, key: str) -> Mapping[str, tuple[float, float]]:
+    def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """Parameters that an earlier stage has told and this stage of that key tells again, and within which bounds."""
 
     def start(self) -> Parameters:

@@ -25,7 +25,7 @@ RANK = 1e-10
 """Singular value of columns of length one, over the largest, below which a direction is none: rounding alone makes as much."""
 UNSEEN = 1e-9
 """The same for the eigenvalues of the normal matrix of the rows that a fold sees."""
-UNFELT = 1e-6
+INSENSITIVE = 1e-6
 """Part of a column, relative to its length, below which the fitted parameters take it up entirely."""
 
 Room = tuple[np.ndarray, np.ndarray]
@@ -139,24 +139,24 @@ class LinearModel:
         bounds = None if self.bounds is None and room is None else (np.append(ends[0][0], ends[1][0]), np.append(ends[0][1], ends[1][1]))
         return replace(self, columns=np.concatenate([self.columns, block], axis=1), bounds=bounds)
 
-    def beyond(self, block: np.ndarray) -> np.ndarray:
+    def projected(self, block: np.ndarray) -> np.ndarray:
         """Residual projection (1 - U U^T) of a vector (n,) or of columns (n, k): what no change of the parameters can imitate."""
         return np.asarray(block - self.basis @ (self.basis.T @ block))
 
     @cached_property
     def left(self) -> np.ndarray:
         """The residual (n,) without what the parameters, bounds aside, could still take up."""
-        return self.beyond(self.residual)
+        return self.projected(self.residual)
 
     def data(self, block: np.ndarray) -> np.ndarray:
         """The rows of a block that are data."""
         return block[: len(block) - self.n_priors]
 
-    def felt(self, block: np.ndarray) -> np.ndarray:
+    def sensitive(self, block: np.ndarray) -> np.ndarray:
         """Columns of a block beyond those of the model, without those that the parameters take up entirely, or that no data feel."""
-        s = self.beyond(block)
+        s = self.projected(block)
         size = np.linalg.norm(self.data(block), axis=0)
-        return s[:, np.linalg.norm(self.data(s), axis=0) > UNFELT * np.maximum(size, 1e-300)]
+        return s[:, np.linalg.norm(self.data(s), axis=0) > INSENSITIVE * np.maximum(size, 1e-300)]
 
     @property
     def free_step(self) -> np.ndarray:

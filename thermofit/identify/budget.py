@@ -71,7 +71,7 @@ def helps_most(budget: Budget) -> str:
     return f"{cause} makes {100.0 * shares[cause]:.0f} % of the variances, on average: what helps most is {words}"
 
 
-def told_moves(records: Mapping[str, Record]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+def earlier_moves(records: Mapping[str, Record]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
     """Parameters that earlier stages, by name, have identified, and their moves (n_p, m) by cause. The noise of a stage becomes that of its
     name; causes that several stages share move the parameters of all of them together."""
     names: list[str] = []

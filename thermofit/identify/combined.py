@@ -12,7 +12,7 @@ from thermofit.experiment.protocol import Experiment
 from thermofit.fit.budget import combined
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.blocks import residual_blocks
-from thermofit.identify.budget import told_moves
+from thermofit.identify.budget import earlier_moves
 from thermofit.identify.outcome import channel_table
 from thermofit.identify.solve import Solved, noise_of
 from thermofit.records.artefact import Record
@@ -30,7 +30,7 @@ def with_budget(settings: StageSettings, experiment: Experiment, solved: Solved,
     if solved.covariance is None or solved.fit.jacobian is None:
         return solved
     model, parameters = solved.model, solved.parameters
-    names, passed = told_moves({stage: record for stage, record in earlier.items() if record.parameters})
+    names, passed = earlier_moves({stage: record for stage, record in earlier.items() if record.parameters})
     used = tuple(n for n in names if n not in solved.fit.names)
     try:
         told = experiment.stage_errors(settings, parameters, used)

@@ -16,9 +16,9 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name
 from thermofit.experiment.channels import FIELDS
 from thermofit.experiment.discretisation import on_mesh
-from thermofit.experiment.force_error import told_error
+from thermofit.experiment.force_error import estimated_error
 from thermofit.experiment.joint import FORCE_NOISE
-from thermofit.experiment.known_motion import felt_by_temperatures
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.experiment.prescribed import acting, columns
@@ -129,7 +129,7 @@ def _warmed(study: Study, settings: StageSettings, problem: JointProblem, task: 
     """The start after a fit of what the temperatures alone feel, on the motion of the stages: conductivity against contact is a long bent
     valley, in which a run of heat costs a tenth of a coupled one."""
     base = problem.base
-    thermal = felt_by_temperatures(base.free)
+    thermal = acting_on_temperatures(base.free)
     model = None if problem.parts is None else problem.parts.heat(base)
     if model is None or not thermal:
         return base
@@ -211,7 +211,7 @@ def _known(study: Study, problem: JointProblem, parameters: Parameters) -> dict[
     out, units = {}, {name.partition(AT)[0]: o.unit for name, o in problem.model.observations.items()}
     for test, fields in ({} if problem.errors is None else problem.errors.fields).items():
         assert problem.parts is not None
-        force = told_error(problem.parts.each[test], problem.parts.seen_by(parameters, test))
+        force = estimated_error(problem.parts.each[test], problem.parts.seen_by(parameters, test))
         if force is not None:
             out[known_place(FORCE_TOLD, test)] = Dataset(force, "N", ("step",))
         for name, error in on_mesh(fields, problem.size, study.mesh_size).items():

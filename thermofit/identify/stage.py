@@ -76,7 +76,7 @@ def ready(study: Study, key: str) -> Ready:
         settings, kept = experiment.stage(key)
         base, _ = with_identified(study, experiment.start(), EARLIER[key])
         inputs = {**experiment.inputs, **{name: artefact_path(study.run_dir, name) for name in EARLIER[key]}}
-        told = experiment.told_before(key)
+        told = experiment.earlier_estimates(key)
     settings = settings.model_copy(update={"free": (*settings.free, *told)})
     return Ready(settings, experiment, base.with_free(settings.free), config, inputs, kept, told)
 

@@ -178,7 +178,7 @@ def time_channel(record: ChannelRecord, settings: CouponRecordSettings, key: str
     return time - known[0], [*remarks, f"time counted from the first date, {began}"]
 
 
-def _told_apart(name: str, declared: str, source: StrainSource | StressSource | LateralSource, key: str, quantity: str) -> list[str]:
+def _discriminated(name: str, declared: str, source: StrainSource | StressSource | LateralSource, key: str, quantity: str) -> list[str]:
     """A remark, or a StudyError, where the words of a column contradict what the study takes it for (`declared`: true or nominal)."""
     words = kind_of(name)
     if not words or words == declared:
@@ -202,7 +202,7 @@ def strain_channel(record: ChannelRecord, settings: CouponRecordSettings, key: s
     values = _signed(values, source.tension or settings.tension)
     if source.extension is None:
         name = find_column(record, source.name, key).name
-        remarks += _told_apart(name, "nominal" if source.column is not None else "true", source, key, "strain")
+        remarks += _discriminated(name, "nominal" if source.column is not None else "true", source, key, "strain")
     if source.true_strain is not None:
         return np.expm1(values), [*remarks, f"true strain '{source.true_strain}' converted to nominal strain, exp(e) - 1"]
     if source.plastic_strain is not None:
@@ -230,7 +230,7 @@ def stress_channel(
     values = _signed(values, source.tension or settings.tension)
     if source.force is None:
         name = find_column(record, source.name, key).name
-        remarks += _told_apart(name, "nominal" if source.column is not None else "true", source, key, "stress")
+        remarks += _discriminated(name, "nominal" if source.column is not None else "true", source, key, "stress")
     if source.true_stress is not None and strain is not None:
         said = f"true stress '{source.true_stress}' converted to nominal stress at constant volume, sigma / (1 + strain)"
         return values / (1.0 + strain), [*remarks, said]
@@ -250,7 +250,7 @@ def lateral_channel(record: ChannelRecord, source: LateralSource, width: tuple[f
     if source.extension is not None:
         return values / width[0], [*remarks, width[1]]
     name = find_column(record, source.name, key).name
-    remarks += _told_apart(name, "nominal" if source.column is not None else "true", source, key, "strain")
+    remarks += _discriminated(name, "nominal" if source.column is not None else "true", source, key, "strain")
     if source.true_strain is not None:
         return np.expm1(values), [*remarks, f"true lateral strain '{source.true_strain}' converted to nominal strain, exp(e) - 1"]
     return values, remarks

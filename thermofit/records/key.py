@@ -24,7 +24,7 @@ SOLVED = (
 BESIDES = {"plastic": ("stages.elastic.window",)}
 """What an identification stage reads besides its own section: was any point plastic within the elastic window?"""
 TOLD_AGAIN = {"lateral": ("nu",)}
-"""Parameters of the stage before that a stage which compares a channel may fit again (`Experiment.told_before`), by channel."""
+"""Parameters of the stage before that a stage which compares a channel may fit again (`Experiment.earlier_estimates`), by channel."""
 
 _THREADS = "threads"
 _ALONE = "parameters."

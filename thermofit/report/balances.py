@@ -41,7 +41,7 @@ class BalanceEntries:
     datasets: dict[str, Dataset]
 
 
-def locally_told(study: Study, here: Traced, parts: JointParts | None, numerical: np.ndarray | None) -> BalanceEntries:
+def local_findings(study: Study, here: Traced, parts: JointParts | None, numerical: np.ndarray | None) -> BalanceEntries:
     """Local balances and drifts of a traced case: entries `local_balances` (None: no body was tested) and `drift`; writes the figure into
     the run folder."""
     seen = witnesses(here, parts, numerical)

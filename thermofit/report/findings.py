@@ -12,9 +12,9 @@ from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
 from thermofit.diagnose.case import Case, nowhere
 from thermofit.diagnose.loop import Closed, Round, RoundEnd, like_of, place_of, ranking_rows
-from thermofit.diagnose.pose import not_asked_beyond
+from thermofit.diagnose.pose import not_asked_of_pose
 from thermofit.diagnose.prepared import Prepared
-from thermofit.diagnose.proof_elsewhere import held_out_words
+from thermofit.diagnose.proof_other_tests import held_out_words
 from thermofit.diagnose.refit import failed_in_words
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Trial
@@ -235,7 +235,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     """Summary of `close-loop`: rounds, ranking of the first round with what was accepted, error before and after."""
     table = before_after(closed.first, closed.last)
     here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
-    enough = not_asked_beyond(here.case, closed.rounds[-1].trials if closed.rounds else ())
+    enough = not_asked_of_pose(here.case, closed.rounds[-1].trials if closed.rounds else ())
     against = doubts(
         _levels(here, found.numerical),
         (here.case.model.priors, here.case.parameters),

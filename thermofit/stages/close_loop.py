@@ -12,7 +12,7 @@ from thermofit.diagnose.study_with_effects import write_study
 from thermofit.diagnose.whole_loop import looped
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
-from thermofit.report.balances import locally_told
+from thermofit.report.balances import local_findings
 from thermofit.report.findings import diagnosis_parameters, loop_datasets, loop_summary
 from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
@@ -39,7 +39,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
-        local = locally_told(study, closed.last, parts or found.refit.parts, closed.numerical)
+        local = local_findings(study, closed.last, parts or found.refit.parts, closed.numerical)
         beside = beside_source(closed.last, missing)
         said = described(study, closed.last, missing, beside, local.entries["local_balances"])
         summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}

@@ -7,12 +7,12 @@ from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.decide import decided
 from thermofit.diagnose.known_fit import KnownFit, known_fit_datasets
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
-from thermofit.diagnose.retraced import retraced
+from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
-from thermofit.report.balances import locally_told
+from thermofit.report.balances import local_findings
 from thermofit.report.findings import diagnosis_datasets, diagnosis_parameters, diagnosis_summary
 from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
@@ -32,10 +32,10 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         found = prepared(study, task, stages)
         failures = tuple(found.refit.failures)
-        here = retraced(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
+        here = rescored(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
         missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
-        local = locally_told(study, here, found.refit.parts, found.numerical)
+        local = local_findings(study, here, found.refit.parts, found.numerical)
         beside = beside_source(here, missing)
         said = described(study, here, missing, beside, local.entries["local_balances"])
         summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}

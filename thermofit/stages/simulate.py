@@ -6,7 +6,7 @@ import numpy as np
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.solve.loading import felt_force
+from thermofit.body.solve.loading import acting_force
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.digest import path_digest
@@ -100,7 +100,7 @@ def refuse_unseen(study: Study) -> None:
     on = [e for e in effects((*LOAD, *KINEMATICS, *MEASUREMENT)) if any(truth[p.name] != p.neutral for p in e.amplitudes)]
     for e in on:
         alone = Parameters.of({name: truth[name] for name in e.names})
-        if e.slot not in LOAD or np.array_equal(felt_force(_FORCES, alone), _FORCES):
+        if e.slot not in LOAD or np.array_equal(acting_force(_FORCES, alone), _FORCES):
             name = next(p.name for p in e.amplitudes if truth[p.name] != p.neutral)
             raise StudyError(
                 f"{study.source.name}: key 'simulate.truth.{name}' belongs to {e.name}, which acts on the measurement or the machine, and "

@@ -121,14 +121,14 @@ def _through(links: Sequence[Effect], force: np.ndarray, end: np.ndarray, at: tu
     return force, end
 
 
-def felt_force(force: np.ndarray, parameters: Parameters) -> np.ndarray:
+def acting_force(force: np.ndarray, parameters: Parameters) -> np.ndarray:
     """Force (n_t,) N on the specimen where the load cell recorded `force`; exactly that where all effects are neutral."""
     links = [e for e in effects(LOAD) if parameters[e.amplitude.name] != e.amplitude.neutral]
     return np.asarray(_through(links, force, np.zeros_like(force), (parameters, ""))[0])
 
 
-def felt_force_rate(force: np.ndarray, parameters: Parameters, name: str) -> np.ndarray:
-    """Derivative (n_t,) of `felt_force` by one parameter."""
+def acting_force_rate(force: np.ndarray, parameters: Parameters, name: str) -> np.ndarray:
+    """Derivative (n_t,) of `acting_force` by one parameter."""
     links = _links(parameters, name)
     return np.asarray(np.imag(_through(links, force, np.zeros_like(force), (parameters, name))[0]) / _STEP)
 

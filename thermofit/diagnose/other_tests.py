@@ -19,7 +19,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, Elsewhere, Linearised, columns_of, linearised, scans
+from thermofit.diagnose.case import Case, Linearised, OtherTest, columns_of, linearised, scans
 from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Rows, compared
 from thermofit.diagnose.rows import rows_of_tests, stacked
 from thermofit.effects.catalogue import Effect, effect
@@ -31,7 +31,7 @@ from thermofit.study.stages import StageSettings
 
 
 @dataclass(frozen=True)
-class Beyond:
+class UnseenColumns:
     """A held-out test at an optimum: residual (m,), columns (m, p) of the fitted parameters and (m, k) of effects, rows, channels with
     their noise, and what applies the correlation of it."""
 
@@ -50,7 +50,7 @@ Settings = Mapping[str, dict[str, float]]
 """Values of the exponents of effects."""
 
 
-def elsewhere_of(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> Elsewhere:
+def other_test_of(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> OtherTest:
     """A held-out test for the loop, which begins at `base` with the settings of the joint fit and the `known` effects of fitted tests."""
     try:
         return _driven(test, settings, base, known)
@@ -65,10 +65,10 @@ def elsewhere_of(test: UnseenTest, settings: StageSettings, base: Parameters, kn
     def unpredicted(_: Parameters) -> Case:
         raise NumericsError(failed)
 
-    return Elsewhere(test.label, unpredicted, lambda free: test.carried(free, settings.free), frozenset(), test.fit_own)
+    return OtherTest(test.label, unpredicted, lambda free: test.carried(free, settings.free), frozenset(), test.fit_own)
 
 
-def _driven(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> Elsewhere:
+def _driven(test: UnseenTest, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> OtherTest:
     """The same in the drive that the test has. NumericsError where its model fails."""
     identified = settings.free
     there = test.predicted(base, identified)
@@ -88,28 +88,30 @@ def _driven(test: UnseenTest, settings: StageSettings, base: Parameters, known: 
         )
 
     judges = test.judges(problem.known)
-    return Elsewhere(test.label, case, lambda free: test.carried(free, identified), judges, test.fit_own)
+    return OtherTest(test.label, case, lambda free: test.carried(free, identified), judges, test.fit_own)
 
 
-def beyond_of(case: Case, wanted: Sequence[str], settings: Settings) -> tuple[tuple[Beyond, ...], dict[str, str]]:
+def unseen_columns_of(case: Case, wanted: Sequence[str], settings: Settings) -> tuple[tuple[UnseenColumns, ...], dict[str, str]]:
     """The held-out tests of a case, with the columns of the wanted effects that each can judge; then those that the model cannot be run
     through at these parameters, and why."""
     out, failed = [], {}
-    for test in case.elsewhere:
+    for test in case.other_tests:
         try:
-            out.append(_beyond(test, case, [n for n in wanted if n in test.judges], settings))
+            out.append(_unseen_columns(test, case, [n for n in wanted if n in test.judges], settings))
         except NumericsError as error:
             failed[test.name] = str(error)
     return tuple(out), failed
 
 
-def both_predicted(before: Sequence[Beyond], after: Sequence[Beyond]) -> tuple[tuple[Beyond, ...], tuple[Beyond, ...]]:
+def both_predicted(
+    before: Sequence[UnseenColumns], after: Sequence[UnseenColumns]
+) -> tuple[tuple[UnseenColumns, ...], tuple[UnseenColumns, ...]]:
     """The held-out tests that both of two optima predict."""
     names = {b.name for b in before} & {b.name for b in after}
     return tuple(b for b in before if b.name in names), tuple(b for b in after if b.name in names)
 
 
-def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settings) -> Beyond:
+def _unseen_columns(test: OtherTest, case: Case, wanted: Sequence[str], settings: Settings) -> UnseenColumns:
     names, weights = test.carried(case.parameters.free)
     there = test.case(case.parameters)
     own_names = (*names, *test.own)
@@ -128,12 +130,12 @@ def _beyond(test: Elsewhere, case: Case, wanted: Sequence[str], settings: Settin
         except NumericsError as error:
             failed[name] = f"held-out {test.name}: {error}"
     residual, fitted = found.residual[used], found.fitted[used]
-    judged = projection(fitted[:, len(names) :]).beyond  # without what the test's own parameters, fitted on its own data, take up
+    judged = projection(fitted[:, len(names) :]).projected  # without what the test's own parameters, fitted on its own data, take up
     rows = there.rows
     own = Rows(rows.channel[used], rows.time[used], rows.xy[used], rows.phase[used])
     floors = {c.channel: float(np.sqrt(np.mean(c.sigma**2))) for c in there.model.comparisons}
     noisy = any(c.noise is not None for c in there.model.comparisons)
-    return Beyond(
+    return UnseenColumns(
         test.name,
         judged(residual),
         judged(fitted[:, : len(names)] @ weights),
@@ -164,7 +166,7 @@ def _block(there: Case, found: Linearised, name: str, chosen: dict[str, float] |
     return columns_of(there, effect(name), chosen)
 
 
-def unseen_residual(seen: LinearModel, beyond: Sequence[Beyond], there: Sequence[np.ndarray]) -> np.ndarray:
+def unseen_residual(seen: LinearModel, beyond: Sequence[UnseenColumns], there: Sequence[np.ndarray]) -> np.ndarray:
     """Residual (m,) of the held-out tests as the rows of the fitted ones predict it; `there` are their columns (m_k, p)."""
     residual = np.concatenate([seen.residual, *(b.residual for b in beyond)])
     held = np.arange(len(residual)) >= len(seen.residual)
@@ -172,7 +174,7 @@ def unseen_residual(seen: LinearModel, beyond: Sequence[Beyond], there: Sequence
     return whole.predicted([(held, held)])[held]
 
 
-def proof_beyond(seen: LinearModel, name: str, block: np.ndarray, beyond: Sequence[Beyond], room: Room) -> Proof | None:
+def proof_unseen(seen: LinearModel, name: str, block: np.ndarray, beyond: Sequence[UnseenColumns], room: Room) -> Proof | None:
     """Proof of a dormant effect of that name, its columns (n, k) in the fitted tests, on held-out ones; None where they cannot judge."""
     if not any(name in b.dormant for b in beyond):
         return None
@@ -181,7 +183,7 @@ def proof_beyond(seen: LinearModel, name: str, block: np.ndarray, beyond: Sequen
     return proof_of_change(before, unseen_residual(seen.with_columns(block, room), beyond, both), beyond)
 
 
-def proof_of_change(before: np.ndarray, after: np.ndarray, beyond: Sequence[Beyond]) -> Proof | None:
+def proof_of_change(before: np.ndarray, after: np.ndarray, beyond: Sequence[UnseenColumns]) -> Proof | None:
     """What held-out tests say of a change; None where they do not decide.
 
     A change may be so small there that noise alone would hide a true one: then r + d, what is left, is noise, and the fall of the square

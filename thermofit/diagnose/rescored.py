@@ -20,12 +20,12 @@ from thermofit.diagnose.case import Case, HeatFit
 from thermofit.diagnose.held_out import SURE, Proof, Rows, compared, restricted
 from thermofit.diagnose.protected import Begin, Protected, begins, pairs, protected
 from thermofit.diagnose.refit import with_effect
-from thermofit.diagnose.score import ALIKE, Columns, Score, likeness_beyond, ranked
+from thermofit.diagnose.score import ALIKE, Columns, Score, projected_likeness, ranked
 from thermofit.diagnose.trace import PLAIN, PROVED_AT_MOST, Traced, room_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.known_motion import felt_by_temperatures
-from thermofit.experiment.priors import beyond_error
+from thermofit.experiment.known_motion import acting_on_temperatures
+from thermofit.experiment.priors import contradicted
 from thermofit.fit.covariance import NoiseOperator
 from thermofit.fit.linear_model import LinearModel, projection
 from thermofit.fit.result import FitResult
@@ -58,7 +58,7 @@ class _End:
     proof: Proof
 
 
-def retraced(here: Traced) -> Traced:
+def rescored(here: Traced) -> Traced:
     """The trace with proofs, estimates and families of refits on the motion that displacements tell; the same where nothing is missing, or
     where one step of an effect that displacements show is enough. Where no broad source is known, also where one step of any is, or where
     no two effects that temperatures show stand above the threshold. NumericsError where the run of the motion fails."""
@@ -66,7 +66,7 @@ def retraced(here: Traced) -> Traced:
     best = max((s for s in here.ranking.scores if not s.vetoed), key=lambda s: s.predicted_drop, default=None)
     if here.case.heated is None or (enough(here) and (best is None or not _judged_here(here, best.effect))):
         return here  # what displacements show comes first: on a motion that is wrong, temperatures say little
-    if here.beyond_floor(float(here.columns.residual @ here.columns.residual)) == 0.0:
+    if here.excess(float(here.columns.residual @ here.columns.residual)) == 0.0:
         return here
     moved = on_its_motion(here)
     fit = here.case.heated(moved.case.parameters)
@@ -189,7 +189,7 @@ def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray
     fit that cannot be run is noted among its failures."""
     now = float(np.sum(here.columns.residual[mine] ** 2))
     there = without_pose(here.case).parameters
-    start = there.replace(**{n: found.parameters[n] for n in felt_by_temperatures(there.free)})
+    start = there.replace(**{n: found.parameters[n] for n in acting_on_temperatures(there.free)})
     try:
         end = _minimised(fit, start, "nothing added on the known motion")
     except NumericsError:
@@ -224,7 +224,7 @@ def _both_refitted(here: Traced, fit: HeatFit, begin: Begin) -> tuple[tuple[Scor
 def with_readings(here: Traced, scores: Sequence[Score], fit: HeatFit, end: _End, found: Protected, freed: bool) -> _End | None:
     """The refit of effects with those declared readings held that its end has driven beyond their errors, from that end; None where it has
     driven none, or they are the effects' own. A reading that has to give way stands in for something that the effects are not."""
-    gone = {p.name: p.value for p in beyond_error(fit.model.priors, end.parameters, found.parameters)}
+    gone = {p.name: p.value for p in contradicted(fit.model.priors, end.parameters, found.parameters)}
     if not gone or set(gone) & {n for s in scores for n in effect(s.effect).names}:
         return None
     start = end.parameters.replace(**gone).with_free(tuple(n for n in end.parameters.free if n not in gone))
@@ -260,7 +260,7 @@ def asked_of(here: Traced) -> tuple[Score, ...]:
 def _judged_here(here: Traced, name: str) -> bool:
     """Whether temperatures show an effect, and no declared held-out test judges it."""
     names = effect(name).names
-    return len(felt_by_temperatures(names)) == len(names) and not (name in here.proofs and here.proofs[name].on)
+    return len(acting_on_temperatures(names)) == len(names) and not (name in here.proofs and here.proofs[name].on)
 
 
 def hidden(name: str) -> Score:
@@ -271,7 +271,7 @@ def hidden(name: str) -> Score:
 
 def enough(here: Traced) -> bool:
     """Whether the best linear step takes away half of what the residual holds beyond its floor, or that is not more than chance."""
-    beyond = here.beyond_floor(float(here.columns.residual @ here.columns.residual))
+    beyond = here.excess(float(here.columns.residual @ here.columns.residual))
     best = max((s.predicted_drop for s in here.ranking.scores if not s.vetoed), default=0.0)
     return beyond == 0.0 or best > HALF * beyond
 
@@ -283,7 +283,7 @@ def shown_rows(here: Traced) -> np.ndarray:
 
 
 def shown_alone(here: Traced, fit: HeatFit) -> dict[str, _End]:
-    """Effects that temperatures show, each refitted on the known motion, as `retraced` has done it where it was asked."""
+    """Effects that temperatures show, each refitted on the known motion, as `rescored` has done it where it was asked."""
     if here.shown:
         return dict(here.shown)
     return {s.effect: end for s in asked_of(here) if (end := refitted(here, (s,), fit, here.settings.get(s.effect, {}))) is not None}
@@ -322,7 +322,7 @@ def refitted(
     except NumericsError:
         return None
     before = here.problem.model.predicted(here.split.folds)
-    thermal = felt_by_temperatures(parameters.free)
+    thermal = acting_on_temperatures(parameters.free)
     mine = shown_rows(here)
     noise = _of_rows(here.problem.model.noise, mine)
     warm = LinearModel(*fit.model.linearised(parameters, thermal), noise, room_of(parameters, thermal, here.case.reach))
@@ -363,7 +363,7 @@ def _variance_along(change: np.ndarray, noise: NoiseOperator | None) -> float:
 def _scored_there(here: Traced, score: Score, parameters: Parameters, there: LinearModel, mine: np.ndarray) -> Score:
     """The score of an effect by the parameters of its refit, linearised there in the rows that are `mine`, a mask."""
     names = tuple(p.name for p in effect(score.effect).amplitudes)
-    thermal = felt_by_temperatures(parameters.free)
+    thermal = acting_on_temperatures(parameters.free)
     block = there.columns[:, [thermal.index(n) for n in names]]
     without = there.residual - block @ np.array([parameters[p.name] - p.neutral for p in effect(score.effect).amplitudes])
     groups = None if here.problem.groups is None else here.problem.groups[mine]
@@ -376,20 +376,20 @@ def _alike(here: Traced, ends: Mapping[str, _End], fit: HeatFit) -> dict[tuple[s
     """|cos| of every two of these effects at the best of the ends, one where what they predict of held-out data cannot be told apart."""
     best = max(ends.values(), key=lambda end: end.proof.gain)
     own = {name: tuple(p.name for p in effect(name).amplitudes) for name in ends}
-    others = tuple(n for n in felt_by_temperatures(best.parameters.free) if n not in own[best.score.effect])
+    others = tuple(n for n in acting_on_temperatures(best.parameters.free) if n not in own[best.score.effect])
     scanned = {n: v for name, end in ends.items() if name != best.score.effect for n, v in here.settings.get(name, {}).items()}
     names = (*others, *(n for group in own.values() for n in group))
     _, columns = fit.model.linearised(best.parameters.replace(**scanned), names)
     at = {n: k for k, n in enumerate(names)}
     blocks = {name: columns[:, [at[n] for n in group]] for name, group in own.items()}
-    alike = likeness_beyond(columns[:, : len(others)], blocks)
+    alike = projected_likeness(columns[:, : len(others)], blocks)
     for one, other in ((a, b) for a in ends for b in ends if a != b):
-        if not _told_apart(here, ends[one], ends[other]):
+        if not _discriminated(here, ends[one], ends[other]):
             alike[one, other] = 1.0
     return alike
 
 
-def _told_apart(here: Traced, one: _End, other: _End) -> bool:
+def _discriminated(here: Traced, one: _End, other: _End) -> bool:
     """Whether one of two ends predicts held-out data better than the other by more than its uncertainty."""
     worse, better = sorted((one, other), key=lambda end: end.proof.gain)
     found = compared(worse.held_out, better.held_out, here.rows, len(here.split.held_out), here.problem.model.noise, better.left)
@@ -417,7 +417,7 @@ def missed(there: Traced, name: str, fit: FitResult) -> float:
     """
     names, amplitudes = effect(name).names, tuple(p.name for p in effect(name).amplitudes)
     parameters = there.case.parameters
-    warm = there.case.heated(parameters) if there.case.heated is not None and len(felt_by_temperatures(names)) == len(names) else None
+    warm = there.case.heated(parameters) if there.case.heated is not None and len(acting_on_temperatures(names)) == len(names) else None
     if warm is None or fit.jacobian is None or fit.sigma is None:
         return 0.0
     off = parameters.replace(**{p.name: p.neutral for p in effect(name).amplitudes})

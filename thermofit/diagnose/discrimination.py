@@ -46,7 +46,7 @@ class Discrimination:
         return self.detectable.get(name, np.inf) / float(np.sqrt(left)) if left > 0.0 else np.inf
 
 
-def told_of(programme: CandidateProgramme, own: Mapping[str, np.ndarray], members: Sequence[str]) -> Discrimination | None:
+def discrimination_of(programme: CandidateProgramme, own: Mapping[str, np.ndarray], members: Sequence[str]) -> Discrimination | None:
     """Told by columns (n, k) of effects beyond what the parameters can do; None where the programme shows none of the members."""
     there = {n: own[n] for n in members if n in own}
     if not there:

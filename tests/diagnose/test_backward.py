@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from refits import refitting
 from seen_field import N_T, TIME, Y, case_of
 
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.backward import Means, Refit, compensated, still_needed
-from thermofit.diagnose.case import Case
+from thermofit.diagnose.backward import Means, compensated, still_needed
+from thermofit.diagnose.case import Case, Refit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.result import FitResult
@@ -42,7 +43,7 @@ def at_the_end(monkeypatch: pytest.MonkeyPatch, shape: np.ndarray, **planted: fl
     begin = case.parameters.replace(**{"lamp.start": HELD}).with_free(("kappa", "c0", DRIFT, LAMP))
     plain, labels = refitting(case.model), []
 
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def refit(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         labels.append(label)
         return plain(start, label)
 

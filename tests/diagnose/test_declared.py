@@ -106,7 +106,7 @@ def test_a_reading_whose_second_refit_fails_refuses_with_both_reasons() -> None:
     model = replace(case.model, priors=(Prior("kappa", 120.0, 0.003),))
     plain = refitting(model)
 
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def refit(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         if label.endswith("readings"):
             raise NumericsError("it broke")
         return plain(start, label)

@@ -189,7 +189,7 @@ def test_exponents_that_were_held_are_asked_again_beside_the_error_of_the_force(
             return None
         nearby = sharp.nearby
 
-        def near(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+        def near(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
             begun.append(start.free)
             return nearby(start.with_free(n for n in start.free if n != EXPONENT), label)
 
@@ -301,7 +301,7 @@ def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_
     case, fit = fitted(case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0}))
     refit = refitting(case.model)
 
-    def failing(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def failing(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         if fails and label.startswith("without"):
             raise NumericsError("no start can be run")
         return refit(start, label)

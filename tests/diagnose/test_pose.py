@@ -41,7 +41,7 @@ def bounded(true: float, within: float, fails: str = "") -> tuple[Case, FitResul
     case = case_of(5, **{RATE: true})
     plain = refitting(case.model)
 
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def refit(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         if fails and fails in label:
             raise NumericsError("no run")
         end, fit = plain(start, label)

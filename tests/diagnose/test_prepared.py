@@ -34,7 +34,7 @@ class Refit:
     both_starts: bool = False
     heated: Any = None
 
-    def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def __call__(self, start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         return self.end
 
 

@@ -98,15 +98,18 @@ def test_an_exponent_that_the_data_hardly_determine_is_held(name: str, value: fl
     assert refit.undetermined_exponents(parameters, fit) == ((name,) if vague else ())
 
 
-@pytest.mark.parametrize("label", ["error of the force", f"rate_logarithmic reference{EXPONENTS}"])
+@pytest.mark.parametrize("exponents", [False, True])
 @pytest.mark.parametrize(("cheap", "settles"), [(False, False), (False, True), (True, False)])
-def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exponents_that_do_not_settle_are_held(exponents: bool, cheap: bool, settles: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a run costs something: at the values that they have come to, with all others fitted once more."""
     fits: list[tuple[tuple[str, ...], str]] = []
     worths: list[float] = []
+    most_of: list[int] = []
+    label = f"error of the force{EXPONENTS}"
 
     def minimised(self: JointFit, start: Parameters, model: Any, name: str, most: int, worth: float = 0.0) -> tuple[Parameters, Any]:
         fits.append((start.free, name))
+        most_of.append(most)
         worths.append(worth)
         end = start.replace(**{NAME: 2e-5}) if NAME in start.free else start
         return end, SimpleNamespace(converged=settles or NAME not in start.free, sigma=None)
@@ -116,7 +119,9 @@ def test_exponents_that_do_not_settle_are_held(label: str, cheap: bool, settles:
     model: Any = SimpleNamespace(cheap=cheap)
     fitting = JointFit(*[SimpleNamespace()] * 2, model, SimpleNamespace())  # type: ignore[arg-type]
     start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4}, ("E", "rate_logarithmic.C", NAME))
-    found, fit = fitting(start, label)
+    found, fit = fitting(start, label, exponents=exponents)
+    of_each = refit.EXPONENT_EVALUATIONS if exponents else fitting.at_most
+    assert set(most_of) == {of_each * (refit.OFTEN if cheap else 1)}, "whatever the label says"
     assert found[NAME] == 2e-5
     assert worths == [0.0 if cheap else WORTH, 0.0][: len(worths)], "a crawl along the valley of an exponent ends, others do not"
     if cheap or settles:
@@ -182,7 +187,7 @@ def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None
     study: Any = SimpleNamespace(bounds=lambda name: (1e-9, 1e9), hardening_law=2)
     fitting = JointFit(study, SimpleNamespace(), model, SimpleNamespace(), parts=parts)  # type: ignore[arg-type]
     start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4, "theta_ref": 297.0}, ("E", "rate_logarithmic.C", NAME))
-    found, _ = fitting(start, f"rate{EXPONENTS}")
+    found, _ = fitting(start, f"rate{EXPONENTS}", exponents=True)
     assert [value for _, free, value in fits if NAME not in free] == pytest.approx([1e-4, 1e-5]), "towards its step, and no further"
     assert found[NAME] == best
     fits.clear()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.backward import Refit
-from thermofit.diagnose.case import Case, HeatFit
+from thermofit.diagnose.case import Case, HeatFit, Refit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.rescored import missed, rescored
@@ -73,7 +73,7 @@ def case_of(seed: int, **planted: float) -> Case:
 def refit_of(model: StageModel) -> Refit:
     """Least squares in a trust region, as bilinear problems need it."""
 
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def refit(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         names, at = start.free, start.with_vector
         limits = [np.array([getattr(param(n), word) for n in names]) for word in ("lower", "upper", "scale")]
         problem = Problem(lambda x: model.residual(at(x)), start.vector(), *limits, names, lambda x: model.linearised(at(x), names))
@@ -158,7 +158,7 @@ def test_the_loop_adds_what_the_refits_name() -> None:
 
 def usual_first(model: StageModel) -> Refit:
     """A refit from usual values too, as the joint fit of a body goes."""
-    return lambda start, label: refit_of(model)(warmed(model).minimised(start, label), label)
+    return lambda start, label, **_: refit_of(model)(warmed(model).minimised(start, label), label)
 
 
 def test_a_product_that_is_known_stands_off_neutral() -> None:
@@ -186,7 +186,7 @@ def test_on_coupons_exponents_that_do_not_settle_are_held(settles: bool) -> None
     case, refit = replace(start, known=KNOWN[1:2], cheap=True), refit_of(start.model)
     _, fit = refit(case.parameters, "joint")
 
-    def wandering(begin: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def wandering(begin: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         parameters, found = refit(begin.with_free(tuple(n for n in begin.free if n != "clamp_drift.time")), label)
         if not label.endswith(EXPONENTS):
             return parameters, found

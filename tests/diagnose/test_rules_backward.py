@@ -67,7 +67,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, left: float, convinces: bool = False,
     still needed where the proof of it `convinces`."""
     begun: list[Parameters] = []
 
-    def refit(start: Parameters, label: str) -> Any:
+    def refit(start: Parameters, label: str, **_: Any) -> Any:
         begun.append(start)
         return start, "fit"
 

@@ -177,7 +177,7 @@ def test_a_refit_that_cannot_be_run_begins_nearer_to_neutral(largest: float) -> 
     """The starts are those parts of the estimate, in turn, up to the first that can be run."""
     begun = []
 
-    def refit(start: Parameters, label: str) -> Any:
+    def refit(start: Parameters, label: str, **_: Any) -> Any:
         begun.append(start[RATE] / 0.02)
         if start[RATE] > 0.02 * largest + 1e-9:
             raise NumericsError("no equilibrium")
@@ -192,7 +192,7 @@ def test_a_refit_that_cannot_be_run_begins_nearer_to_neutral(largest: float) -> 
 def test_where_no_start_can_be_run_the_first_reason_is_said() -> None:
     begun = []
 
-    def refit(start: Parameters, label: str) -> Any:
+    def refit(start: Parameters, label: str, **_: Any) -> Any:
         begun.append(label)
         raise NumericsError(f"broken {len(begun)}")
 
@@ -208,7 +208,7 @@ def test_a_trial_whose_judgement_fails_is_unjudged_and_touches_no_other(monkeypa
     """The refit runs, what follows does not."""
     monkeypatch.setattr(module, "scans", lambda *_: [{}])
     monkeypatch.setattr(module, "ended_at", failing)
-    means: Any = SimpleNamespace(refit=lambda start, _: (start, None))
+    means: Any = SimpleNamespace(refit=lambda start, _, **__: (start, None))
     fit: Any = None
     for trial, found in (
         tried(here_of(), fit, of("ir_drift"), means),
@@ -229,7 +229,7 @@ def test_a_trial_that_no_start_runs_is_unjudged(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(("fall", "worth"), [(9.9, False), (10.1, True)])
 def test_exponents_are_fitted_where_the_objective_falls_by_ten(fall: float, worth: bool) -> None:
     start: Any = (WITH_EXPONENTS, SimpleNamespace(f=100.0))
-    found, said = freed_refit(start, ("lamp.start",), "lamp", lambda p, _: (p, SimpleNamespace(f=100.0 - fall, converged=True)))  # type: ignore[return-value,arg-type]
+    found, said = freed_refit(start, ("lamp.start",), "lamp", lambda p, _, **__: (p, SimpleNamespace(f=100.0 - fall, converged=True)))  # type: ignore[return-value,arg-type]
     assert (found is not None) is worth and (said == "fitted") is worth
     if found is not None:
         assert "lamp.start" in found[0].free
@@ -251,7 +251,7 @@ def ended(
     it settles; `settles`: whether a refit with exponents held where they came to does, None: it cannot be run; `before`: parameters of the
     round; `asked`: whether held-out data ask for exponents of earlier effects."""
 
-    def refit(start: Parameters, label: str) -> Any:
+    def refit(start: Parameters, label: str, **_: Any) -> Any:
         assert label == f"{' '.join(PAIR)} held there" and not set(BOTH) & set(start.free)
         if settles is None:
             raise NumericsError("no equilibrium")
@@ -420,7 +420,7 @@ def test_a_refit_of_a_body_begins_with_the_exponents_that_displacements_show(che
     """With them held first the same costs twice. A time of the heat balance waits for a gain; of coupons all ends are compared."""
     begun: list[tuple[bool, bool, str]] = []
 
-    def refit(start: Parameters, label: str) -> Any:
+    def refit(start: Parameters, label: str, **_: Any) -> Any:
         begun.append((BOTH[0] in start.free, BOTH[1] in start.free, label))
         if len(begun) == 1:
             raise NumericsError("no equilibrium")
@@ -480,7 +480,7 @@ def test_an_effect_has_to_keep_half_of_its_gain_with_readings_held(
     monkeypatch.setattr(module, "worth_of", lambda *_: SimpleNamespace(proof=replace(GOOD, gain=without), refused=why))
     begun = []
 
-    def refit(start: Parameters, label: str) -> Any:
+    def refit(start: Parameters, label: str, **_: Any) -> Any:
         begun.append(start)
         return start, None
 

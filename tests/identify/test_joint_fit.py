@@ -92,7 +92,7 @@ def test_an_exponent_is_looked_for_before_all_are_fitted(tmp_path: Path) -> None
     free = (*BASIC, *RATE)
     begin = start(free, **{"rate_logarithmic.C": 0.01, "rate_logarithmic.reference": 1e-5})
     joint = fit_of(tmp_path, free)
-    found, fit = joint(begin, f"rate_logarithmic reference{EXPONENTS}")
+    found, fit = joint(begin, f"rate_logarithmic reference{EXPONENTS}", exponents=True)
     folders = [p.name for p in tmp_path.glob(".close-loop*")]
     assert any("rate_logarithmic_reference_1_0" in name for name in folders), folders
     truth = joint.model.residual(Parameters.of({**TRUTH, **RATE}))
@@ -107,7 +107,7 @@ def test_an_exponent_that_does_not_settle_is_held(tmp_path: Path, monkeypatch: p
     free = (*BASIC, *RATE)
     joint = fit_of(tmp_path, free)
     begin = start(free, **{"rate_logarithmic.C": 0.01, "rate_logarithmic.reference": 1e-5})
-    found, fit = joint(begin, f"rate_logarithmic reference{EXPONENTS}")
+    found, fit = joint(begin, f"rate_logarithmic reference{EXPONENTS}", exponents=True)
     assert fit.names == found.free == (*BASIC, "rate_logarithmic.C")
     assert fit.sigma is not None and len(fit.sigma) == 4 and np.all(np.isfinite(fit.sigma))
     assert fit.f <= float(np.sum(joint.model.residual(begin) ** 2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from thermofit.fit.settings import Settings
 def refitting(model: StageModel) -> Callable[[Parameters, str], tuple[Parameters, FitResult]]:
     """Least squares of the model."""
 
-    def refit(start: Parameters, label: str) -> tuple[Parameters, FitResult]:
+    def refit(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         names = start.free
         limits = [np.array([getattr(param(n), word) for n in names]) for word in ("lower", "upper", "scale")]
         problem = Problem(

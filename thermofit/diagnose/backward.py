@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.proof_other_tests import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
@@ -16,7 +17,6 @@ from thermofit.effects.catalogue import effect
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
-Refit = Callable[[Parameters, str], tuple[Parameters, FitResult]]
 """Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
 STANDS_IN = 0.2
 """Part of an effect's square that held exponents of the others could take, from which a refit asks whether they do."""
@@ -90,7 +90,7 @@ def compensated(here: Traced, name: str, others: Sequence[str], means: Means) ->
     if left @ left > (1.0 - STANDS_IN) * (most @ most):
         return None
     start = _neutral(here, name)
-    end = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}")
+    end = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}", exponents=True)
     there = means.at_end(here, end)
     ends, folds = (held_out_of(there), held_out_of(here)), len(here.split.held_out)
     found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)

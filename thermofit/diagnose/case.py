@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -46,6 +47,12 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 Moved = Callable[[Parameters], Parameters]
 
 
+class Refit(Protocol):
+    """The optimum from `start` with all of `start.free` free; `exponents`: some of these have just been freed, see `JointFit`."""
+
+    def __call__(self, start: Parameters, label: str, *, exponents: bool = False) -> tuple[Parameters, FitResult]: ...
+
+
 @dataclass(frozen=True)
 class HeatFit:
     """The model of the temperatures alone on a motion that is known, and its optimum from given parameters, by all that temperatures feel;
@@ -67,8 +74,8 @@ class RefinedProblem:
 
     model: StageModel
     scored: Scored | None
-    refit: Callable[[Parameters, str], tuple[Parameters, FitResult]]
-    nearby: Callable[[Parameters, str], tuple[Parameters, FitResult]]
+    refit: Refit
+    nearby: Refit
     numerical: np.ndarray
     heated: Callable[[Parameters], HeatFit | None] | None = None
     moved: Moved | None = None

@@ -10,8 +10,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.backward import Means, Refit, compensated, held_out_of, still_needed, without
-from thermofit.diagnose.case import Case
+from thermofit.diagnose.backward import Means, compensated, held_out_of, still_needed, without
+from thermofit.diagnose.case import Case, Refit
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.pose import released

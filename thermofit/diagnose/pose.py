@@ -15,8 +15,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.backward import Means, Refit
-from thermofit.diagnose.case import Case, HeatFit, RefinedProblem, Scored
+from thermofit.diagnose.backward import Means
+from thermofit.diagnose.case import Case, HeatFit, RefinedProblem, Refit, Scored
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced

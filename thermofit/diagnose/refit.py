@@ -34,7 +34,7 @@ from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
 EXPONENTS = " exponents"
-"""Ending of the label of a refit with exponents free."""
+"""Ending of the label of a refit with exponents free, for whoever reads it."""
 EXPONENT_EVALUATIONS = 12
 REFIT_EVALUATIONS = 16
 """Evaluations after which a fit that still moves is judged where it stands: in a valley the last per mille take the longest."""
@@ -199,9 +199,10 @@ class JointFit:
     told: set[tuple[str, float]] = field(default_factory=set)
     """Exponents and the values at which a fit with them free has ended: from there they are not looked for again."""
 
-    def __call__(self, start: Parameters, label: str) -> tuple[Parameters, FitResult]:
-        """The optimum from `start` with all of `start.free` free. NumericsError where the model fails at the start."""
-        most = EXPONENT_EVALUATIONS if label.endswith(EXPONENTS) else self.at_most
+    def __call__(self, start: Parameters, label: str, *, exponents: bool = False) -> tuple[Parameters, FitResult]:
+        """The optimum from `start` with all of `start.free` free; where `exponents` have just been freed, after few evaluations.
+        NumericsError where the model fails at the start."""
+        most = EXPONENT_EVALUATIONS if exponents else self.at_most
         most *= OFTEN if self.model.cheap else 1
         start = self.approached(start, label)
         # Along the valley of an exponent that is hardly determined a coupled fit may crawl for as long as it is let; it is then held.

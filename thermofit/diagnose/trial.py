@@ -10,8 +10,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Param, Parameters, param
-from thermofit.diagnose.backward import Means, Refit, held_out_of, still_needed
-from thermofit.diagnose.case import scans
+from thermofit.diagnose.backward import Means, held_out_of, still_needed
+from thermofit.diagnose.case import Refit, scans
 from thermofit.diagnose.held_out import SURE, Proof, compared
 from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS, with_effect
@@ -183,7 +183,7 @@ def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], r
             start = with_effect(start, score.effect, {**estimate, **{n: v for n, v in chosen.items() if n in names}})
         label = " ".join(s.effect for s in scores) + ("" if part == 1.0 else f" from {part:g}")
         try:
-            return refit(start.with_free((*start.free, *early)), label + (EXPONENTS if early else ""))
+            return refit(start.with_free((*start.free, *early)), label + (EXPONENTS if early else ""), exponents=bool(early))
         except NumericsError as error:
             why = why or str(error)
     return f"{why} (nor can it be run from {NEARER[-1]:g} of the estimate)"
@@ -311,7 +311,9 @@ def freed_refit(start: End, scanned: tuple[str, ...], label: str, refit: Refit) 
         return None, ""
     try:
         found = refit(
-            parameters.with_free((*parameters.free, *scanned)), f"{label} {' '.join(n.rpartition('.')[2] for n in scanned)}{EXPONENTS}"
+            parameters.with_free((*parameters.free, *scanned)),
+            f"{label} {' '.join(n.rpartition('.')[2] for n in scanned)}{EXPONENTS}",
+            exponents=True,
         )
     except NumericsError as error:
         return None, f"{_held(parameters, scanned)}: the refit with them free failed ({error})"

@@ -10,7 +10,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
-from thermofit.diagnose.backward import Refit, held_out_of, without_effects
+from thermofit.diagnose.backward import held_out_of, without_effects
+from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end

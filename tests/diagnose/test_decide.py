@@ -25,7 +25,7 @@ from thermofit.diagnose.decide import (
     in_words,
     sensitive_at_point,
 )
-from thermofit.diagnose.discrimination import Discrimination
+from thermofit.diagnose.decide_specimen import Discrimination
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced

@@ -23,6 +23,8 @@ from thermofit.diagnose.decide_specimen import (
     REST,
     STEPS,
     STOP,
+    Discrimination,
+    Family,
     ForceCourse,
     columns,
     course_of,
@@ -30,7 +32,6 @@ from thermofit.diagnose.decide_specimen import (
     planned,
     spread,
 )
-from thermofit.diagnose.discrimination import Discrimination, Family
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced
 from thermofit.experiment.fields import LoadSteps, Measured

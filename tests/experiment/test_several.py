@@ -12,8 +12,7 @@ from virtual_pulls import FORCE, SIZE, TRUTH, pulled, study
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case, scans
-from thermofit.diagnose.rows import joined_rows
+from thermofit.diagnose.case import Case, joined_rows, scans
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.joint import THERMOCOUPLE

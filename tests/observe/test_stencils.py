@@ -11,7 +11,7 @@ from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import inside, masked
 from thermofit.observe.stencils import differences, neighbours
 from thermofit.observe.strain import StrainScheme, strains
-from thermofit.study.windows import Region
+from thermofit.study.stages import Region
 
 X, Y = np.meshgrid(np.linspace(-10.0, 10.0, 7), np.linspace(-20.0, 20.0, 11))
 GRID = np.stack([X.ravel(), Y.ravel()], axis=1)

@@ -21,8 +21,8 @@ from typer.testing import CliRunner
 
 from thermofit.cli.app import app
 from thermofit.core.errors import NumericsError
-from thermofit.identify.iteration import Follower
 from thermofit.identify.reciprocal import reciprocal_of
+from thermofit.identify.solve import Follower
 from thermofit.records.log import alive, events_of, has_ended, line_of, log_path
 from thermofit.records.progress import progress, set_verbosity
 from thermofit.records.staging import Made, job, produce

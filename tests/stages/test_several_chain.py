@@ -12,8 +12,8 @@ import tiny
 from typer.testing import CliRunner
 
 from thermofit.cli.app import app
+from thermofit.diagnose.case import rows_of_tests
 from thermofit.diagnose.held_out import Proof, compared
-from thermofit.diagnose.rows import rows_of_tests
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.verification import fitted_parameters, identified_stages

@@ -396,3 +396,41 @@ def at_its_end(case: Case, fit: FitResult | None) -> tuple[np.ndarray, np.ndarra
 def _felt(effect: Effect) -> tuple[str, ...]:
     """Names of the Params of an effect that can be felt while it is off."""
     return tuple(p.name for p in effect.amplitudes)
+
+
+def rows_of_tests(models: Mapping[str, StageModel], spans: Sequence[Span]) -> Rows:
+    """Rows of a joint problem from the models of the tests in it by name; that of a test which is alone has none."""
+    return rows_of(models[""], spans) if set(models) == {""} else joined_rows(models, spans)
+
+
+def joined_rows(models: Mapping[str, StageModel], spans: Sequence[Span]) -> Rows:
+    """Rows of a joined model from the models of its experiments: all data, then all priors; times follow one another."""
+    data, channel, phase = [], 0, 0
+    priors = 0
+    for name, model in models.items():
+        own = [s for s in spans if s.experiment == name]
+        here = rows_of(model, own)
+        used = here.channel >= 0
+        data.append(Rows(here.channel[used] + channel, here.time[used], here.xy[used], here.phase[used] + phase))
+        channel, phase, priors = channel + len(model.comparisons), phase + len(own), priors + int((~used).sum())
+    rows = stacked(data)
+    return Rows(
+        np.append(rows.channel, np.full(priors, -1)),
+        np.append(rows.time, np.full(priors, rows.time.min())),
+        np.concatenate([rows.xy, np.zeros((priors, 2))]),
+        np.append(rows.phase, np.full(priors, -1)),
+    )
+
+
+def stacked(rows: Sequence[Rows]) -> Rows:
+    """Rows of several experiments, one after the other in time, so that their groups stay apart."""
+    time, at = [], 0.0
+    for one in rows:
+        time.append(one.time - one.time.min() + at)
+        at = float(time[-1].max()) + 1.0
+    return Rows(
+        np.concatenate([one.channel for one in rows]),
+        np.concatenate(time),
+        np.concatenate([one.xy for one in rows]),
+        np.concatenate([one.phase for one in rows]),
+    )

@@ -17,10 +17,9 @@ from scipy.spatial.distance import pdist, squareform
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.case import Case
+from thermofit.diagnose.case import Case, rows_of_tests, stacked
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.rows import rows_of_tests, stacked
 from thermofit.diagnose.trace import room_of, split_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of

@@ -18,7 +18,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, Parameters, acting, bare_name, param
 from thermofit.diagnose import decide_specimen
 from thermofit.diagnose.case import TINY
-from thermofit.diagnose.discrimination import CandidateProgramme, Discrimination, Family, discrimination_of
+from thermofit.diagnose.decide_specimen import CandidateProgramme, Discrimination, Family, discrimination_of
 from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.score import ALIKE
 from thermofit.diagnose.trace import Traced

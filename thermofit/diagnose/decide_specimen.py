@@ -1,4 +1,4 @@
-"""Which programme of the specimen itself would part effects that its test cannot tell apart: changes of the test that was made.
+"""What a test programme tells of a family, and which change of the test that was made would part what it cannot tell apart.
 
 Of the record of the force a few steps are kept, of the cameras a few points, whose noise is less by the root of how many they stand for. A
 coarse mesh is run through every programme with the fitted parameters, lamp, air and jaws as they were, and the columns of all members are
@@ -7,15 +7,16 @@ taken from that one differentiated run. The force is taken as exact.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
 from thermofit.core.errors import DataError, NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import TINY, feels_rate
-from thermofit.diagnose.discrimination import Family
+from thermofit.diagnose.score import CONVINCING, likeness
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.joint import Joint, JointParts, joint_settings
@@ -23,6 +24,53 @@ from thermofit.experiment.known_motion import acts_in_heat
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
+
+
+class CandidateProgramme(Protocol):
+    """A test programme of a coupon or of a specimen."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def words(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Family:
+    """Effects that a test leaves undecided: the one that the loop has added (empty: none of them is in the model) and the values of
+    exponents at which the others were scored."""
+
+    members: tuple[str, ...]
+    added: str = ""
+    settings: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """What one programme tells of a family: largest |cos| between the members that are asked for (1 where it does not show one of them),
+    smallest amplitudes."""
+
+    programme: CandidateProgramme
+    cosine: float
+    detectable: dict[str, float]
+
+    def apart(self, name: str) -> float:
+        """Amplitude from which a member is told from the others, which take |cos| of its column: detectable / sqrt(1 - cos^2)."""
+        left = 1.0 - self.cosine**2
+        return self.detectable.get(name, np.inf) / float(np.sqrt(left)) if left > 0.0 else np.inf
+
+
+def discrimination_of(programme: CandidateProgramme, own: Mapping[str, np.ndarray], members: Sequence[str]) -> Discrimination | None:
+    """Told by columns (n, k) of effects beyond what the parameters can do; None where the programme shows none of the members."""
+    there = {n: own[n] for n in members if n in own}
+    if not there:
+        return None
+    alike = likeness(there)
+    largest = max((cos for (a, b), cos in alike.items() if a != b), default=0.0)
+    shown = {n: float(CONVINCING / np.linalg.norm(s[:, 0])) for n, s in there.items()}
+    return Discrimination(programme, 1.0 if len(there) < len(members) else largest, shown)
+
 
 STRIP = MeshSize(n_x=2, n_y=14, n_z=1)
 """Mesh of the programmes, where that of the study is not coarser."""

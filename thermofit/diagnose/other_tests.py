@@ -19,9 +19,8 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, Linearised, OtherTest, columns_of, linearised, scans
+from thermofit.diagnose.case import Case, Linearised, OtherTest, columns_of, linearised, rows_of_tests, scans, stacked
 from thermofit.diagnose.held_out import PRACTICAL, SURE, Proof, Rows, compared
-from thermofit.diagnose.rows import rows_of_tests, stacked
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.protocol import UnseenTest

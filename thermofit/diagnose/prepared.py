@@ -10,11 +10,10 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
-from thermofit.diagnose.case import Case, RefinedProblem, not_identifiable
+from thermofit.diagnose.case import Case, RefinedProblem, not_identifiable, rows_of_tests
 from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.other_tests import other_test_of
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.rows import rows_of_tests
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.effects.catalogue import BASE, effect_of_param, effects, is_of_effect
 from thermofit.experiment.drive import FORCE, carried

@@ -21,9 +21,17 @@ from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
-from thermofit.identify.iteration import Follower
 from thermofit.identify.reciprocal import reciprocal_of
-from thermofit.identify.solve import F_TOLERANCE, checkpoint_folder, covariance_of, evaluation_key, method_of, remembering, stage_problem
+from thermofit.identify.solve import (
+    F_TOLERANCE,
+    Follower,
+    checkpoint_folder,
+    covariance_of,
+    evaluation_key,
+    method_of,
+    remembering,
+    stage_problem,
+)
 from thermofit.law.composition import FACTORS, SUMS
 from thermofit.law.page import law_of
 from thermofit.records.checkpoint import Checkpoint

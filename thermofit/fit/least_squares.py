@@ -2,12 +2,13 @@
 
 scipy's trf (M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 21, 1999) is a Levenberg-Marquardt method whose damping follows
 from a trust region and whose scaling keeps the iterates inside the bounds. Where the problem has exact derivatives, every trial is one
-linearised run: an accepted trial, the usual case, then has its Jacobian already, and no point is run twice.
+linearised run: an accepted trial, the usual case, then has its Jacobian already, and no point is run twice. The pace
+of a search says whether the evaluations that are left are worth their time.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.optimize
@@ -16,9 +17,44 @@ from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
 from thermofit.fit.gauss_newton import AT_EDGE, AT_NOISE, UNRESOLVED, full_step, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
 from thermofit.fit.linear_model import Step
-from thermofit.fit.pace import Crawls, Pace
 from thermofit.fit.problem import from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings, relative_drop
+
+PACE = 5
+"""Steps whose mean fall of f is the pace of a search: in a bent valley single ones go far and near by turns."""
+
+
+class Crawls(Exception):
+    """The evaluations that are left are not worth their time; ends a search from inside, never reaches the user."""
+
+
+@dataclass
+class Pace:
+    """f after the steps of a search so far, against `worth` and `to_beat` of its settings."""
+
+    evaluations: Evaluations
+    settings: Settings
+    falls: list[float] = field(default_factory=list)
+
+    def after(self, f: float) -> None:
+        """One more step, after which the best point has that f. Crawls where the evaluations left would not lower it by what is worth
+        them."""
+        self.falls.append(f)
+        settings = self.settings
+        if settings.worth <= 0.0 or len(self.falls) <= PACE:
+            return
+        pace, left = (self.falls[-1 - PACE] - f) / PACE, settings.max_evaluations - len(self.evaluations.log)
+        there = f - pace * left
+        if pace * left < settings.worth * f:
+            raise Crawls(
+                f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f by "
+                f"{pace * left / f:.1e} of itself, less than {settings.worth:g}"
+            )
+        if there > (1.0 - settings.worth) * settings.to_beat:
+            raise Crawls(
+                f"not converged: at the pace of the last {PACE} steps the {left} evaluations left would lower f to {there:.6g}, not below "
+                f"{settings.to_beat:.6g} of another start by more than {settings.worth:g} of it"
+            )
 
 
 @dataclass(frozen=True)

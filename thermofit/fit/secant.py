@@ -22,9 +22,8 @@ import numpy as np
 from thermofit.fit.evaluate import EvaluationLimit, Evaluations, Purpose
 from thermofit.fit.gauss_newton import AT_EDGE, AT_NOISE, pinned, reached, unresolved
 from thermofit.fit.jacobian import jacobian_at
-from thermofit.fit.least_squares import Ending
+from thermofit.fit.least_squares import Crawls, Ending, Pace
 from thermofit.fit.linear_model import LinearModel, Step
-from thermofit.fit.pace import Crawls, Pace
 from thermofit.fit.problem import Problem, from_scaled, scaled_bounds, to_scaled
 from thermofit.fit.settings import Settings
 

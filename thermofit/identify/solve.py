@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +25,47 @@ from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
-from thermofit.identify.iteration import Follower
 from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
 from thermofit.records.checkpoint import Checkpoint
-from thermofit.records.progress import progress
+from thermofit.records.progress import Advance, progress
 from thermofit.records.staging import Job
 from thermofit.study.section import PRESETS, MeshSize, ParameterStart
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
+
+_MOVED = 1e-3
+"""Relative change from which a parameter is worth a word; those of finite differences are smaller."""
+_SHOWN = 4
+
+
+class Follower:
+    """Tells `advance` of every evaluation of a fit of parameters `names`; the optimiser's variables become parameters by `change`."""
+
+    def __init__(self, advance: Advance, names: Sequence[str], change: Reciprocal) -> None:
+        self.advance, self.names, self.change = advance, tuple(names), change
+        self.before: np.ndarray | None = None
+
+    def __call__(self, evaluation: Any, residual: np.ndarray | None) -> None:
+        """One evaluation, with its residual (n,) in units of the noise; None where it failed."""
+        values = np.asarray(self.change.parameters(np.asarray(evaluation.x, dtype=float)), dtype=float)
+        parameters = {name: float(value) for name, value in zip(self.names, values, strict=True)}
+        if residual is None:
+            self.advance(1, "failed", {"parameters": parameters, "failed": True})
+            return
+        over_noise = float(np.sqrt(evaluation.f / max(len(residual), 1)))
+        note = f"{over_noise:.4g} times the noise"
+        if moved := self._moved(values):
+            note += "; " + ", ".join(f"{name} {parameters[name]:.5g}" for name in moved)
+        self.before = values
+        self.advance(1, note, {"objective_over_noise": over_noise, "parameters": parameters})
+
+    def _moved(self, values: np.ndarray) -> list[str]:
+        """Names of the parameters that have moved most since the last evaluation."""
+        if self.before is None:
+            return list(self.names[:_SHOWN])
+        change = np.abs(values - self.before) / np.maximum(np.abs(self.before), np.finfo(float).tiny)
+        return [self.names[k] for k in np.argsort(-change)[:_SHOWN] if change[k] > _MOVED]
+
 
 DIFFERENCE_STEP = 5e-6
 """Finite differences in units of the scale: well above the accuracy of equilibrium, below one standard error of a parameter."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.errors import DataError
 from thermofit.observe.observation import FieldObservation
-from thermofit.study.windows import ChannelWindow, Region
+from thermofit.study.stages import ChannelWindow, Region
 
 _CLOSE = 1e-9
 """mm or s by which a limit reaches further than it says, so that a node on it belongs to it."""

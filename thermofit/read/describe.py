@@ -12,11 +12,10 @@ from thermofit.core.errors import DataError
 from thermofit.core.experiment import CELSIUS
 from thermofit.core.files import replacing
 from thermofit.core.yaml_text import parse_yaml
-from thermofit.read.file_groups import FileGroup, group_files, visible_files
+from thermofit.read.file_groups import FORCE, FRAME, STAGE, FileGroup, group_files, visible_files
 from thermofit.read.formats.contents import ChannelRecord, Content, DicSequence, DicStage, Records, ThermalFrames
 from thermofit.read.formats.registry import read_native
 from thermofit.read.look_record import channel_of, time_channel
-from thermofit.read.own_files import FORCE, FRAME, STAGE
 from thermofit.read.raw_description import DESCRIPTION, SpecimenKeys, Temperatures
 from thermofit.read.study_lines import field_lines
 from thermofit.study.materials import class_of

@@ -15,11 +15,20 @@ from thermofit.observe.noise import displacement_noise, spatial_noise, temperatu
 from thermofit.observe.phases import force_noise
 from thermofit.observe.triangles import point_spacing
 from thermofit.read.file_groups import FileGroup
-from thermofit.read.findings import ColumnFinding, Fact, Finding, Part, column_finding, units_of
 from thermofit.read.formats.contents import ChannelRecord, Column, Content, DicSequence, DicStage, Records, ScalarField, ThermalFrames
 from thermofit.read.formats.naming import lost_numbers, stage_time
 from thermofit.read.formats.registry import read_native
-from thermofit.read.look_record import clock_facts, look_at_record, look_at_records
+from thermofit.read.look_record import (
+    ColumnFinding,
+    Fact,
+    Finding,
+    Part,
+    clock_facts,
+    column_finding,
+    look_at_record,
+    look_at_records,
+    units_of,
+)
 from thermofit.read.plausible import Question, pose_of, questions_of_test
 from thermofit.read.raw import read_experiment
 from thermofit.read.study_lines import field_lines, series_lines

@@ -20,7 +20,7 @@ from thermofit.records.artefact import Dataset, of_parameters
 from thermofit.records.executor import SERIAL, Executor
 from thermofit.records.staging import Job, Made, Outcome, artefact_path, job, produce
 from thermofit.report.figures import drawn
-from thermofit.report.figures_starts import basin_figure
+from thermofit.report.figures_search import basin_figure
 from thermofit.study.search import GridSearch
 from thermofit.study.study import Study
 

@@ -8,12 +8,11 @@ from typing import Any
 
 from thermofit.core.errors import DataError
 from thermofit.core.jsonable import jsonable
-from thermofit.read.file_groups import UNKNOWN, FileGroup, group_files, visible_files
-from thermofit.read.findings import Part
+from thermofit.read.file_groups import ARTEFACT, FRAME, STAGE, UNKNOWN, FileGroup, Known, group_files, own_file, visible_files
 from thermofit.read.formats.registry import head_of, read_native
 from thermofit.read.formats.text import SEPARATOR_WORDS
 from thermofit.read.look import look_at, look_at_group, look_at_raw
-from thermofit.read.own_files import ARTEFACT, FRAME, STAGE, Known, own_file
+from thermofit.read.look_record import Part
 from thermofit.read.raw_description import DESCRIPTION
 from thermofit.read.study_lines import field_lines, joined_lines
 from thermofit.records.artefact import open_record

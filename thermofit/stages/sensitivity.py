@@ -21,7 +21,7 @@ from thermofit.records.artefact import Dataset
 from thermofit.records.executor import SERIAL, Executor
 from thermofit.records.staging import Job, Made, Outcome, job, produce
 from thermofit.report.figures import drawn
-from thermofit.report.figures_starts import change_figure
+from thermofit.report.figures_search import change_figure
 from thermofit.study.search import CLOCK, THICKNESS, Sensitivity, weight_of
 from thermofit.study.study import Study
 

@@ -39,9 +39,8 @@ from thermofit.study.section import (
     physical_error,
     word_or,
 )
-from thermofit.study.stages import Channel, Free, PlasticStage, StageName, Stages, StageSettings, Window
+from thermofit.study.stages import Channel, Free, Mask, PlasticStage, StageName, Stages, StageSettings, Window
 from thermofit.study.virtual import Simulate
-from thermofit.study.windows import Mask
 
 
 class OwnExperiment(Section):

@@ -280,8 +280,8 @@ def test_a_factor_of_another_state_costs_answers_and_no_digits(monkeypatch: pyte
         case.run(Sensitivities(names, found.collect, tolerance=1e-4))
         return found
 
-    exact, solve = columns(), Linearised.solve
-    monkeypatch.setattr(Linearised, "solve", lambda self, right: (0.35 if self.largest_increment > 0.0 else 1.0) * solve(self, right))
+    exact, solve = columns(), LinearisedStep.solve
+    monkeypatch.setattr(LinearisedStep, "solve", lambda self, right: (0.35 if self.largest_increment > 0.0 else 1.0) * solve(self, right))
     for field in FIELDS[:2]:
         mended, wanted = columns().field(field), exact.field(field)
         largest = np.abs(wanted).max(axis=tuple(range(wanted.ndim - 1)))

@@ -11,8 +11,8 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, Linearised, at_its_end, columns_of, linearised, scans
-from thermofit.diagnose.elsewhere import Beyond, beyond_of, proof_beyond
 from thermofit.diagnose.held_out import FEWEST, Proof, Rows, Split, groups_of, proof, split_by_blocks, split_by_phase
+from thermofit.diagnose.other_tests import UnseenColumns, proof_unseen, unseen_columns_of
 from thermofit.diagnose.remembered import noise_of, remembered
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
 from thermofit.effects.catalogue import Effect
@@ -47,7 +47,7 @@ class Traced:
     problem: Columns
     settings: Mapping[str, dict[str, float]]
     """Values of exponents that were scanned, by effect."""
-    beyond: tuple[Beyond, ...] = ()
+    unseen: tuple[UnseenColumns, ...] = ()
     """The declared held-out tests at these parameters."""
     warmed: tuple[str, ...] = ()
     """Effects that were refitted on the known motion: proof, estimate and family are those of the refit."""
@@ -70,7 +70,7 @@ class Traced:
     whole: bool = True
     """False where no dormant effect was asked: the end of a refit, whose own parameters are all that judges it."""
 
-    def beyond_floor(self, f: float) -> float:
+    def excess(self, f: float) -> float:
         """What a square sum f of the residual holds beyond noise and what the error of mesh and steps that may be left would make; no more
         than chance where it is not above PLAIN standard errors of the square sum of noise, then zero."""
         n, numerical = len(self.columns.residual), self.problem.numerical
@@ -178,7 +178,7 @@ def traced(
 def with_residual(here: Traced, residual: np.ndarray) -> Traced:
     """The trace with another residual (n,) and the columns as they are: what data that differ a little would be asked, without a run.
     Declared held-out tests are left out of it."""
-    case = replace(here.case, elsewhere=())
+    case = replace(here.case, other_tests=())
     columns = replace(here.problem, model=replace(here.problem.model, residual=residual), also_tried=())
     scanned = {}
     for name, tried in here.scanned.items():
@@ -207,14 +207,14 @@ def _judged(
     columns = replace(columns, dormant=dormant, also_tried=others)
     ranking = _probable(ranked(columns), case)
     strongest = [s.effect for s in ranking.scores if s.z > ranking.threshold and not s.vetoed][:PROVED_AT_MOST]
-    beyond, unpredicted = beyond_of(case, strongest, settings)
+    beyond, unpredicted = unseen_columns_of(case, strongest, settings)
     unjudged |= {name: why for b in beyond for name, why in b.failed.items()}
     proofs = {}
     for name in strongest:
         names, block = columns.dormant[name]
         own = room_of(case.parameters, names)
         inside = proof(columns.model, block, own, rows, split)
-        proofs[name] = proof_beyond(columns.model, name, block, beyond, own) or inside
+        proofs[name] = proof_unseen(columns.model, name, block, beyond, own) or inside
     result = Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
     return replace(result, unjudged=unjudged, unpredicted=unpredicted, scanned=scanned)
 
@@ -230,7 +230,7 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     model = replace(before.problem.model, residual=residual, columns=fitted, bounds=room_of(parameters, parameters.free, case.reach))
     columns = Columns(model, {}, before.problem.groups, before.problem.numerical, channel=rows.channel)
     found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
-    beyond, unpredicted = beyond_of(case, (), {})
+    beyond, unpredicted = unseen_columns_of(case, (), {})
     return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)
 
 

@@ -168,7 +168,7 @@ def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermine
         if sharp is None:
             return None
         nearby = sharp.nearby
-        return replace(sharp, nearby=lambda start, label: nearby(start.with_free(n for n in start.free if n != "c0"), label))
+        return replace(sharp, nearby=lambda start, label, **_: nearby(start.with_free(n for n in start.free if n != "c0"), label))
 
     found = close_loop(replace(case, refined_at=holding), fit, refitting(case.model), 3, None)
     assert found.accepted == ("ir_drift",) and "c0" not in found.last.case.parameters.free

@@ -115,7 +115,7 @@ def test_pairs_stand_at_their_best_exponents_the_largest_fall_first() -> None:
     names = {"ir_drift": A, "ir_gain": C, "lamp": C}
     here = ranked(score("lamp", 7.0), score("ir_gain", 8.0), score("ir_drift", 9.0))
     here.scanned = {"ir_gain": (({"k": 1.0}, 0.5 * (A + C)), ({"k": 2.0}, B))}
-    model = SimpleNamespace(left=left, beyond=lambda block: block)
+    model = SimpleNamespace(left=left, projected=lambda block: block)
     here.problem = SimpleNamespace(model=model, dormant={n: (("",), c) for n, c in names.items()})
     found = pairs_of(here)
     assert {s.effect for s in found[0].scores} == {"ir_drift", "ir_gain"} and len(found) == 3

@@ -200,7 +200,7 @@ def test_where_no_start_can_be_run_the_first_reason_is_said() -> None:
     assert len(begun) == len(NEARER)
 
 
-def failing(*_: Any) -> Any:
+def failing(*_: Any, **__: Any) -> Any:
     raise NumericsError("no equilibrium at 12 s")
 
 

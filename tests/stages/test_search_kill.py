@@ -66,14 +66,14 @@ COUNTED = """
 import sys, tiny
 from pathlib import Path
 from thermofit.experiment.held import HeldRun
-from thermofit.stages.identifiability import Options, run
+from thermofit.stages.identifiability import IdentifiabilityOptions, run
 plain = HeldRun.__call__
 def counted(self, *arguments, **options):
     with Path(sys.argv[2]).open("a") as log:
         log.write("run\\n")
     return plain(self, *arguments, **options)
 HeldRun.__call__ = counted
-run(tiny.load_study(sys.argv[1]), Options(repeats=8, refit=True), force=True)
+run(tiny.load_study(sys.argv[1]), IdentifiabilityOptions(repeats=8, refit=True), force=True)
 """
 """A bootstrap in a process of its own, which notes every heat run before it begins."""
 

@@ -33,7 +33,7 @@ class MarchSettings:
     max_coupling: int = 20
     heat_scheme: str = "sdirk2"
     max_cuts: int = 8
-    model: int | str = 2
+    model: int | str | Slots = 2
     closed_form: bool = True
     plastic: bool = True
     keep_points: bool = False

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from thermofit.core.parameters import Parameters
-from thermofit.law.page import Law, Slots, law_of
+from thermofit.core.slots import Slots
+from thermofit.law.page import Law, law_of
 from thermofit.law.surface.catalogue import COEFFICIENTS, NUMBERS
 
 _ORDER = ("12", "13", "21", "23", "31", "32", "44", "55", "66")

@@ -26,6 +26,7 @@ import numpy as np
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
 from thermofit.law.composition import (
     AMPLITUDES,
@@ -49,13 +50,6 @@ from thermofit.law.transformed import axial_gradient
 
 _overload: Any = numba.extending.overload
 _AS_KERNELS = {"error_model": "numpy", "fastmath": False, "forceinline": True}
-
-
-class Slots(NamedTuple):
-    """Which file stands in each slot of the base law, by name or number: hardening law (law.hardening) and yield surface (law.surface)."""
-
-    hardening: int | str = 2
-    surface: int | str = DEFAULT
 
 
 class BaseLaw(NamedTuple):
@@ -95,7 +89,10 @@ class BaseLaw(NamedTuple):
 
 
 if TYPE_CHECKING:
-    Law = AnyLaw = SurfaceLaw = AnySurfaceLaw = BaseLaw
+    Law = BaseLaw
+    AnyLaw = BaseLaw
+    SurfaceLaw = BaseLaw
+    AnySurfaceLaw = BaseLaw
 else:
     _FLAGS = BaseLaw._fields.index("model")
     _NUMBERS, _LAST = BaseLaw._fields[:_FLAGS], BaseLaw._fields[_FLAGS:]
@@ -120,7 +117,9 @@ def law_of(parameters: Parameters, model: int | str | Slots = 2, *, closed_form:
     selected = hardening(slots.hardening)
     own = selected.own_values(parameters)
     kind: Any = (Law if selected.small else AnyLaw) if yields.quadratic else (SurfaceLaw if selected.small else AnySurfaceLaw)
-    of_surface = {} if yields.quadratic else {**dict(zip(OF_SURFACE, yields.number_values(parameters), strict=True)), "surface": yields.number}
+    of_surface = (
+        {} if yields.quadratic else {**dict(zip(OF_SURFACE, yields.number_values(parameters), strict=True)), "surface": yields.number}
+    )
     made: Law = kind(
         lame=lame,
         mu=mu,
@@ -151,8 +150,8 @@ def law_in_step(law: Law, dt: float) -> Law:
 def in_model_axes(parameters: Parameters, angle: float, model: int | str | Slots = 2) -> Parameters:
     """Parameters of the same sheet with respect to x, y, z where its axes are turned by quarter turns `angle` (degrees) about z.
 
-    Axes 1 and 2 change places: of Hill's surface G with H, M with N (4.19); `model` says which surface it is, as in `law_of`. The parameters
-    themselves at even multiples. StudyError for another angle.
+    Axes 1 and 2 change places: of Hill's surface G with H, M with N (4.19); `model` says which surface it is, as in `law_of`. The
+    parameters themselves at even multiples. StudyError for another angle.
     """
     if angle % 90.0 != 0.0:
         raise StudyError(f"material axes: an angle of {angle:g} degrees found; only multiples of 90 exchange the parameters of the surface")

@@ -232,7 +232,7 @@ def _bent(
     factor: Lanes,
     law: Any,
 ) -> Symmetric:
-    """phi times the change of N along changes of s' and s'', whose own dependence on S is not among them; factor = (phi / scale)^(2-a) / 4."""
+    """phi times the change of N along changes of s' and s'', without that of C' and C'' themselves; factor = (phi / scale)^(2-a) / 4."""
     (v, w), (x, y), n = axes, slopes, law.surface_a - 1.0
     b, c = _in_axes(first, v), _in_axes(second, w)
     along = x[0] * b[0] + x[1] * b[1] + x[2] * b[2] + y[0] * c[0] + y[1] * c[1] + y[2] * c[2]

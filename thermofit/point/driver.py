@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.law.bounds import check_beta
 from thermofit.law.composition import CAPACITIES
-from thermofit.law.page import Slots, law_of
+from thermofit.law.page import law_of
 from thermofit.law.page_rates import N_NUMBERS, NUMBERS, STEP, number_rates
 from thermofit.point.solve import AIR, FLAGS_OF, LAG, N_ALL, START, TAU, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
@@ -68,8 +68,8 @@ class Programme:
 
 @dataclass(frozen=True)
 class PointSettings:
-    """Numerics of a run: `model`, the hardening law by number or name, or with the yield surface (`law.page.Slots`); closed form or backward Euler of alpha (model 2), plasticity at all;
-    the largest change of the nominal strain in one step, and how often the steps of an interval may be halved."""
+    """Numerics of a run: `model`, the hardening law by number or name, or with the yield surface (`core.slots.Slots`); closed form or
+    backward Euler of alpha (model 2), plasticity at all; the largest change of the nominal strain in one step, and how often the steps of an interval may be halved."""
 
     model: int | str | Slots = 2
     closed_form: bool = True

@@ -67,6 +67,7 @@ from thermofit.point.lanes_rows import (
     eliminate,
     stress_of_rows,
 )
+from thermofit.point.lanes_surface import flow_accuracy, projected, surface_flow, surface_flow_and_curvature
 from thermofit.point.lanes_tensor import (
     Tensor,
     chosen,
@@ -82,7 +83,6 @@ from thermofit.point.lanes_tensor import (
     symmetric_sum,
     tensor_rows,
 )
-from thermofit.point.lanes_surface import flow_accuracy, projected, surface_flow, surface_flow_and_curvature
 from thermofit.point.state import (
     ALPHA,
     BACK,
@@ -229,7 +229,14 @@ def _along(w: np.ndarray, n: int) -> Lanes:
 def _solution(w: np.ndarray, n: int) -> Symmetric:
     """Column n of the solutions as a traceless tensor."""
     apart, both = row(w, EQUATIONS + n), row(w, EQUATIONS + 12 + n)
-    return (0.5 * (both + apart), 0.5 * (both - apart), -both, row(w, EQUATIONS + 24 + n), row(w, EQUATIONS + 36 + n), row(w, EQUATIONS + 48 + n))
+    return (
+        0.5 * (both + apart),
+        0.5 * (both - apart),
+        -both,
+        row(w, EQUATIONS + 24 + n),
+        row(w, EQUATIONS + 36 + n),
+        row(w, EQUATIONS + 48 + n),
+    )
 
 
 @kernel(forceinline=True)

@@ -162,8 +162,8 @@ def in_model_axes(parameters: Parameters, angle: float, model: int | str | Slots
 
 
 def along_tension(parameters: Parameters, model: int | str | Slots = 2) -> tuple[float, float]:
-    """Of uniaxial tension along y: plastic strain over Lambda, which is sigma_y over the stress as well, and the share -(strain across x) of
-    it. Of Hill's surface sqrt(F + H) and F / (F + H). The parameters are in the axes of the model."""
+    """Of uniaxial tension along y: plastic strain over Lambda, which is sigma_y over the stress as well, and the share -(strain across x)
+    of it. Of Hill's surface sqrt(F + H) and F / (F + H). The parameters are in the axes of the model."""
     n_x, n_y, _ = surface_gradient(0.0, 1.0, 0.0, law_of(parameters, model))
     return float(np.sqrt(n_y)), float(-n_x / n_y)
 

@@ -69,7 +69,8 @@ class Programme:
 @dataclass(frozen=True)
 class PointSettings:
     """Numerics of a run: `model`, the hardening law by number or name, or with the yield surface (`core.slots.Slots`); closed form or
-    backward Euler of alpha (model 2), plasticity at all; the largest change of the nominal strain in one step, and how often the steps of an interval may be halved."""
+    backward Euler of alpha (model 2), plasticity at all; the largest change of the nominal strain in one step, and how often the steps of
+    an interval may be halved."""
 
     model: int | str | Slots = 2
     closed_form: bool = True

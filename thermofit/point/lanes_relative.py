@@ -30,7 +30,7 @@ import numba.extending
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.core.lanes import Lanes, Mask, all_lanes, any_lane, spread, where
+from thermofit.core.lanes import Lanes, all_lanes, any_lane, spread, where
 from thermofit.law.backstress import decay_series
 from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor
 from thermofit.law.page import Law, flow_stress, hardening_variable, transformed
@@ -242,9 +242,9 @@ def _solution(w: np.ndarray, n: int) -> Symmetric:
 @kernel(forceinline=True)
 def _residual(
     d: Symmetric, gamma: Lanes, y: Symmetric, c_elastic: Symmetric, theta: Lanes, law: Law, w: np.ndarray
-) -> tuple[Symmetric, Lanes, Lanes, Mask]:
-    """D - dLambda N, the excess over the yield stress, the slope of that over dLambda, and where all is solved, at D and dLambda; what a
-    step of Newton takes goes into w."""
+) -> tuple[Symmetric, Lanes, Lanes, Any]:
+    """D - dLambda N, the excess over the yield stress, its slope over dLambda, and the mask of lanes that are solved, at D and dLambda;
+    what a step of Newton takes goes into w."""
     alpha_n, accumulated = row(w, STATE + ALPHA), row(w, STATE + LAMBDA) + gamma
     stiff = modulus_factor(accumulated, theta, law)
     by_lambda = (modulus_factor(accumulated + _NEAR, theta, law) - stiff) * (1.0 / _NEAR)

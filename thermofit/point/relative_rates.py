@@ -106,15 +106,15 @@ with phi dN/dz for each of its active numbers z."""
 
 def rows_of_response(along: Directions, law: Law) -> int:
     """Length of a point's response: that of `point.rates` and, where one of these effects is on or asked for, of this page."""
-    further = SLOPES_OF + N_STRUCTURE * (3 + len(along.in_structure)) + len(along.in_sense)
-    of_surface = N_CURVATURE + 7 * len(along.in_surface) if is_transformed(law) else 0
-    return response_size(len(along.in_pressure), len(along.in_yield)) + along.structured * (further + of_surface)
+    if not along.structured:
+        return response_size(len(along.in_pressure), len(along.in_yield))
+    return curvature_row(along) + (N_CURVATURE + 7 * len(along.in_surface) if is_transformed(law) else 0)
 
 
 def curvature_row(along: Directions) -> int:
     """First row of the curvature of the surface in a response of this page."""
-    base: int = response_size(len(along.in_pressure), len(along.in_yield))
-    return int(_curvature_at.py_func(base, along))
+    base = response_size(len(along.in_pressure), len(along.in_yield))
+    return base + SLOPES_OF + N_STRUCTURE * (3 + len(along.in_structure)) + len(along.in_sense)
 
 
 def stiffness_slopes(response: np.ndarray, along: Directions) -> np.ndarray:

@@ -207,8 +207,8 @@ def coupon_stage(
         channels = {channel: ChannelSettings() for channel in names}  # type: ignore[misc]
     told = BY_LATERAL if "lateral" in channels else ()
     of_surfaces = {p.name for one in surfaces() for p in one.own}
-    told = (*told, *of_surfaces) if told else told
-    if lost := [parameter for parameter in free if parameter in UNDETERMINED | of_surfaces and parameter not in told]:
+    seen_across = {*told, *of_surfaces} if told else set()
+    if lost := [parameter for parameter in free if parameter in UNDETERMINED | of_surfaces and parameter not in seen_across]:
         also = " without the channel lateral" if set(lost) <= {*BY_LATERAL, *of_surfaces} else ""
         raise StudyError(
             f"{source}: key 'stages.{name}.free' holds {', '.join(lost)}, which records of coupons do not determine{also}: leave it out, "

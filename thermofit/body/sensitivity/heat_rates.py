@@ -152,7 +152,7 @@ def frozen_source_rates(
     dissipation = _dissipation_derivatives(increment, warm, law, range(_WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     if ends is not None and law.structure:
-        slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.on)
+        slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.of_surface, law.on)
         add_structure_rates(data, slopes, None, (temperature[1], rates_n), law.structure_numbers, out)
 
 

@@ -56,3 +56,26 @@ def equivalent(stress: np.ndarray, numbers: np.ndarray) -> float:
     apart = np.abs(values[0][:, None] - values[1][None, :])
     largest = apart.max()
     return float(largest * (0.25 * np.sum((apart / largest) ** numbers[0])) ** (1.0 / numbers[0])) if largest > 0.0 else 0.0
+
+
+def normal(stress: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """dphi/dS (3, 3) of a stress (3, 3), with numpy's principal axes; not where two principal values are equal by chance."""
+    deviator, a = stress - np.trace(stress) / 3.0 * np.eye(3), numbers[0]
+    s = np.array([deviator[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
+    maps, found = [], []
+    for c in (numbers[1:10], numbers[10:]):
+        at = dict(zip(COEFFICIENTS, c, strict=True))
+        matrix = np.zeros((6, 6))
+        matrix[:3, :3] = -np.array([[0.0, at["12"], at["13"]], [at["21"], 0.0, at["23"]], [at["31"], at["32"], 0.0]])
+        matrix[3, 3], matrix[4, 4], matrix[5, 5] = at["66"], at["44"], at["55"]
+        maps.append(matrix)
+        found.append(np.linalg.eigh(full(matrix @ s)))
+    d = found[0][0][:, None] - found[1][0][None, :]
+    size = float((0.25 * np.sum(np.abs(d) ** a)) ** (1.0 / a))
+    h = 0.25 * np.abs(d / size) ** (a - 2.0) * d / size
+    out = np.zeros((3, 3))
+    for matrix, (_, axes), slopes in zip(maps, found, (h.sum(axis=1), -h.sum(axis=0)), strict=True):
+        g = (axes * slopes) @ axes.T
+        # Off-diagonal components of a transformation are diagonal in it: the transpose acts on components as they stand.
+        out += full(matrix.T @ np.array([g[0, 0], g[1, 1], g[2, 2], g[0, 1], g[1, 2], g[0, 2]]))
+    return np.asarray(out - np.trace(out) / 3.0 * np.eye(3))

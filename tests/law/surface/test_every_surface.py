@@ -108,7 +108,7 @@ def test_params_and_texts(one: Surface) -> None:
     assert set(one.fitted) <= set(one.names) and one.file.FORMULA and one.file.SOURCE
     assert set(one.fitted) <= set(one.file.MEANING)
     if not one.quadratic:
-        assert len(one.number_values({name: 1.0 for name in one.names})) == len(NUMBERS)
+        assert len(one.number_values(dict.fromkeys(one.names, 1.0))) == len(NUMBERS)
     assert one.exchanged(("E", "F"), surface("hill")) == ("E", *(("F",) if one.name == "hill" else one.fitted))
     assert one.exchanged(("E",), surface("hill")) == ("E",), "what was not freed is not replaced"
 
@@ -135,8 +135,8 @@ def test_a_file_that_lacks_something_is_told() -> None:
 
 
 def test_aa2090_t3_as_published() -> None:
-    """Yield stresses and r-values of tension every 15 degrees, and of the balanced biaxial test, beside the measured ones to which Barlat et
-    al. 2005 fitted the 18 coefficients: they were given weights, so that the fit is close, not exact."""
+    """Yield stresses and r-values of tension every 15 degrees, and of the balanced biaxial test, beside the measured ones to which Barlat
+    et al. 2005 fitted the 18 coefficients: they were given weights, so that the fit is close, not exact."""
     measured = [1.000, 0.961, 0.910, 0.811, 0.810, 0.882, 0.910], [0.212, 0.327, 0.692, 1.577, 1.039, 0.538, 0.692]
     found = np.array([tension(ALLOY, angle) for angle in range(0, 91, 15)])
     assert found[:, 0] == pytest.approx(measured[0], abs=0.011)
@@ -162,7 +162,7 @@ def test_hosford_in_closed_form(a: float) -> None:
 
 
 def test_with_unit_coefficients_it_is_hosford_and_with_exponent_two_von_mises(rng: np.random.Generator) -> None:
-    ones = {name: 1.0 for name in TWISTED}
+    ones = dict.fromkeys(TWISTED, 1.0)
     stress = rng.normal(size=(8, 6))
     deviator = stress - np.where(np.arange(6) < 3, stress[:, :3].mean(axis=1, keepdims=True), 0.0)
     mises = np.sqrt(1.5 * (deviator * TWICE * deviator).sum(axis=1))
@@ -214,7 +214,7 @@ def test_homogeneous_convex_and_as_a_second_implementation_has_it(law: Law, stre
     phi, flow, curvature = (x[0] for x in at(stress, law))
     assert phi == pytest.approx(equivalent(stress, numbers_of(law)), rel=1e-12)
     assert at(factor * stress, law)[0][0] == pytest.approx(factor * phi, rel=1e-12)
-    assert at(stress + [5.0, 5.0, 5.0, 0.0, 0.0, 0.0], law)[0][0] == pytest.approx(phi, rel=1e-11)
+    assert at(stress + np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0]), law)[0][0] == pytest.approx(phi, rel=1e-11)
     assert stress * TWICE @ flow == pytest.approx(phi, rel=1e-12) and abs(flow[:3].sum()) < 1e-13
     assert np.abs(deviator[[0, 1, 3, 4, 5]] @ curvature).max() < 1e-11 * phi * max(1.0, np.abs(curvature).max())
     matrix = (curvature * TWICE) @ TRACELESS.T  # symmetric, in these directions
@@ -301,7 +301,7 @@ def test_quarter_turns_of_the_sheet(rng: np.random.Generator) -> None:
 
 
 def test_the_axes_of_the_paper() -> None:
-    """Axis 1 of the paper is the rolling direction, axis 2 of the law: tension along y yields at sigma_0 of AA2090-T3, and r there is r_0."""
+    """Axis 1 of the paper is the rolling direction, axis 2 of the law: tension along y yields at sigma_0 of AA2090-T3, with r = r_0."""
     size, across = along_tension(Parameters.of({**AA2090_T3, "theta_ref": 297.0}), Slots(1, "yld2004"))
     assert (1.0 / size, across / (1.0 - across)) == pytest.approx(tension(ALLOY, 0.0), rel=1e-12)
     at_names = dict(zip(COEFFICIENTS, numbers_of(ALLOY)[1:10], strict=True))

@@ -16,6 +16,7 @@ from thermofit.cli.app import app
 from thermofit.core.parameters import LAW, Param
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, MATERIAL, MEASUREMENT, Effect, effects
 from thermofit.law.hardening.catalogue import hardening_laws
+from thermofit.law.surface.catalogue import surfaces
 from thermofit.study.study import json_schema
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
@@ -216,7 +217,7 @@ def _default(value: Schema) -> str:
 
 
 def catalogue_page() -> str:
-    """Parameters of the base law, every effect with formula and source, every hardening law."""
+    """Parameters of the base law, every effect with formula and source, every hardening law and yield surface."""
     parts = [
         "What the model holds. At the neutral value of its first parameter an effect is exactly off. `thermofit diagnose` asks for each of "
         "them. [Your own](../effects.md) is one file.",
@@ -225,6 +226,9 @@ def catalogue_page() -> str:
         "## Hardening laws",
         "Chosen by the key `hardening`; see [hardening laws](../hardening.md).",
         table(("name", "formula", "source"), ((f"`{law.name}`", _code(law.file.FORMULA), law.file.SOURCE) for law in hardening_laws())),
+        "## Yield surfaces",
+        "Chosen by the key `yield_surface`; see [yield surfaces](../yield-surfaces.md).",
+        table(("name", "formula", "source"), ((f"`{one.name}`", _code(one.file.FORMULA), one.file.SOURCE) for one in surfaces())),
         "## Effects",
     ]
     for title, slots in SLOTS.items():

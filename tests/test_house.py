@@ -54,8 +54,9 @@ def test_import_contract() -> None:
         ("effects/wrong.py", "import thermofit.study", "Imports only go down"),
         ("study/wrong.py", "import thermofit.records", "Imports only go down"),
         ("study/wrong.py", "import thermofit.law", "Imports only go down"),
-        ("law/hardening/wrong.py", "import thermofit.effects", "Hardening laws rest on core"),
-        ("law/hardening/wrong.py", "import numba", "Hardening laws rest on core"),
+        ("law/hardening/wrong.py", "import thermofit.effects", "Hardening laws and yield surfaces rest on core"),
+        ("law/hardening/wrong.py", "import numba", "Hardening laws and yield surfaces rest on core"),
+        ("law/surface/wrong.py", "import numba", "Hardening laws and yield surfaces rest on core"),
         ("fit/wrong.py", "import thermofit.body", "never finite elements"),
         ("read/wrong.py", "import h5py", "HDF5"),
         ("stages/one.py", "import thermofit.stages.two", "Stages do not import"),
@@ -67,7 +68,7 @@ def test_import_contract_bites(tmp_path: Path, module: str, line: str, broken: s
     """In a skeleton of the house one wrong import breaks the contract that forbids it."""
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text(encoding="utf-8"), encoding="utf-8")
     rooms = "stages export report diagnose identify experiment fit virtual read observe body point law records study effects core".split()
-    rooms.append("law/hardening")
+    rooms += ["law/hardening", "law/surface"]
     knows_hdf5 = ("records/artefact.py", "records/foreign_hdf5.py")
     for name in (
         "__main__.py",

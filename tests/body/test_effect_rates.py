@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from published_surfaces import TWISTED
 from small_bodies import NOMINAL, SPECIMEN
 
 from thermofit.body.body import Body, tension_body
@@ -12,6 +15,7 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
+from thermofit.core.slots import Slots
 from thermofit.law.composition import STRUCTURAL, law_effects
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
@@ -28,7 +32,11 @@ def body(control: str = "force") -> Body:
 
 
 def run(
-    names: tuple[str, ...] = (), loading: Loading = FORCE, times: np.ndarray = TIMES, **changes: float
+    names: tuple[str, ...] = (),
+    loading: Loading = FORCE,
+    times: np.ndarray = TIMES,
+    yields: str = "hill",
+    **changes: float,
 ) -> tuple[History, dict[str, np.ndarray]]:
     """A run and the derivatives of its fields (n_t, ..., n_p)."""
     kept: dict[str, list[np.ndarray]] = {"u": [], "theta": [], "force": []}
@@ -38,7 +46,8 @@ def run(
             values.append(np.array(getattr(at, field)))
 
     watch = Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-9)) if names else Watch()
-    history = march(body(loading.control), BASE.replace(**changes), loading, times, SETTINGS, watch)
+    settings = replace(SETTINGS, model=Slots(2, yields))
+    history = march(body(loading.control), BASE.replace(**changes), loading, times, settings, watch)
     return history, {field: np.stack(values) for field, values in kept.items() if values}
 
 
@@ -60,27 +69,34 @@ END = Loading(np.array([0.0, 20.0, 30.0, 50.0]), np.array([0.0, 1.6, 0.6, 2.4]),
 """The end is pulled, pushed back until flow reverses, and pulled on."""
 TURNED = Loading(np.array([0.0, 25.0, 50.0, 75.0]), np.array([0.0, 5200.0, -4900.0, 5600.0]))
 LAW = ("E", "nu", "M_y0", "M_yinf", "H_exp", "H_lin", "F", "alpha_exp", "beta")
-TOGETHER = (*LAW, *EFFECT_PARAMS)
+
+
+OF_SURFACE = ("yld2004.a", *(f"yld2004.c{at}" for at in ("1_12", "1_31", "1_66", "2_23", "2_55")))
+LAW_OF = {"hill": LAW, "yld2004": (*(name for name in LAW if name != "F"), *OF_SURFACE)}
+SEEDS = {"hill": 8, "yld2004": 1}
+"""Points about which the same points flow in every step."""
 
 
 @pytest.mark.parametrize("control", ["force", "displacement"])
-def test_remainders_are_of_second_order_with_everything_on(control: str) -> None:
+@pytest.mark.parametrize("yields", SEEDS)
+def test_remainders_are_of_second_order_with_everything_on(yields: str, control: str) -> None:
     """At a random point away from neutral, along random directions of all parameters of the law and its effects at once: |f(p + h d) - f(p)
     - h f'(p) d| falls fourfold as h is halved, of displacements, temperatures and force, through load, unloading and reversed flow."""
-    random = np.random.default_rng(8)  # a point about which the same points flow in every step
+    random, law = np.random.default_rng(SEEDS[yields]), LAW_OF[yields]
+    names, surface = (*law, *EFFECT_PARAMS), TWISTED if yields == "yld2004" else {}
     point = {name: value * random.uniform(0.7, 1.3) for name, value in PROBES.items()}
-    point |= {name: BASE[name] * random.uniform(0.95, 1.05) for name in LAW}
+    point |= {**surface, **{name: (surface.get(name) or BASE[name]) * random.uniform(0.95, 1.05) for name in law}}
     driven = (TURNED, np.linspace(0.0, 75.0, 26)) if control == "force" else (END, np.linspace(0.0, 50.0, 21))
-    start, rates = run(TOGETHER, *driven, **point)
+    start, rates = run(names, *driven, yields, **point)
     assert start.force.min() < -0.3 * start.force.max(), "flow reverses"
     if control == "force":
         assert not np.any(rates.pop("force")), "it is given"
     for _ in range(2):
-        along = {name: random.choice([-1.0, 1.0]) * (abs(point[name]) or 1e-3) for name in TOGETHER}
-        direction = np.array([along[name] for name in TOGETHER])
+        along = {name: random.choice([-1.0, 1.0]) * (abs(point[name]) or 1e-3) for name in names}
+        direction = np.array([along[name] for name in names])
         left: dict[str, list[float]] = {field: [] for field in rates}
         for h in (4e-3, 2e-3, 1e-3):
-            there, _ = run((), *driven, **{name: point[name] + h * along[name] for name in TOGETHER})
+            there, _ = run((), *driven, yields, **{**point, **{name: point[name] + h * along[name] for name in names}})
             for field, values in left.items():
                 linear = h * (rates[field] @ direction)
                 values.append(float(np.abs(getattr(there, field) - getattr(start, field) - linear).max() / np.abs(linear).max()))
@@ -89,12 +105,27 @@ def test_remainders_are_of_second_order_with_everything_on(control: str) -> None
             assert values[1] < 0.62 * values[0] and values[2] < 0.62 * values[1] and values[2] < 0.05, (field, values)
 
 
-def test_energy_is_balanced_where_the_update_is_changed() -> None:
+def test_by_parameters_of_a_surface_as_differences_of_the_run() -> None:
+    """Every field of a run under displacement with all effects on, by exponent and coefficients of a transformed surface."""
+    driven, values = (END, np.linspace(0.0, 50.0, 21), "yld2004"), {**TWISTED, **PROBES}
+    _, rates = run(OF_SURFACE, *driven, **values)
+    for k, name in enumerate(OF_SURFACE):
+        h = 1e-4 * values[name]
+        there, back = (run((), *driven, **{**values, name: values[name] + x})[0] for x in (h, -h))
+        for field in ("u", "theta", "force"):
+            expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
+            noise = 2e-8 * np.abs(getattr(there, field)).max() / h
+            assert np.abs(rates[field][..., k] - expected).max() < 1e-4 * np.abs(expected).max() + noise, (name, field)
+
+
+@pytest.mark.parametrize("yields", SEEDS)
+def test_energy_is_balanced_where_the_update_is_changed(yields: str) -> None:
     """The first law of the whole specimen with what backstresses store and lost moduli release, and no point that takes heat to flow."""
     structure = {name: value for name, value in PROBES.items() if name in STRUCTURAL}
+    structure |= TWISTED if yields == "yld2004" else {}
     defects = []
     for n in (81, 161):
-        history, _ = run((), END, np.linspace(0.0, 50.0, n), **structure)
+        history, _ = run((), END, np.linspace(0.0, 50.0, n), yields, **structure)
         assert min(step.smallest_dissipation for step in history.balance) >= 0.0
         work = max(abs(w) for w in np.cumsum([step.work for step in history.balance]))
         defects.append(max(abs(d) for d in np.cumsum([step.first_law_defect for step in history.balance])) / work)

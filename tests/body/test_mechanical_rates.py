@@ -82,7 +82,7 @@ def rates(history: Path, base: Parameters, model: int, f_bar: bool) -> list[np.n
     for u, du, theta, dtheta in zip(history.u, history.u_rates, history.theta, history.theta_rates, strict=True):
         u_rates, theta_rates = np.pad(du, filled), np.pad(dtheta, filled[1:])
         _, stiffness, new, _ = run_pass(data, u, theta, state, law, tangent=True)
-        response = np.zeros((n_el, rows_of_response(along), 8))
+        response = np.zeros((n_el, rows_of_response(along, law), 8))
         responses(data, (u, theta), (state, new), law, along, response)
         loads, forces, new_rates = np.zeros((n_el, 24, m)), np.zeros((n_el, 24, m)), np.full_like(state_rates, np.nan)
         dilatation = np.zeros((n_el, 8, m))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from published_surfaces import TWISTED
 from scipy.spatial.transform import Rotation
 from small_bodies import NOMINAL, bar_mesh, dense_equilibrium
 
 from thermofit.body.body import tension_body, thermal_geometry
 from thermofit.body.element.hex8 import element_data
 from thermofit.body.solve.newton import axes_about_z, virgin_state
+from thermofit.core.slots import Slots
 from thermofit.law.page import law_of
 from thermofit.point.state import LAMBDA
 
@@ -24,11 +26,14 @@ STRUCTURE = {
 """Effects that change the local update itself."""
 
 
-@pytest.mark.parametrize(("f_bar", "changes"), [(True, {}), (False, {}), (True, STRUCTURE)], ids=["f-bar", "full", "structure"])
-def test_a_run_seen_from_a_turning_frame(f_bar: bool, changes: dict[str, float]) -> None:
+CASES = [(True, {}, "hill"), (False, {}, "hill"), (True, STRUCTURE, "hill"), (True, {**STRUCTURE, **TWISTED}, "yld2004")]
+
+
+@pytest.mark.parametrize(("f_bar", "changes", "yields"), CASES, ids=["f-bar", "full", "structure", "yld2004"])
+def test_a_run_seen_from_a_turning_frame(f_bar: bool, changes: dict[str, float], yields: str) -> None:
     """Six equilibria of a distorted block of a sheet cut at 30 degrees, loaded and reversed; in the second run its surface turns by another
     20 degrees in every step. Equal plastic states, x and nodal forces turned."""
-    mesh, law = bar_mesh((2, 3, 2), (2.0, 3.0, 1.5), distortion=0.2), law_of(NOMINAL.replace(**changes))
+    mesh, law = bar_mesh((2, 3, 2), (2.0, 3.0, 1.5), distortion=0.2), law_of(NOMINAL.replace(**changes), Slots(2, yields))
     data = element_data(mesh.nodes, mesh.hexes, f_bar=f_bar)
     low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     surface = np.any(np.isclose(mesh.nodes, low) | np.isclose(mesh.nodes, high), axis=1)

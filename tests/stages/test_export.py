@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,6 +19,7 @@ import pytest
 import verify_fixtures as made
 import yaml
 from meshio.xdmf import TimeSeriesReader
+from published_surfaces import AA2090_T3
 from small_bodies import bar_mesh
 from typer.testing import CliRunner
 
@@ -27,11 +29,14 @@ from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.cli.app import app
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
+from thermofit.core.slots import Slots
 from thermofit.effects.catalogue import effect
 from thermofit.export.card import Card, Visited, card_of, flow_curve, heat_share, visited_by
 from thermofit.export.card_texts import CARDS, ratios
 from thermofit.export.results import Finished, finished
 from thermofit.export.tables import covariances, csv_text, latex_text, tables_of
+from thermofit.law.page import law_of, surface_gradient
+from thermofit.law.surface.catalogue import NUMBERS
 from thermofit.records.artefact import Dataset, Record, RecordContent, of_parameters, open_record, write_record
 from thermofit.records.staging import artefact_path
 from thermofit.stages import export, verify
@@ -342,6 +347,29 @@ def with_effect(parameters: Parameters, name: str, amplitude: float) -> Paramete
 def test_an_effect_that_no_card_can_hold_is_told(run: Finished) -> None:
     told = card_of("alloy", with_effect(run.parameters, "backstress_first", 500.0), run.verified)
     assert "backstress_first IS NOT IN THIS CARD" in CARDS["yaml"][1](told, None)
+
+
+def test_a_surface_that_is_not_quadratic(run: Finished) -> None:
+    """MFront and YAML hold it, scaled to the table's stress along axis 2; the others take von Mises and name it."""
+    config = {**run.verified.config, "yield_surface": "yld2004"}
+    values = {**AA2090_T3, "yld2004.c1_44": 0.9}
+    card = card_of("alloy", run.parameters.replace(F=0.5, **values), replace(run.verified, config=config))
+    assert card.transformed is not None and not card.isotropic
+    law = law_of(run.parameters.replace(**values), Slots(1, "yld2004"))
+    scaled = law._replace(**dict(zip(NUMBERS, card.transformed, strict=True)))
+    assert surface_gradient(0.0, 1.0, 0.0, scaled)[1] == pytest.approx(1.0, rel=1e-12)
+    for name in ("abaqus", "calculix", "ls-dyna"):
+        text = CARDS[name][1](card, None)
+        assert "this card yields by von Mises: right along axis 2 alone; the identified surface is yld2004" in text
+        assert "*POTENTIAL" not in text
+    size = card.transformed[1] / law.surface_1_c12
+    text, numbers = (
+        CARDS["mfront"][1](card, None),
+        [values[f"yld2004.c1_{at}"] for at in ("21", "12", "23", "32", "13", "31", "66", "44", "55")],
+    )
+    assert 'criterion : "Barlat" {a : 8, l1 : {' + ", ".join(f"{size * c:.8g}" for c in numbers) in text
+    kept = yaml.safe_load(CARDS["yaml"][1](card, None))["yield_surface"]
+    assert kept["name"] == "yld2004" and kept["c2"]["66"] == pytest.approx(size * 1.40462) and kept["c1"]["55"] == pytest.approx(size * 0.9)
 
 
 def test_range_is_what_the_test_visited(card: Card, run: Finished) -> None:

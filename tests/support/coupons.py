@@ -10,6 +10,7 @@ from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
+from thermofit.core.slots import Slots
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 
 SHEET = Parameters.of(
@@ -46,7 +47,12 @@ SIZE = (4.0, 10.0, 1.5)
 
 
 def bar(
-    parameters: Parameters, time: np.ndarray, value: np.ndarray, model: int, tolerance: float = 1e-10, control: str = "displacement"
+    parameters: Parameters,
+    time: np.ndarray,
+    value: np.ndarray,
+    model: int | str | Slots,
+    tolerance: float = 1e-10,
+    control: str = "displacement",
 ) -> tuple[History, np.ndarray, np.ndarray]:
     """A bar of 1 x 2 x 1 elements through a history of nominal strain, or of nominal stress in MPa where `control` is "force": its history,
     nominal strain across (x, z)."""
@@ -63,7 +69,12 @@ def bar(
 
 
 def bar_and_point(
-    parameters: Parameters, time: np.ndarray, strain: np.ndarray, model: int, control: str = "displacement", tolerance: float = 1e-11
+    parameters: Parameters,
+    time: np.ndarray,
+    strain: np.ndarray,
+    model: int | str | Slots,
+    control: str = "displacement",
+    tolerance: float = 1e-11,
 ) -> None:
     """Assert that stress and strain, lateral strain, temperature and Lambda of the adiabatic bar are those of the point, to 1e-8. By
     "force" the bar takes the stress that the strain asks of the point."""

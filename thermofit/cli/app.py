@@ -95,6 +95,9 @@ def new(
     law: Annotated[
         str | None, typer.Option("--hardening", metavar="NAME", help="Hardening law, such as swift; else model2.", show_default=False)
     ] = None,
+    yields: Annotated[
+        str, typer.Option("--yield-surface", metavar="NAME", help="Yield surface: hill, von_mises, hosford or yld2004.")
+    ] = "hill",
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -108,7 +111,7 @@ def new(
                 raise StudyError("--raw and --experiment are both given; --raw is enough, it keeps an experiment.yaml that is there")
             experiment, described = str(raw), _described(raw)
         chosen = _material(experiment) if material is None else material
-        said = write_template(file, experiment, overwrite=force, look=_looked, law=law, material=chosen)
+        said = write_template(file, experiment, overwrite=force, look=_looked, law=law, material=chosen, yields=yields)
         missing = () if described is None else described.missing
         line = f"study written: {file}; {said}; "
         if described is not None and missing:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.distance import pdist, squareform
 
 from thermofit.core.errors import NumericsError, StudyError
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.diagnose.case import Case, rows_of_tests, stacked
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.diagnose.refit import JointFit
@@ -34,12 +34,13 @@ from thermofit.fit.memory import memories
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening
 from thermofit.law.hardening.curves import taken_over
+from thermofit.law.surface.catalogue import surface
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.staging import Job
 from thermofit.study.literature import Candidate
 from thermofit.study.models import start_of as start_value
-from thermofit.study.section import law_named
+from thermofit.study.section import law_named, surface_error
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -182,8 +183,8 @@ class Contender:
 
 
 def candidate_study(study: Study, candidate: Candidate) -> Study:
-    """The study with the hardening law and the parameters of a candidate. A hardening law other than the study's starts on the curve of the
-    study's start, but for what the candidate gives."""
+    """The study with the hardening law, the yield surface and the parameters of a candidate. A hardening law other than the study's starts
+    on the curve of the study's start, but for what the candidate gives; Params of the study's yield surface go with it."""
     own = hardening(law_named(candidate.model, candidate.hardening) or study.hardening_law)
     other = hardening(study.hardening_law)
     taken: dict[str, float] = {}
@@ -191,7 +192,17 @@ def candidate_study(study: Study, candidate: Candidate) -> Study:
         starts = {name: start_value(setting) for name, setting in study.parameters.items()}
         taken = taken_over(own, other, {name: starts.get(name, param(name).neutral) for name in (*other.names, LINEAR)})
         taken = {name: value for name, value in taken.items() if name not in other.fitted}
-    changes: dict[str, Any] = {"parameters": {**study.parameters, **taken, **candidate.parameters}, "hardening": own.name}
+    yields = surface(candidate.yield_surface or study.yield_surface)
+    gone = set(surface(study.yield_surface).names) - set(yields.names)
+    kept = {name: setting for name, setting in study.parameters.items() if bare_name(name) not in gone}
+    starts = {name: value for name, value in getattr(yields.file, "LITERATURE", {}).items() if name in yields.fitted and name not in kept}
+    changes: dict[str, Any] = {
+        "parameters": {**kept, **taken, **starts, **candidate.parameters},
+        "hardening": own.name,
+        "yield_surface": yields.name,
+    }
+    if wrong := surface_error(candidate.parameters, yields.name):
+        raise StudyError(f"{study.source.name}: key 'compare': {wrong[0]} {wrong[1]}")
     return study.model_copy(update=changes)
 
 
@@ -199,6 +210,7 @@ def wanted_of(candidate: Candidate, settings: StageSettings, own: Study, study: 
     """What a candidate fits: its own choice, else all of the joint fit, and what it adds. What the hardening law of its study `own` frees
     takes the place of what that of the `study` frees with which it competes."""
     names = candidate.free or hardening(own.hardening_law).exchanged(settings.free, hardening(study.hardening_law))
+    names = names if candidate.free else surface(own.yield_surface).exchanged(names, surface(study.yield_surface))
     added: list[str] = []
     for name in candidate.add:
         added += [name] if "." in name or not _is_effect(name) else [p.name for p in effect(name).amplitudes]

@@ -35,7 +35,7 @@ from thermofit.study.stages import Stages
 from thermofit.study.study import Study
 
 SECTIONS = (
-    *("model", "hardening", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics"),
+    *("model", "hardening", "yield_surface", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics"),
     *("stages", "coupon", "diagnosis"),
 )
 DIAGNOSE = "diagnose"

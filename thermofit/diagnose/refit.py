@@ -12,6 +12,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import json_text
 from thermofit.core.parameters import Param, Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.diagnose.case import HeatFit
 from thermofit.effects.catalogue import effect, effect_of_param
 from thermofit.experiment.joint import JointParts
@@ -131,7 +132,7 @@ def _scaled(start: Parameters, name: str, factor: float) -> Parameters:
     return start.replace(**{p.name: float(np.clip(p.neutral + factor * (start[p.name] - p.neutral), p.lower, p.upper))})
 
 
-def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int | str) -> Parameters:
+def as_strong(start: Parameters, name: str, value: float, flow: Flow, model: int | str | Slots) -> Parameters:
     """Parameters with an exponent of an effect at another value, and the amplitude at which the yield stress changes by about as much as
     before where the material flows; the amplitude stays where the effect is not one of the yield stress."""
     added, moved = effect_of_param(name), start.replace(**{name: value})
@@ -333,7 +334,7 @@ class JointFit:
                 nonlocal tried
                 tried += 1
                 assert flow is not None
-                begin = as_strong(start, name, value, flow, self.study.hardening_law).with_free(others)
+                begin = as_strong(start, name, value, flow, self.study.slots).with_free(others)
                 for turn, stronger in enumerate(STRONGER):
                     try:
                         there, fit = self.minimised_on(

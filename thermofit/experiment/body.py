@@ -268,7 +268,7 @@ class BodyExperiment:
             spans=named_phases(self.data.phases),
             size=size,
             parts=parts,
-            known=effects_of_fields(infrared=self.data.temperature is not None),
+            known=effects_of_fields(infrared=self.data.temperature is not None, yields=self.study.yield_surface),
             correlation_length=self.data.correlation_length,
         )
 

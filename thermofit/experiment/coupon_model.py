@@ -122,7 +122,7 @@ def _shown_channel(name: str, history: PointHistory, test: CouponTest, parameter
 
 def point_settings(study: Study, *, plastic: bool = True) -> PointSettings:
     """Numerics of a study for the point driver."""
-    return PointSettings(model=study.hardening_law, closed_form=study.numerics.plastic_integration == "closed-form", plastic=plastic)
+    return PointSettings(model=study.slots, closed_form=study.numerics.plastic_integration == "closed-form", plastic=plastic)
 
 
 def coupon_run(study: Study, data: CouponData, free: Sequence[str] = (), *, plastic: bool = True) -> CouponRun:
@@ -294,7 +294,7 @@ def coupon_model(study: Study, data: CouponData, settings: StageSettings, base: 
         linearise=linearise,
         segments=(*segments(comparisons, data), *(1 for _ in priors)),
         priors=priors,
-        missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen)),
+        missing=CouponMissing(data.tests, offsets(data.tests), run.parameters_of, run.history, tuple(seen), study.slots),
         cheap=True,
     )
 

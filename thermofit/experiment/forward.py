@@ -75,7 +75,7 @@ def march_settings(study: Study, coupling: str, *, plastic: bool = True, keep_po
         coupling=coupling,
         coupling_tolerance=n.coupling_tolerance,
         heat_scheme=n.heat_integration,
-        model=study.hardening_law,
+        model=study.slots,
         closed_form=n.plastic_integration == "closed-form",
         plastic=plastic,
         keep_points=keep_points,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
 from thermofit.experiment.coupon_sensor import SENSOR
 from thermofit.law.composition import FACTORS, STRUCTURE, SUMS, capacity_effects
+from thermofit.law.surface.catalogue import DEFAULT, HILL, surface
 from thermofit.observe.stations import INFRARED
 from thermofit.point.driver import air_effects
 
@@ -12,11 +13,12 @@ ON_POINT = ("linear_hardening", "thermal_expansion")
 """Effects of the base law that the point driver feels."""
 
 
-def effects_of_fields(*, infrared: bool) -> tuple[Effect, ...]:
+def effects_of_fields(*, infrared: bool, yields: str = DEFAULT) -> tuple[Effect, ...]:
     """Effects that a specimen under cameras shows; without an infrared one nothing is measured that the heat balance alone feels. It is not
-    asked for what only temperatures far apart can tell."""
+    asked for what only temperatures far apart can tell, nor for Params of another yield surface than that of the name `yields`."""
     slots = (*BASE, *SUMS, *FACTORS, *STRUCTURE, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *(INFRARED if infrared else ()), "camera")
-    return tuple(e for e in effects(slots) if not e.span)
+    foreign = set(HILL) - set(surface(yields).names)
+    return tuple(e for e in effects(slots) if not e.span and not foreign & set(e.names))
 
 
 def effects_of_point(*, sensor: bool) -> tuple[Effect, ...]:

@@ -312,11 +312,15 @@ class SeveralExperiments:
         """Effects that they could show: those of the material once, those of boundary and measurement for every experiment on its own."""
         hot = {test.name: test.data.temperature is not None for test in self.tests}
         out: list[Effect] = []
-        for e in effects_of_fields(infrared=any(hot.values())):
+        for e in effects_of_fields(infrared=any(hot.values()), yields=self.study.yield_surface):
             if e.amplitude.name not in self.own:
                 out.append(e)
                 continue
-            showing = [name for name, camera in hot.items() if any(e.name == k.name for k in effects_of_fields(infrared=camera))]
+            showing = [
+                name
+                for name, camera in hot.items()
+                if any(e.name == k.name for k in effects_of_fields(infrared=camera, yields=self.study.yield_surface))
+            ]
             out += [effect(f"{e.name}{AT}{name}") for name in showing]
         return tuple(out)
 

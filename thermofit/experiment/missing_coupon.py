@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.parameters import Parameters
+from thermofit.core.slots import Slots
 from thermofit.experiment.coupon_records import CouponTest
 from thermofit.experiment.coupon_sensor import SENSOR, sensor_scene
 from thermofit.experiment.missing import Grid, time_hats
+from thermofit.law.page import along_tension
 from thermofit.observe.stations import chain, seen_along
 from thermofit.point.driver import PointHistory
 
@@ -19,14 +21,15 @@ FIELDS = {"theta": "heat", "stress": "stress"}
 
 @dataclass(frozen=True)
 class CouponMissing:
-    """What the runs of records lack: these, what is added to the time of each (n_tests,), their own parameters and histories, and
-    the observed fields."""
+    """What the runs of records lack: these, what is added to the time of each (n_tests,), their own parameters and histories, the observed
+    fields, and the slots of the law."""
 
     records: tuple[CouponTest, ...]
     offsets: np.ndarray
     of_test: Callable[[Parameters, CouponTest], Parameters]
     run: Callable[[Parameters, CouponTest], PointHistory]
     fields: tuple[str, ...]
+    slots: Slots
 
     @property
     def folded(self) -> bool:
@@ -98,7 +101,7 @@ class CouponMissing:
         for test in self.records:
             own, history = self.of_test(parameters, test), self.run(parameters, test)
             z = (yield_variable(history, variable)[:, None] - edges) / width
-            stretch = (1.0 + history.strain) * np.sqrt(own["F"] + own["H"])
+            stretch = (1.0 + history.strain) * along_tension(own, self.slots)[0]
             value = np.sign(history.stress)[:, None] * smooth_step(z) / stretch[:, None]
             flows = np.append(False, np.diff(history.accumulated) > 0.0)
             last = np.maximum.accumulate(np.where(flows, np.arange(len(flows)), -1))

@@ -163,7 +163,7 @@ def _operator(seen: JointErrors, time: np.ndarray) -> _Operator:
         own = u.mask.any(axis=1)
         slope = [float(np.polyfit(y[m], row[m], 1)[0]) for m, row in zip(u.mask[own], moved[own], strict=True)]
         stretch = 1.0 + np.interp(time, u.time[own], slope)
-    law = law_of(seen.parameters, seen.joint.study.hardening_law)
+    law = law_of(seen.parameters, seen.joint.study.slots)
     return _Operator(v["c0"] + expansion_capacity(law), v["kappa"], FILM_UNIT * v["alpha_air"], data.specimen.thickness, stretch)
 
 

@@ -67,7 +67,7 @@ def planned(study: Study, steps: tuple[CrossheadStep, ...], assumed: Parameters)
     """
     settings = simulated(study)
     specimen = study.specimen_of(settings.specimen.lengths())
-    bar = bar_of(specimen, uniaxial_law(in_model_axes(assumed, study.material_axes.angle), study.hardening_law))
+    bar = bar_of(specimen, uniaxial_law(in_model_axes(assumed, study.material_axes.angle, study.slots), study.slots))
     load = load_history(steps, bar, settings.machine, settings.force.rate)
     dic_time, ir_time = instrument_times(load, settings, settings.seed)
     dic_time, ir_time = _wanted(study.evaluation.displacement_times, dic_time), _wanted(study.evaluation.temperature_times, ir_time)

@@ -148,7 +148,7 @@ def _prepared(seen: JointErrors, spans: tuple[Span, ...], *, whole: bool = False
     spread = np.where(known, np.sqrt(np.einsum("tyb,tb->ty", weights**2, noise**2)), np.nan)
     groups = _groups(observation.time, strain, spread, spans)
     sections = _sections(seen, profile, groups, weights, known, error[:, :, 1], shown[:, :, 1], y)
-    settings = PointSettings(joint.study.hardening_law, joint.study.numerics.plastic_integration == "closed-form")
+    settings = PointSettings(joint.study.slots, joint.study.numerics.plastic_integration == "closed-form")
     of_rows = _row_weights(weights, noise, groups)
     return _Prepared(sections, _of_point(seen, sections), settings, of_rows, weights, groups, half)
 
@@ -296,7 +296,7 @@ def _temperatures(seen: JointErrors, time: np.ndarray, y: np.ndarray) -> tuple[n
 
 def _of_point(seen: JointErrors, sections: SectionHistories) -> Parameters:
     """Parameters as the point driver reads them: free of stress at the temperature of the specimen at rest."""
-    own = in_model_axes(seen.parameters, seen.joint.study.material_axes.angle)
+    own = in_model_axes(seen.parameters, seen.joint.study.material_axes.angle, seen.joint.study.slots)
     return own.replace(theta_ref=float(np.mean(sections.theta_predicted[0])))
 
 
@@ -324,7 +324,7 @@ def predicted_states(seen: JointErrors, spans: tuple[Span, ...]) -> Predicted | 
     shown = observation.value[:, :, 1] + seen.errors["u"][:, :, 1]
     sections = _sections(seen, profile, groups, weights, known, 0.0 * shown, shown, y)
     parameters = _of_point(seen, sections)
-    settings = PointSettings(seen.joint.study.hardening_law, seen.joint.study.numerics.plastic_integration == "closed-form")
+    settings = PointSettings(seen.joint.study.slots, seen.joint.study.numerics.plastic_integration == "closed-form")
     accumulated, rate = np.zeros(sections.predicted.shape), np.full(sections.predicted.shape, np.nan)
     for i in range(len(y)):
         found = _history(parameters, settings, sections.time, sections.predicted[:, i], sections.theta_predicted[:, i])

@@ -17,7 +17,7 @@ from thermofit.experiment.fields import Measured
 from thermofit.experiment.window import elastic_slope
 from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.hardening.curves import fitted_to_curve
-from thermofit.law.page import in_model_axes
+from thermofit.law.page import along_tension, in_model_axes
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.staging import Note
 from thermofit.study.geometry import STRAIGHT
@@ -49,7 +49,7 @@ def mean_strain(observation: FieldObservation, component: int) -> np.ndarray:
 
 def carries(study: Study, data: Measured, parameters: Parameters) -> bool:
     """True where the largest force of the specimen with these parameters lies above the measured one."""
-    law = uniaxial_law(in_model_axes(parameters, study.material_axes.angle), study.hardening_law, _POINTS)
+    law = uniaxial_law(in_model_axes(parameters, study.material_axes.angle, study.slots), study.slots, _POINTS)
     capacity = bar_of(data.specimen, law).capacity
     return bool(capacity > _MARGIN * float(np.max(data.steps["displacement"].force)))
 
@@ -126,11 +126,11 @@ def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameter
             f"parameters.{own.raises[0]}"
         )
     along, across, mandel = plastic[0][use], plastic[1][use], mandel[use]
-    across_thickness = in_model_axes(parameters, study.material_axes.angle)["H"]
     if "F" in parameters.free:
+        across_thickness = in_model_axes(parameters, study.material_axes.angle)["H"]
         share = float(np.clip(-(across @ along) / (along @ along), 0.05, 0.95))  # F/(F + H)
         parameters = parameters.replace(F=float(np.clip(across_thickness * share / (1.0 - share), *study.bounds("F"))))
-    r = float(np.sqrt(parameters["F"] + across_thickness))
+    r, _ = along_tension(in_model_axes(parameters, study.material_axes.angle, study.slots), study.slots)
     multiplier = along / r
     names = [name for name in own.fitted if name in parameters.free]
     if not names:

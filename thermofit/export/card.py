@@ -2,7 +2,8 @@
 
 A table of yield stress holds the law along axis 2 of the sheet, the direction of the load where the material axes are not turned. By the
 yield surface (4.19) flow along it begins at sigma = M_y / sqrt(F + H); since sigma d(eps_p) = M_y dLambda, the plastic strain along it is
-eps_p = sqrt(F + H) Lambda. Every other direction follows from the ratios of the surface. Stress is in MPa, strain
+eps_p = sqrt(F + H) Lambda; of another surface phi of unit tension takes the place of sqrt(F + H). Every other direction follows from the
+ratios of the surface. Stress is in MPa, strain
 logarithmic. The law gives Kirchhoff stress; Cauchy stress, which other programmes take, is smaller by (1 - 2 nu) sigma / E, about 0.1 %.
 """
 
@@ -15,10 +16,12 @@ import numpy as np
 
 from thermofit.body.heat.conduction import at_constant_stress, heat_conditions
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.effects.catalogue import FILE_SLOTS, effects
 from thermofit.law.composition import FACTORS, SUMS, modulus_factor, warm_moduli
 from thermofit.law.hardening.catalogue import LINEAR, hardening
-from thermofit.law.page import hardening_variable, law_in_step, law_of, released_energy, yield_stress_at_rate
+from thermofit.law.page import along_tension, hardening_variable, law_in_step, law_of, released_energy, yield_stress_at_rate
+from thermofit.law.surface.catalogue import DEFAULT, surface
 from thermofit.records.artefact import Record
 
 IN_TABLE = (*SUMS, "yield_factor", "elasticity")
@@ -96,6 +99,20 @@ class Card:
     visited: Visited
     effects: tuple[ActingEffect, ...]
     angle: float
+    slots: Slots = Slots()
+    surface: str = DEFAULT
+    surface_formula: str = ""
+
+    @property
+    def transformed(self) -> tuple[float, ...] | None:
+        """Exponent and the coefficients of both transformations in the axes of the law, in the order of `law.surface.catalogue.NUMBERS`,
+        scaled so that phi is the stress of tension along axis 2; None for a quadratic surface."""
+        yields = surface(self.surface)
+        if yields.quadratic:
+            return None
+        a, *c = yields.number_values(self.parameters)
+        along, _ = along_tension(self.parameters, self.slots)
+        return (a, *(value / along for value in c))
 
     @property
     def hill(self) -> tuple[float, float, float, float, float, float]:
@@ -109,7 +126,7 @@ class Card:
     @property
     def isotropic(self) -> bool:
         """True where the surface is that of von Mises."""
-        return bool(np.allclose(self.hill, (0.5, 0.5, 0.5, 1.5, 1.5, 1.5), rtol=1e-9))
+        return self.transformed is None and bool(np.allclose(self.hill, (0.5, 0.5, 0.5, 1.5, 1.5, 1.5), rtol=1e-9))
 
     @property
     def of_rates(self) -> bool:
@@ -137,9 +154,9 @@ class Card:
 def card_of(name: str, parameters: Parameters, verified: Record, tests: Sequence[Record] = ()) -> Card:
     """The card of the verified model of a run; `tests`: the records of its experiments, where there are several."""
     config = verified.config
-    which = config.get("hardening") or config["model"]
-    law_file = hardening(which)
-    visited = visited_by((verified, *tests), parameters)
+    which = Slots(config.get("hardening") or config["model"], config.get("yield_surface", DEFAULT))
+    law_file, yields = hardening(which.hardening), surface(which.surface)
+    visited = visited_by((verified, *tests), parameters, which)
     used = {n: p.sigma for n, p in verified.parameters.items() if p.sigma is not None}
     linear = f" + H_lin Lambda, H_lin = {parameters[LINEAR]:.6g} MPa" if parameters[LINEAR] else ""
     law = law_of(parameters, which)
@@ -156,17 +173,19 @@ def card_of(name: str, parameters: Parameters, verified: Record, tests: Sequence
         visited=visited,
         effects=_acting(parameters),
         angle=float(config.get("material_axes", {}).get("angle", 0.0)),
+        slots=which,
+        surface=yields.name,
+        surface_formula=yields.file.FORMULA,
     )
 
 
-def _along(parameters: Parameters) -> float:
-    """sqrt(F + H): plastic strain along axis 2 over Lambda."""
-    return float(np.sqrt(parameters["F"] + parameters["H"]))
+Which = int | str | Slots
+"""Hardening law, or with it the yield surface."""
 
 
-def flow_curve(parameters: Parameters, which: int | str, strain: np.ndarray, rate: float, theta: float) -> FlowCurve:
+def flow_curve(parameters: Parameters, which: Which, strain: np.ndarray, rate: float, theta: float) -> FlowCurve:
     """Yield stress along axis 2 at plastic strains (n,) of monotonic flow, at one plastic strain rate in 1/s and one temperature in K."""
-    law, along = law_of(parameters, which), _along(parameters)
+    law, (along, _) = law_of(parameters, which), along_tension(parameters, which)
     stress = np.empty(len(strain))
     for n, value in enumerate(strain):
         multiplier = float(value) / along
@@ -183,7 +202,7 @@ def _strains(largest: float) -> np.ndarray:
     return np.concatenate([inside, np.geomspace(largest, EXTRAPOLATED_TO, _BEYOND + 1)[1:]])
 
 
-def _curves(parameters: Parameters, which: int | str, visited: Visited) -> tuple[FlowCurve, ...]:
+def _curves(parameters: Parameters, which: Which, visited: Visited) -> tuple[FlowCurve, ...]:
     """One curve, or one for each rate and temperature at which the law differs within what the test has visited."""
     strain = _strains(visited.strain)
     rates, temperatures = [visited.middle_rate], [visited.middle_temperature]
@@ -200,7 +219,7 @@ def _curves(parameters: Parameters, which: int | str, visited: Visited) -> tuple
     return tuple(flow_curve(parameters, which, strain, float(rate), float(theta)) for theta in temperatures for rate in rates)
 
 
-def _moduli(parameters: Parameters, which: int | str, visited: Visited) -> tuple[tuple[float, float], ...]:
+def _moduli(parameters: Parameters, which: Which, visited: Visited) -> tuple[tuple[float, float], ...]:
     """Young's modulus at temperatures that the test has visited, before any flow; at the middle one alone where it does not change."""
     law, (low, high) = law_of(parameters, which), visited.temperature
     if not warm_moduli.py_func(law):
@@ -209,9 +228,9 @@ def _moduli(parameters: Parameters, which: int | str, visited: Visited) -> tuple
     return tuple((float(theta), float(parameters["E"] * modulus_factor(0.0, float(theta), law))) for theta in thetas)
 
 
-def heat_share(parameters: Parameters, which: int | str, visited: Visited) -> float:
+def heat_share(parameters: Parameters, which: Which, visited: Visited) -> float:
     """Dissipated energy over plastic work of monotonic flow up to the largest strain of the test, at its middle rate and temperature."""
-    along, theta, rate = _along(parameters), visited.middle_temperature, visited.middle_rate
+    along, theta, rate = along_tension(parameters, which)[0], visited.middle_temperature, visited.middle_rate
     multiplier = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 400)]) * visited.strain / along
     work = dissipated = before = 0.0
     for n in range(1, len(multiplier)):
@@ -232,11 +251,11 @@ def _acting(parameters: Parameters) -> tuple[ActingEffect, ...]:
     return tuple(ActingEffect(e.name, e.formula, {p.name: parameters[p.name] for p in e.params}, e.slot in held) for e in acting)
 
 
-def visited_by(verified: Sequence[Record], parameters: Parameters) -> Visited:
+def visited_by(verified: Sequence[Record], parameters: Parameters, which: Which = 2) -> Visited:
     """Range of the tests by the model of their verification: of a specimen under cameras the mean strain of its window, of records of
     coupons what each went through, flow of all cycles added up."""
     windows = [found for record in verified if (found := _in_window(record, parameters)) is not None]
-    coupons = [found for record in verified for found in _in_records(record, parameters)]
+    coupons = [found for record in verified for found in _in_records(record, along_tension(parameters, which)[0])]
     if not windows and not coupons:
         return _visited(np.zeros(1), np.zeros(0), np.array([parameters["theta_ref"]]), "this run holds no curve: nothing is known")
     plastic, rate, theta = (np.concatenate(values) for values in zip(*windows, *coupons, strict=True))
@@ -261,8 +280,7 @@ def _in_window(record: Record, parameters: Parameters) -> _Course | None:
     return plastic, np.diff(plastic) / np.diff(time), seen
 
 
-def _in_records(record: Record, parameters: Parameters) -> Iterator[_Course]:
-    along = _along(parameters)
+def _in_records(record: Record, along: float) -> Iterator[_Course]:
     for name in sorted(n.rpartition("/")[0] for n in record.names if n.startswith("curves/") and n.endswith("/accumulated")):
         plastic, time = along * record[f"{name}/accumulated"].value, record[f"{name}/time"].value
         yield plastic, np.diff(plastic) / np.diff(time), record[f"{name}/theta"].value

@@ -17,6 +17,7 @@ import yaml
 from thermofit import __version__
 from thermofit.core.jsonable import jsonable
 from thermofit.export.card import Card, FlowCurve
+from thermofit.law.surface.catalogue import COEFFICIENTS, surface
 
 DENSITY = 1e-9
 """t/mm^3, written where none is given: of heat only the product with the specific heat counts."""
@@ -31,6 +32,7 @@ def remarks_of(card: Card, density: float | None) -> list[str]:
     lines = [
         f"{card.name}, identified by thermofit {__version__}; units N, mm, s, K, t (MPa, mW/(mm K))",
         f"hardening {card.law}: {card.formula}",
+        *([f"yield surface {_surface_in_words(card)}"] if card.transformed is not None else []),
         f"range of validity: plastic strain up to {v.strain:.4g} ({v.source}),",
         f"  plastic strain rate {v.rate[0]:.3g} to {v.rate[1]:.3g} 1/s, temperature {v.temperature[0]:.2f} to {v.temperature[1]:.2f} K",
         f"  stresses at plastic strains above {v.strain:.4g} are extrapolated by the law",
@@ -58,10 +60,18 @@ def _commented(lines: Iterable[str], sign: str) -> list[str]:
     return [f"{sign} {line}" for line in lines]
 
 
+def _surface_in_words(card: Card) -> str:
+    """Name, formula and values of a surface."""
+    values = (f"{name.partition('.')[2]} = {card.parameters[name]:.6g}" for name in surface(card.surface).names)
+    return f"{card.surface}, {card.surface_formula}, {', '.join(values)}"
+
+
 def _isotropic_only(card: Card) -> list[str]:
     """Told where a programme's card takes the surface of von Mises and the identified one is another."""
     if card.isotropic:
         return []
+    if card.transformed is not None:
+        return [f"this card yields by von Mises: right along axis 2 alone; the identified surface is {_surface_in_words(card)}"]
     f, g, h, *_ = card.hill
     return [
         f"this card yields by von Mises: right along axis 2, not across; identified Hill F = {f:.6g}, G = {g:.6g}, H = {h:.6g} (F + H = 1)"
@@ -122,14 +132,15 @@ def _abaqus_heat(card: Card, density: float) -> list[str]:
 
 def abaqus(card: Card, density: float | None = None) -> str:
     """*MATERIAL with *PLASTIC by rate and temperature, *POTENTIAL for Hill, *INELASTIC HEAT FRACTION."""
-    lines = [*_commented(remarks_of(card, density), "**"), f"*MATERIAL, NAME={_material_name(card)}", "*ELASTIC"]
+    told = _isotropic_only(card) if card.transformed is not None else []
+    lines = [*_commented([*remarks_of(card, density), *told], "**"), f"*MATERIAL, NAME={_material_name(card)}", "*ELASTIC"]
     lines += _elastic(card)
     for rate in dict.fromkeys(c.rate for c in card.curves):
         at_rate = [c for c in card.curves if c.rate == rate]
         lines.append(f"*PLASTIC, RATE={rate:.6g}" if card.of_rates else "*PLASTIC")
         for curve in at_rate:
             lines += _rows(curve, *((curve.theta,) if card.of_temperatures else ()))
-    if not card.isotropic:
+    if not card.isotropic and card.transformed is None:
         lines += ["*POTENTIAL", ", ".join(f"{value:.8g}" for value in ratios(card))]
     lines += _abaqus_heat(card, density or DENSITY)
     lines += ["*INELASTIC HEAT FRACTION", f"{card.heat_share:.6g},"]
@@ -200,10 +211,31 @@ def ls_dyna(card: Card, density: float | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
+_MFRONT = ("12", "21", "13", "31", "23", "32", "66", "55", "44")
+"""Order of the coefficients of a transformation in MFront's criterion Barlat (TFEL, StandardElastoViscoPlasticity)."""
+
+
+def _mfront_criterion(card: Card) -> list[str]:
+    """Hill's criterion, or Barlat's with an exponent and two transformations."""
+    if card.transformed is None:
+        f, g, h, of_12, of_23, of_13 = card.hill
+        return [
+            "    // F (11-22)^2 + G (22-33)^2 + H (33-11)^2 + 2 L (12)^2 + 2 M (13)^2 + 2 N (23)^2",
+            f'    criterion : "Hill" {{F : {f:.8g}, G : {h:.8g}, H : {g:.8g}, L : {of_12:.8g}, M : {of_13:.8g}, N : {of_23:.8g}}},',
+        ]
+    a, *c = card.transformed
+    first, second = (dict(zip(COEFFICIENTS, part, strict=True)) for part in (c[:9], c[9:]))
+    l1, l2 = (", ".join(f"{part[at]:.8g}" for at in _MFRONT) for part in (first, second))
+    return [
+        f"    // {card.surface}; coefficients of 12, 21, 13, 31, 23, 32 and of the shears 12, 13, 23",
+        f'    criterion : "Barlat" {{a : {a:.8g}, l1 : {{{l1}}},',
+        f"      l2 : {{{l2}}}}},",
+    ]
+
+
 def mfront(card: Card, density: float | None = None) -> str:
-    """A behaviour of the brick StandardElastoViscoPlasticity with Hill's surface and the curve as data; for logarithmic strains."""
+    """A behaviour of the brick StandardElastoViscoPlasticity with the surface and the curve as data; for logarithmic strains."""
     p, curve = card.parameters, card.reference
-    f, g, h, of_12, of_23, of_13 = card.hill
     data = ", ".join(f"{x:.8g} : {y:.8g}" for x, y in zip(curve.strain, curve.stress, strict=True))
     name = "".join(part.capitalize() for part in _material_name(card).lower().split("_")) or "Material"
     lines = [
@@ -218,14 +250,29 @@ def mfront(card: Card, density: float | None = None) -> str:
         f'  stress_potential : "Hooke" {{young_modulus : {card.young:.8g}, poisson_ratio : {p["nu"]:.8g},',
         f"    thermal_expansion : {p['alpha_exp']:.8g}, thermal_expansion_reference_temperature : {p['theta_ref']:.8g}}},",
         '  inelastic_flow : "Plastic" {',
-        "    // F (11-22)^2 + G (22-33)^2 + H (33-11)^2 + 2 L (12)^2 + 2 M (13)^2 + 2 N (23)^2",
-        f'    criterion : "Hill" {{F : {f:.8g}, G : {h:.8g}, H : {g:.8g}, L : {of_12:.8g}, M : {of_13:.8g}, N : {of_23:.8g}}},',
+        *_mfront_criterion(card),
         f'    isotropic_hardening : "Data" {{values : {{{data}}}, interpolation : "linear"}}',
         "  }",
         "};",
         f"// conductivity {p['kappa']:.8g} mW/(mm K)",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _yaml_surface(card: Card) -> dict[str, object]:
+    """Constants of the surface, which yields at the table's stress along axis 2."""
+    if card.transformed is None:
+        return {
+            "hill": dict(zip("FGHLMN", card.hill, strict=True))
+            | {"meaning": "F (11-22)^2 + G (33-11)^2 + H (22-33)^2 + 2 L (12)^2 + 2 M (23)^2 + 2 N (13)^2; F + H = 1"},
+            "yield_ratios": dict(zip(("R11", "R22", "R33", "R12", "R13", "R23"), ratios(card), strict=True)),
+        }
+    a, *c = card.transformed
+    parts = {f"c{n}": dict(zip(COEFFICIENTS, part, strict=True)) for n, part in ((1, c[:9]), (2, c[9:]))}
+    meaning = (
+        f"{card.surface_formula}; coefficients in the axes 1 (width), 2 (rolling), 3 (thickness), phi = stress of tension along axis 2"
+    )
+    return {"yield_surface": {"name": card.surface, "a": a, **parts, "meaning": meaning}}
 
 
 def plain_yaml(card: Card, density: float | None = None) -> str:
@@ -239,9 +286,7 @@ def plain_yaml(card: Card, density: float | None = None) -> str:
         "parameters": {name: {"value": value, "sigma": card.sigma.get(name)} for name, value in p.values.items()},
         "young_modulus": [{"temperature_K": theta, "E_MPa": young} for theta, young in card.moduli],
         "hardening": {"law": card.law, "formula": card.formula},
-        "hill": dict(zip("FGHLMN", card.hill, strict=True))
-        | {"meaning": "F (11-22)^2 + G (33-11)^2 + H (22-33)^2 + 2 L (12)^2 + 2 M (23)^2 + 2 N (13)^2; F + H = 1"},
-        "yield_ratios": dict(zip(("R11", "R22", "R33", "R12", "R13", "R23"), ratios(card), strict=True)),
+        **_yaml_surface(card),
         "density": density,
         "heat_capacity_at_constant_stress": card.capacity,
         "share_of_plastic_work_that_heats": card.heat_share,

@@ -9,7 +9,7 @@ Free energy (4.1) to (4.7), per unit reference volume, theta_0 the stress-free r
         + psi_pl(alpha)                                                      hardening (4.6), (4.7)
 
 Plastic flow is isochoric, so J = det F = det F_el. Isotropic elasticity: M = F_el^T P_el is symmetric and its deviator is
-mu dev C_el; the Hill surface (4.19) sees nothing else of it.
+mu dev C_el; the yield surface, Hill's (4.19) or another one of law.surface, sees nothing else of it.
 
 The yield stress over alpha, and psi_pl with it, is that of a hardening law, one file each in law.hardening: `model` selects it. All are
 associated, alpha = Lambda, but for model 2 of the thesis. Linear hardening, H_lin Lambda, is added to any of them.
@@ -20,11 +20,13 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numba.extending
 import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
 from thermofit.law.composition import (
     AMPLITUDES,
@@ -36,17 +38,25 @@ from thermofit.law.composition import (
     hardening_energy,
     hardening_heat,
     hardening_stress,
+    restructured,
     stored_yield_stress,
     yield_factor,
 )
 from thermofit.law.hardening.catalogue import SHARED, hardening
+from thermofit.law.surface.catalogue import DEFAULT, HILL, surface
+from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
 from thermofit.law.tensor import Symmetric
+from thermofit.law.transformed import axial_gradient
+
+_overload: Any = numba.extending.overload
+_AS_KERNELS = {"error_model": "numpy", "fastmath": False, "forceinline": True}
 
 
 class BaseLaw(NamedTuple):
     """Numbers of the law as the kernels take them; units as in `core.parameters`, moduli in MPa. Those of effects follow in `Law`, whose
-    hardening law is one of the thesis. Any other is an `AnyLaw`, which has numbers of its own before `model`; kernels are compiled for it
-    when one is used."""
+    hardening law is one of the thesis and whose yield surface is quadratic. Any other hardening makes it an `AnyLaw`, any other surface a
+    `SurfaceLaw`, both an `AnySurfaceLaw`: these have numbers of their own before `model`, and the last two end with the number of the
+    `surface`. Kernels are compiled for each of them when one is used."""
 
     lame: float
     mu: float
@@ -81,24 +91,35 @@ class BaseLaw(NamedTuple):
 if TYPE_CHECKING:
     Law = BaseLaw
     AnyLaw = BaseLaw
+    SurfaceLaw = BaseLaw
+    AnySurfaceLaw = BaseLaw
 else:
     _FLAGS = BaseLaw._fields.index("model")
-    Law = namedtuple("Law", (*BaseLaw._fields, *EFFECT_NUMBERS))
-    AnyLaw = namedtuple("AnyLaw", (*BaseLaw._fields[:_FLAGS], *SHARED, *BaseLaw._fields[_FLAGS:], *EFFECT_NUMBERS))
+    _NUMBERS, _LAST = BaseLaw._fields[:_FLAGS], BaseLaw._fields[_FLAGS:]
+    Law = namedtuple("Law", (*_NUMBERS, *_LAST, *EFFECT_NUMBERS))
+    AnyLaw = namedtuple("AnyLaw", (*_NUMBERS, *SHARED, *_LAST, *EFFECT_NUMBERS))
+    SurfaceLaw = namedtuple("SurfaceLaw", (*_NUMBERS, *OF_SURFACE, *_LAST, "surface", *EFFECT_NUMBERS))
+    AnySurfaceLaw = namedtuple("AnySurfaceLaw", (*_NUMBERS, *SHARED, *OF_SURFACE, *_LAST, "surface", *EFFECT_NUMBERS))
 
 
-def law_of(parameters: Parameters, model: int | str = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
-    """The Law of named parameters: lambda, mu, K from E and nu (Remark 4.5); `model` is the hardening law, by number or name. StudyError
-    where there is none of that name."""
-    v = parameters.values
+def law_of(parameters: Parameters, model: int | str | Slots = 2, *, closed_form: bool = True, plastic: bool = True) -> Law:
+    """The Law of named parameters: lambda, mu, K from E and nu (Remark 4.5); `model` is the hardening law, by number or name, or says which
+    yield surface is taken as well. Hill's constants that a quadratic surface does not have are neutral, as they are beside another one.
+    StudyError where there is none of that name."""
+    slots = model if isinstance(model, Slots) else Slots(model)
+    yields = surface(slots.surface)
+    v = {**parameters.values, **{name: param(name).neutral for name in HILL if name not in yields.names}}
     E, nu = v["E"], v["nu"]
     lame = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     mu = E / (2.0 * (1.0 + nu))
     names = ("M_y0", "M_yinf", "H_exp", "H_lin", "F", "G", "H", "L", "M", "N", "alpha_exp", "kappa", "c0", "beta", "theta_ref")
     of_effects: dict[str, Any] = dict(zip(EFFECT_NUMBERS, (parameters[name] for name in EFFECT_PARAMS), strict=True))
-    selected = hardening(model)
+    selected = hardening(slots.hardening)
     own = selected.own_values(parameters)
-    kind: Any = Law if selected.small else AnyLaw
+    kind: Any = (Law if selected.small else AnyLaw) if yields.quadratic else (SurfaceLaw if selected.small else AnySurfaceLaw)
+    of_surface = (
+        {} if yields.quadratic else {**dict(zip(OF_SURFACE, yields.number_values(parameters), strict=True)), "surface": yields.number}
+    )
     made: Law = kind(
         lame=lame,
         mu=mu,
@@ -110,9 +131,15 @@ def law_of(parameters: Parameters, model: int | str = 2, *, closed_form: bool = 
         per_second=0.0,
         **{name: v[name] for name in names},
         **({} if selected.small else dict(zip(SHARED, (*own, *(0.0,) * (len(SHARED) - len(own))), strict=True))),
+        **of_surface,
         **of_effects,
     )
     return made
+
+
+def slots_of(law: Law) -> Slots:
+    """What stands in the slots of a law, by number. All quadratic surfaces are Hill's there."""
+    return Slots(law.model, getattr(law, "surface", DEFAULT))
 
 
 def law_in_step(law: Law, dt: float) -> Law:
@@ -120,17 +147,25 @@ def law_in_step(law: Law, dt: float) -> Law:
     return law._replace(per_second=1.0 / dt)
 
 
-def in_model_axes(parameters: Parameters, angle: float) -> Parameters:
+def in_model_axes(parameters: Parameters, angle: float, model: int | str | Slots = 2) -> Parameters:
     """Parameters of the same sheet with respect to x, y, z where its axes are turned by quarter turns `angle` (degrees) about z.
 
-    Axes 1 and 2 change places: G with H, M with N (4.19). The parameters themselves at even multiples. StudyError for another angle.
+    Axes 1 and 2 change places: of Hill's surface G with H, M with N (4.19); `model` says which surface it is, as in `law_of`. The
+    parameters themselves at even multiples. StudyError for another angle.
     """
     if angle % 90.0 != 0.0:
-        raise StudyError(f"material axes: an angle of {angle:g} degrees found; only multiples of 90 exchange the Hill parameters")
+        raise StudyError(f"material axes: an angle of {angle:g} degrees found; only multiples of 90 exchange the parameters of the surface")
     if angle % 180.0 == 0.0:
         return parameters
-    v = parameters.values
-    return parameters.replace(G=v["H"], H=v["G"], M=v["N"], N=v["M"])
+    yields = surface(model.surface if isinstance(model, Slots) else DEFAULT)
+    return parameters.replace(**yields.turned({name: parameters[name] for name in yields.names}))
+
+
+def along_tension(parameters: Parameters, model: int | str | Slots = 2) -> tuple[float, float]:
+    """Of uniaxial tension along y: plastic strain over Lambda, which is sigma_y over the stress as well, and the share -(strain across x)
+    of it. Of Hill's surface sqrt(F + H) and F / (F + H). The parameters are in the axes of the model."""
+    n_x, n_y, _ = surface_gradient(0.0, 1.0, 0.0, law_of(parameters, model))
+    return float(np.sqrt(n_y)), float(-n_x / n_y)
 
 
 @kernel(inline="always")
@@ -227,6 +262,46 @@ def hill_gradient(a11: float, a22: float, a33: float, law: Law) -> tuple[float, 
     g = law.G * (a33 - a11)
     h = law.H * (a22 - a33)
     return f - g, h - f, g - h
+
+
+def is_transformed(law: Law) -> bool:
+    """Whether the surface of a law is one of law.transformed, not a quadratic one."""
+    return hasattr(law, OF_SURFACE[0])
+
+
+def surface_gradient(a11: float, a22: float, a33: float, law: Law) -> tuple[float, float, float]:
+    """Normal components of phi dphi/dS at a stress without shear: G : S of a quadratic surface. phi^2 is their product with the stress.
+
+    In kernels and outside them; the type of the law says which kind of surface it has.
+    """
+    of_type: Any = axial_gradient if is_transformed(law) else hill_gradient
+    found: tuple[float, float, float] = of_type(a11, a22, a33, law)
+    return found
+
+
+def transformed(law: Any) -> bool:
+    """Of numba's type of a law: whether its surface is one of law.transformed."""
+    return OF_SURFACE[0] in law.fields
+
+
+@_overload(surface_gradient, jit_options=_AS_KERNELS, strict=False)
+def _surface_gradient(a11: Any, a22: Any, a33: Any, law: Any) -> Any:
+    if transformed(law):
+        return lambda a11, a22, a33, law: axial_gradient(a11, a22, a33, law)
+    return lambda a11, a22, a33, law: hill_gradient(a11, a22, a33, law)
+
+
+def relative(law: Law) -> bool:
+    """Whether the local update is that of `point.lanes_relative`: an effect is on that changes it, or the surface is not quadratic. In
+    kernels and outside them."""
+    return is_transformed(law) or bool(law.effective == 1 and restructured(law))
+
+
+@_overload(relative, jit_options=_AS_KERNELS, strict=False)
+def _relative(law: Any) -> Any:
+    if transformed(law):
+        return lambda law: True
+    return lambda law: law.effective == 1 and restructured(law)
 
 
 @kernel(forceinline=True)

@@ -29,13 +29,24 @@ from thermofit.law.composition import (
     number_of,
     warm_moduli,
 )
-from thermofit.law.page import AnyLaw, Law, hardening_variable, law_of, pressure_factor, released_energy, yield_stress_at_rate
+from thermofit.law.page import (
+    AnySurfaceLaw,
+    Law,
+    hardening_variable,
+    is_transformed,
+    law_of,
+    pressure_factor,
+    released_energy,
+    slots_of,
+    yield_stress_at_rate,
+)
+from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
 
 LANES = 8
 """Directions that are treated side by side; their number is filled up to a multiple of it with zero directions."""
 
-_FLAGS = ("model", "closed_form", "plastic", "effective", "per_second")
-NUMBERS: tuple[str, ...] = tuple(name for name in AnyLaw._fields if name not in _FLAGS)
+_FLAGS = ("model", "closed_form", "plastic", "effective", "per_second", "surface")
+NUMBERS: tuple[str, ...] = tuple(name for name in AnySurfaceLaw._fields if name not in _FLAGS)
 """Names of the real numbers of any law, in the order of its fields; a Law of the thesis has not all of them."""
 N_NUMBERS = len(NUMBERS)
 MU, BULK = NUMBERS.index("mu"), NUMBERS.index("bulk")
@@ -43,6 +54,8 @@ ELASTIC = tuple(NUMBERS.index(name) for name in ("lame", "mu", "bulk"))
 ALPHA_EXP, THETA_REF = NUMBERS.index("alpha_exp"), NUMBERS.index("theta_ref")
 HILL = NUMBERS.index("F")
 """Place of F among the numbers; G, H, L, M, N follow."""
+SURFACE = NUMBERS.index(OF_SURFACE[0])
+"""Place of the first number of a transformed surface."""
 WARMING = tuple(NUMBERS.index(number_of(name)) for e in effects(("elasticity",)) for name in e.names)
 """Places of the numbers of effects by which the moduli change with temperature."""
 
@@ -54,8 +67,9 @@ class Directions(NamedTuple):
 
     `numbers` (N_NUMBERS, m); `in_yield`, `in_heat`, `in_pressure`: which numbers the yield stress with its hardening variable, the
     dissipation and the pressure factor depend on. `in_structure`, `in_sense`: those of the effects that change the local update itself, in
-    `structure_gradients` and `sense_gradients`; `structured` where one of these effects is on or asked for. `warms` where the moduli change
-    with temperature, so that rates of tr C_el of every point take part in its heat.
+    `structure_gradients` and `sense_gradients`; `in_surface`: those of a transformed yield surface. `structured` where one of these effects
+    is on or asked for, or the surface is transformed. `warms` where the moduli change with temperature, so that rates of tr C_el of every
+    point take part in its heat.
     """
 
     numbers: np.ndarray
@@ -64,6 +78,7 @@ class Directions(NamedTuple):
     in_pressure: np.ndarray
     in_structure: np.ndarray
     in_sense: np.ndarray
+    in_surface: np.ndarray
     structured: bool
     warms: bool
 
@@ -81,7 +96,7 @@ def number_rates(parameters: Parameters, names: Sequence[str], law: Law) -> np.n
             continue
         param(name)
         moved = Parameters({**parameters.values, name: complex(parameters[name], STEP)}, parameters.free)  # type: ignore[dict-item]
-        there = law_of(moved, law.model, closed_form=bool(law.closed_form), plastic=bool(law.plastic))
+        there = law_of(moved, slots_of(law), closed_form=bool(law.closed_form), plastic=bool(law.plastic))
         out[:, column] = [np.imag(getattr(there, number, 0.0)) / STEP for number in NUMBERS]
     return out
 
@@ -91,7 +106,7 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     numbers = np.zeros((N_NUMBERS, padded(len(names))))
     numbers[:, : len(names)] = number_rates(parameters, names, law)
     moved = np.any(numbers != 0.0, axis=1)
-    structured = is_structured(parameters, names)
+    structured = is_structured(parameters, law, names)
     return Directions(
         numbers,
         _felt(yield_gradients, (0.031, 0.017, 0.007, 297.3), law, moved),
@@ -99,14 +114,18 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
         _felt(pressure_gradients, (0.003, 297.3), law, moved),
         _felt(_structure_slopes, (0.017, 0.007, 297.3), law, moved & structured),
         _felt(_sense_slopes, (-0.3,), law, moved & structured),
+        (SURFACE + np.flatnonzero(moved[SURFACE : SURFACE + len(OF_SURFACE)])).astype(np.int64),
         structured,
         bool(law.effective and warm_moduli.py_func(law)),
     )
 
 
-def is_structured(parameters: Parameters, names: Sequence[str] = ()) -> bool:
-    """Whether an effect that changes the local update itself is on, or one of its Params is among `names`."""
-    return bool(set(names) & set(STRUCTURAL)) or any(parameters[name] != param(name).neutral for name in STRUCTURAL if name in AMPLITUDES)
+def is_structured(parameters: Parameters, law: Law, names: Sequence[str] = ()) -> bool:
+    """Whether the yield surface is transformed, an effect that changes the local update itself is on, or one of its Params is among
+    `names`."""
+    if is_transformed(law) or set(names) & set(STRUCTURAL):
+        return True
+    return any(parameters[name] != param(name).neutral for name in STRUCTURAL if name in AMPLITUDES)
 
 
 def moved_law(law: Law, which: int) -> Law:

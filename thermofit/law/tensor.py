@@ -103,3 +103,10 @@ def added(a: Symmetric, b: Symmetric, factor: float) -> Symmetric:
 def scaled(a: Symmetric, factor: float) -> Symmetric:
     """factor a."""
     return (factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4], factor * a[5])
+
+
+@kernel(forceinline=True)
+def deviator(t: Symmetric) -> Symmetric:
+    """dev t."""
+    p = (t[0] + t[1] + t[2]) * (1.0 / 3.0)
+    return (t[0] - p, t[1] - p, t[2] - p, t[3], t[4], t[5])

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.law.bounds import check_beta
 from thermofit.law.composition import CAPACITIES
-from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.page import law_of
 from thermofit.law.page_rates import N_NUMBERS, NUMBERS, STEP, number_rates
-from thermofit.point.solve import AIR, LAG, N_ALL, START, TAU, AnyFlags, Flags, Limits, run
+from thermofit.point.solve import AIR, FLAGS_OF, LAG, N_ALL, START, TAU, Flags, Limits, run
 from thermofit.point.step import N_STATE, STATE
 
 CHANNELS: tuple[str, ...] = (
@@ -69,10 +68,11 @@ class Programme:
 
 @dataclass(frozen=True)
 class PointSettings:
-    """Numerics of a run: `model`, the hardening law by number or name; closed form or backward Euler of alpha (model 2), plasticity at all;
-    the largest change of the nominal strain in one step, and how often the steps of an interval may be halved."""
+    """Numerics of a run: `model`, the hardening law by number or name, or with the yield surface (`core.slots.Slots`); closed form or
+    backward Euler of alpha (model 2), plasticity at all; the largest change of the nominal strain in one step, and how often the steps of
+    an interval may be halved."""
 
-    model: int | str = 2
+    model: int | str | Slots = 2
     closed_form: bool = True
     plastic: bool = True
     max_strain: float = 0.01
@@ -150,8 +150,7 @@ def run_numbers(
     if programme.theta_start is not None:
         numbers[START] = programme.theta_start
     effective = law.effective or int(any(parameters[name] != param(name).neutral for name in CAPACITIES))
-    kind: Any = Flags if hardening(law.model).small else AnyFlags
-    return numbers, along, kind(law.model, law.closed_form, law.plastic, effective)
+    return numbers, along, FLAGS_OF[type(law)](law.model, law.closed_form, law.plastic, effective)
 
 
 def air_effects() -> tuple[Effect, ...]:

@@ -6,7 +6,7 @@ With F_p(n+1) = exp(D) F_p(n), D = dLambda N, N = G : C_el / |C_el|_G (4.14), an
 
 The map preserves det F_p = 1 because tr N = 0 (errata 3), and makes the tangent symmetric where N and C_el are coaxial (von Mises; Hill
 along its axes). Elsewhere it is so to 4e-4 dLambda: enough for a Newton matrix, not for an exact derivative. Effects that change the
-update itself are on the page `lanes_relative`; where none is on nothing of it is called.
+update itself, and yield surfaces that are not quadratic, are on the page `lanes_relative`; else nothing of it is called.
 
 The stress is Kirchhoff's, tau = P F^T, and the tangent a_ijkl = F_jJ F_lL dP_iJ/dF_kL = delta_ik tau_jl + c_ijkl, whose c is symmetric in
 ij and in kl:
@@ -25,8 +25,7 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, Mask, all_lanes, any_lane, spread, where
-from thermofit.law.composition import restructured
-from thermofit.law.page import Law, flow_stress, hardening_variable, hill, pressure_factor
+from thermofit.law.page import Law, flow_stress, hardening_variable, hill, pressure_factor, relative
 from thermofit.law.tensor import COLUMN, ROW, Symmetric, added, congruence, double_contraction, scaled
 from thermofit.point.lanes_memory import column, row, set_column, set_row
 from thermofit.point.lanes_relative import set_relative_part, set_structure, update_relative
@@ -169,7 +168,7 @@ def update_lanes(f: Tensor, theta: Lanes, state_n: np.ndarray, law: Law, w: np.n
     set_row(w, SHEAR, law.mu)
     for m in range(N_STATE):
         set_row(w, STATE + m, column(state_n, m))
-    if law.effective == 1 and restructured(law):
+    if relative(law):
         return update_relative(f, theta, state_n, law, w, state)
     fp_inv, alpha_n, lambda_n = tensor_rows(w, STATE), row(w, STATE + ALPHA), row(w, STATE + LAMBDA)
     f_trial = product(f, fp_inv)
@@ -209,7 +208,7 @@ def set_spatial_stiffness(status: int, law: Law, w: np.ndarray) -> None:
     if status == ELASTIC:
         for m in range(36):
             set_row(w, STIFFNESS + m, 0.0)
-    elif law.effective == 1 and restructured(law):
+    elif relative(law):
         set_relative_part(status, law, w)
     else:
         _set_plastic_part(status, law, w)

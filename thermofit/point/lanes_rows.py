@@ -32,7 +32,10 @@ RELATIVE, BY_INCREMENT, NORMAL = 197, 203, 209
 """Of `lanes_relative`: T, dT/d dLambda at a fixed C_el, and the normal of its yield condition, six each."""
 BACK_N = 215
 """Y of all backstresses at the start of the step, six each."""
-POINT_ROWS = BACK_N + 6 * N_BACK
+CURVATURE, N_CURVATURE = BACK_N + 6 * N_BACK, 25
+"""Curvature of a yield surface that is not quadratic (lanes_surface): components 11, 22, 12, 23, 13 of what a tensor becomes, over the same
+of a traceless one."""
+POINT_ROWS = CURVATURE + N_CURVATURE
 
 MAX_ITERATIONS = 60
 STRESS_TOLERANCE = 1e-11

@@ -7,6 +7,7 @@ gains at fixed D and gamma = dLambda along a direction is
 
 and differentiation of D = gamma N and n = f sigma_y + sum C_i gamma phi_i =: R gives, with P = G - N N, r = gamma / n, e' = G' : T - N h',
 h' = T : G' : T / (2 n), W = N - sigma_y f' dxi/dT and R' at fixed gamma,
+of another surface P = phi d2phi/dT2, e' = phi dN/dz z' and h' = dphi/dz z' by its numbers z,
 
     [1 - r m mu P S] D' = (N + r P V) gamma' + rho,    rho = r (P t + e'),
     -W : m mu S D' - (W : V - R_gamma) gamma' = W : t + h' - R'.
@@ -17,19 +18,23 @@ the law page by complex step.
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
+import numba.extending
 import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, any_lane, multiply_add, spread, where
 from thermofit.law.backstress import decay_share, gain_share
-from thermofit.law.page import Law, hill
-from thermofit.law.page_rates import HILL, MU, N_STRUCTURE, Directions, sense_gradients, structure_gradients
-from thermofit.law.tensor import Symmetric, scaled
+from thermofit.law.page import Law, is_transformed, transformed
+from thermofit.law.page_rates import HILL, MU, N_STRUCTURE, SURFACE, Directions, sense_gradients, structure_gradients
+from thermofit.law.tensor import Symmetric, deviator, scaled
+from thermofit.law.transformed import number_slopes
 from thermofit.point.lanes_fused import added, congruence, double_contraction, product, pulled_back, symmetric_sum
 from thermofit.point.lanes_memory import column, number, row, set_row
-from thermofit.point.lanes_relative import deviator, sense_and_gradient
+from thermofit.point.lanes_relative import sense_and_gradient
+from thermofit.point.lanes_rows import N_CURVATURE
+from thermofit.point.lanes_surface import projected, projected_at, surface_flow_and_curvature
 from thermofit.point.lanes_tensor import (
     Tensor,
     exponential_of_traceless,
@@ -73,7 +78,6 @@ from thermofit.point.rates import (
     YBN,
     columns,
     eliminate,
-    five,
     nine,
     response_size,
     set_six,
@@ -81,6 +85,9 @@ from thermofit.point.rates import (
     summed,
 )
 from thermofit.point.state import BACK, LAMBDA, N_BACK, SENSE
+
+_overload: Any = numba.extending.overload
+_IN_KERNELS: dict[str, Any] = {"jit_options": {"error_model": "numpy", "fastmath": False, "forceinline": True}, "strict": False}
 
 # Rows of a response, after those of `point.rates`.
 STIFF, FACTOR, BY_SENSE, FLOWN = range(4)
@@ -93,13 +100,21 @@ _TERMS, _OF_TERM = 44, 12
 """Of each backstress: q, exp(-gamma_i dLambda), dLambda phi, C, gamma_i, the derivative of dLambda phi by gamma_i, and Y_n (six)."""
 _HELD, _KEPT, _GAIN, _MODULUS, _RECALL, _BY_RECALL, _OLD = range(7)
 SLOPES_OF = _TERMS + _OF_TERM * N_BACK
-"""Gradients of `structure_gradients`, then those of f by the numbers of the law."""
+"""Gradients of `structure_gradients`, then those of f by the numbers of the law; of a transformed surface then its curvature, and dphi/dz
+with phi dN/dz for each of its active numbers z."""
 
 
-def rows_of_response(along: Directions) -> int:
+def rows_of_response(along: Directions, law: Law) -> int:
     """Length of a point's response: that of `point.rates` and, where one of these effects is on or asked for, of this page."""
-    further = SLOPES_OF + N_STRUCTURE * (3 + len(along.in_structure)) + len(along.in_sense)
-    return response_size(len(along.in_pressure), len(along.in_yield)) + along.structured * further
+    if not along.structured:
+        return response_size(len(along.in_pressure), len(along.in_yield))
+    return curvature_row(along) + (N_CURVATURE + 7 * len(along.in_surface) if is_transformed(law) else 0)
+
+
+def curvature_row(along: Directions) -> int:
+    """First row of the curvature of the surface in a response of this page."""
+    base = response_size(len(along.in_pressure), len(along.in_yield))
+    return base + SLOPES_OF + N_STRUCTURE * (3 + len(along.in_structure)) + len(along.in_sense)
 
 
 def stiffness_slopes(response: np.ndarray, along: Directions) -> np.ndarray:
@@ -149,9 +164,18 @@ def _slope(n: int, by: int, n_active: int) -> int:
 
 @kernel
 def relative_responses_of_points(
-    f: Tensor, state_n: np.ndarray, state: np.ndarray, law: Law, n_active: int, base: int, w: np.ndarray, out: np.ndarray
+    f: Tensor,
+    state_n: np.ndarray,
+    state: np.ndarray,
+    law: Law,
+    further: tuple[int, int, int],
+    in_surface: np.ndarray,
+    w: np.ndarray,
+    out: np.ndarray,
 ) -> None:
-    """`rates.responses_of_points` with these effects; the further rows begin at `base`, and what the law page gives stands in them."""
+    """`rates.responses_of_points` with these effects; further = (first row of this page, in which what the law page gives stands; number of
+    its active numbers; first row of the curvature of the surface)."""
+    base, n_active, curved = further
     f_el = product(f, columns(state))
     set_tensor_rows(out, F_EL, f_el)
     gamma = column(state, LAMBDA) - column(state_n, LAMBDA)
@@ -176,10 +200,9 @@ def relative_responses_of_points(
         by_increment = added(by_increment, old, q * (recall + gamma * recall_by) - modulus_by * kept)
         gained = gained + modulus * gain
         by_gained = by_gained + modulus_by * gain + modulus * (kept + by_recall * recall_by)
-    g = hill(t, law)
-    norm = math.sqrt(double_contraction(g, t))
+    flow, norm = surface_flow_and_curvature(t, law, out, curved)
     stressed = where(norm > 0.0, norm, 1.0)
-    flow, r = scaled(g, where(norm > 0.0, 1.0 / stressed, 0.0)), where(flows, gamma / stressed, 0.0)
+    r = where(flows, gamma / stressed, 0.0)
     factor, by_sense = row(out, base + FACTOR), row(out, base + BY_SENSE)
     sigma_y = (norm - gained) / factor
     _, sense = sense_and_gradient(t)
@@ -188,19 +211,19 @@ def relative_responses_of_points(
     y, terms = exponential_of_traceless(minus_d)
     y_c = product(full(y), full(c_trial))
     slopes = exponential_slopes(minus_d, terms)
-    set_six(w, SLOPES, scaled(slopes[0], -1.0))
-    set_six(w, SLOPES + 6, scaled(slopes[1], -1.0))
+    set_six(w, SLOPES, scaled(added(slopes[0], slopes[1], spread(-1.0)), -0.5))
+    set_six(w, SLOPES + 6, scaled(added(slopes[0], slopes[1], spread(1.0)), -0.5))
     set_six(w, SLOPES + 12, scaled(slopes[2], -1.0))
     set_six(w, SLOPES + 18, scaled(slopes[3], -1.0))
     set_six(w, SLOPES + 24, scaled(slopes[4], -1.0))
     for m in range(5):
         s = scaled(symmetric_sum(full(symmetric_rows(w, SLOPES + 6 * m)), y_c), shear)
         set_row(w, ALONG + m, double_contraction(normal, s))
-        column_of = five(scaled(_projected(s, flow, law), -r))
+        column_of = _five(scaled(projected(s, flow, law, out, curved), -r))
         for k in range(5):
             set_row(w, SYSTEM + WIDTH * k + m, column_of[k] + (1.0 if k == m else 0.0))
             set_row(w, SYSTEM + WIDTH * k + 6 + m, 1.0 if k == m else 0.0)
-    driven = five(added(flow, _projected(by_increment, flow, law), r))
+    driven = _five(added(flow, projected(by_increment, flow, law, out, curved), r))
     for k in range(5):
         set_row(w, SYSTEM + WIDTH * k + 5, driven[k])
         set_row(w, SYSTEM + WIDTH * k + 11, 0.0)
@@ -220,6 +243,7 @@ def relative_responses_of_points(
     slope = factor * row(out, BY_GAMMA) + by_gained
     across = double_contraction(normal, by_increment) - slope
     set_row(out, DENOMINATOR, across + _set_solutions(w, out))
+    _set_number_slopes(t, law, in_surface, out, curved + N_CURVATURE)
 
 
 @kernel(forceinline=True)
@@ -242,9 +266,9 @@ def _set_solutions(w: np.ndarray, out: np.ndarray) -> Lanes:
 
 
 @kernel(forceinline=True)
-def _projected(a: Symmetric, flow: Symmetric, law: Law) -> Symmetric:
-    """P : a = (G - N N) : a."""
-    return added(hill(a, law), flow, -double_contraction(flow, a))
+def _five(s: Symmetric) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+    """Unknowns of the equations: 11 - 22, 11 + 22, 12, 23, 13, as in `lanes_relative`."""
+    return (s[0] - s[1], s[0] + s[1], s[3], s[4], s[5])
 
 
 @kernel(forceinline=True)
@@ -310,8 +334,8 @@ def relative_flow_rates(
         driven = added(driven, six(c, at + _OLD, q), gamma * held * recall_rate - kept * modulus_rate)
         driven = added(driven, _back_rates(rates_n, back_at + 6 * i * step, step), spread(-held))
         gained = gained + gain * modulus_rate + (modulus * number(c, at + _BY_RECALL, q)) * recall_rate
-    e, h = _hill_rates(t, flow, number(c, NORM, q), w)
-    rho = five(scaled(added(_projected(driven, flow, law), e, 1.0), ratio))
+    e, h = _surface_rates(t, flow, law, c, _curvature_at(base, along), q, along.in_surface, w)
+    rho = _five(scaled(added(projected_at(driven, flow, law, c, _curvature_at(base, along), q), e, 1.0), ratio))
     at = GRADIENTS + along.in_pressure.shape[0]
     sigma = multiply_add(number(c, BY_ALPHA, q), alpha_n, summed(c, q, at, along.in_yield, w))
     sigma = multiply_add(number(c, BY_THETA, q), theta, multiply_add(number(c, BY_LAMBDA, q), lambda_n, sigma))
@@ -368,6 +392,58 @@ def _hill_rates(a: Symmetric, flow: Symmetric, norm: float, w: np.ndarray) -> tu
     e = (f - g, h - f, g - h, row(w, at + 3) * a[3], row(w, at + 4) * a[4], row(w, at + 5) * a[5])
     h_rate = double_contraction(a, e) * (0.5 / norm)
     return added(e, flow, -h_rate), h_rate
+
+
+@kernel(forceinline=True)
+def _number_rates(c: np.ndarray, at: int, q: int, in_surface: np.ndarray, w: np.ndarray) -> tuple[Symmetric, Lanes]:
+    """e' = phi dN/dz z' and h' = dphi/dz z' of the active numbers z of a transformed surface, seven rows each from `at` on."""
+    o = spread(0.0)
+    e, h = (o, o, o, o, o, o), o
+    for i in range(in_surface.shape[0]):
+        rate = row(w, NUMBER_RATES + in_surface[i])
+        h = multiply_add(number(c, at + 7 * i, q), rate, h)
+        e = added(e, six(c, at + 7 * i + 1, q), rate)
+    return e, h
+
+
+def _surface_rates(
+    t: Symmetric, flow: Symmetric, law: Law, c: np.ndarray, at: int, q: int, in_surface: np.ndarray, w: np.ndarray
+) -> tuple[Symmetric, Lanes]:
+    """In kernels: e' and h' of whichever surface the law has."""
+    raise NotImplementedError
+
+
+@_overload(_surface_rates, **_IN_KERNELS)
+def _surface_rates_of(t: Any, flow: Any, law: Any, c: Any, at: Any, q: Any, in_surface: Any, w: Any) -> Any:
+    if transformed(law):
+        return lambda t, flow, law, c, at, q, in_surface, w: _number_rates(c, at + N_CURVATURE, q, in_surface, w)
+    return lambda t, flow, law, c, at, q, in_surface, w: _hill_rates(t, flow, number(c, NORM, q), w)
+
+
+def _set_number_slopes(t: Symmetric, law: Law, in_surface: np.ndarray, out: np.ndarray, at: int) -> None:
+    """In kernels: what `_number_rates` needs into rows from `at` on, of a transformed surface."""
+    raise NotImplementedError
+
+
+@_overload(_set_number_slopes, **_IN_KERNELS)
+def _set_number_slopes_of(t: Any, law: Any, in_surface: Any, out: Any, at: Any) -> Any:
+    if transformed(law):
+        return lambda t, law, in_surface, out, at: _all_number_slopes(t, law, in_surface, out, at)
+    return lambda t, law, in_surface, out, at: None
+
+
+@kernel
+def _all_number_slopes(t: Symmetric, law: Law, in_surface: np.ndarray, out: np.ndarray, at: int) -> None:
+    for i in range(in_surface.shape[0]):
+        normal, value = number_slopes(t, in_surface[i] - SURFACE, law)
+        set_row(out, at + 7 * i, value)
+        set_six(out, at + 7 * i + 1, normal)
+
+
+@kernel(forceinline=True)
+def _curvature_at(base: int, along: Directions) -> int:
+    """First row of the curvature of the surface: after the gradients of the law page."""
+    return base + SLOPES_OF + N_STRUCTURE * (3 + along.in_structure.shape[0]) + along.in_sense.shape[0]
 
 
 @kernel(forceinline=True)

@@ -15,8 +15,9 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from thermofit.core.jit import kernel
 from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, hardening_numbers, no_effects
 from thermofit.law.hardening.catalogue import SHARED
-from thermofit.law.page import AnyLaw, Law
-from thermofit.law.page_rates import N_NUMBERS, STEP, Complex
+from thermofit.law.page import AnyLaw, AnySurfaceLaw, Law, SurfaceLaw
+from thermofit.law.page_rates import N_NUMBERS, STEP, SURFACE, Complex
+from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
 from thermofit.point.state import YIELD_TOLERANCE
 from thermofit.point.step import (
     ACROSS,
@@ -43,11 +44,14 @@ from thermofit.point.step import (
 _as_tuple: Any = to_fixed_tuple
 _new_law: Any = Law
 _new_any_law: Any = AnyLaw
+_new_surface_law: Any = SurfaceLaw
+_new_any_surface_law: Any = AnySurfaceLaw
 _overload: Any = numba.extending.overload
 N_OF_EFFECTS = len(EFFECT_NUMBERS)
 OF_EFFECTS = N_NUMBERS - N_OF_EFFECTS
 """Place of the first number of an effect."""
-N_BASE = OF_EFFECTS - len(SHARED)
+N_OF_SURFACE = len(OF_SURFACE)
+N_BASE = SURFACE - len(SHARED)
 N_ALL = N_NUMBERS + 4
 """Numbers that a run depends on: those of the law, then tau, lag, theta_air and the temperature at the start."""
 TAU, LAG, AIR, START = range(N_NUMBERS, N_ALL)
@@ -86,6 +90,30 @@ class AnyFlags(NamedTuple):
     closed_form: int
     plastic: int
     effective: int
+
+
+class SurfaceFlags(NamedTuple):
+    """Flags of a law of the thesis with a transformed yield surface."""
+
+    model: int
+    closed_form: int
+    plastic: int
+    effective: int
+
+
+class AnySurfaceFlags(NamedTuple):
+    """Flags of a law with any hardening and a transformed yield surface."""
+
+    model: int
+    closed_form: int
+    plastic: int
+    effective: int
+
+
+FLAGS_OF: dict[type, Any] = {Law: Flags, AnyLaw: AnyFlags, SurfaceLaw: SurfaceFlags, AnySurfaceLaw: AnySurfaceFlags}
+"""Flags of every kind of law."""
+_IN_KERNELS = -1
+"""Number of the surface of a law that a kernel makes: none asks for it."""
 
 
 class Work(NamedTuple):
@@ -139,14 +167,29 @@ def _any_law(flags: AnyFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_eff
     return _new_any_law(*_as_tuple(numbers, N_BASE), *hardening_numbers(numbers[N_BASE:]), *rest, *of_effects)
 
 
-def law_for(flags: Flags | AnyFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+@kernel(forceinline=True)
+def _surface_law(flags: SurfaceFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    surface = _as_tuple(numbers[SURFACE:], N_OF_SURFACE)
+    return _new_surface_law(*_as_tuple(numbers, N_BASE), *surface, *rest, _IN_KERNELS, *of_effects)
+
+
+@kernel(forceinline=True)
+def _any_surface_law(flags: AnySurfaceFlags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
+    own, surface = hardening_numbers(numbers[N_BASE:]), _as_tuple(numbers[SURFACE:], N_OF_SURFACE)
+    return _new_any_surface_law(*_as_tuple(numbers, N_BASE), *own, *surface, *rest, _IN_KERNELS, *of_effects)
+
+
+_MAKERS: dict[type, Any] = {Flags: _law, AnyFlags: _any_law, SurfaceFlags: _surface_law, AnySurfaceFlags: _any_surface_law}
+
+
+def law_for(flags: Flags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects: tuple[Any, ...]) -> Law:
     """In kernels: the law of numbers (N_ALL,), of the kind that the type of `flags` says."""
     raise NotImplementedError
 
 
 @_overload(law_for, jit_options={"forceinline": True}, strict=False)
 def _law_for(flags: Any, numbers: Any, rest: Any, of_effects: Any) -> Any:
-    make = _any_law if flags.instance_class is AnyFlags else _law
+    make = _MAKERS[flags.instance_class]
     return lambda flags, numbers, rest, of_effects: make(flags, numbers, rest, of_effects)
 
 

@@ -36,9 +36,9 @@ from thermofit.law.composition import (
 from thermofit.law.page import (
     Law,
     hardening_variable,
-    hill_gradient,
     pressure_factor,
     released_energy,
+    surface_gradient,
     thermoelastic_heat,
     yield_stress_at_rate,
 )
@@ -150,7 +150,7 @@ def carried(backstress: float, modulus_n: float, modulus: float) -> float:
 def recalled_heat(s: np.ndarray, gamma: float, theta: float, along: float, law: Law) -> float:
     """Heat of the recall of all backstresses, mJ/mm^3, at the mean temperature of the step; theta is that of its end."""
     heat, rate = 0.0 * gamma, gamma * law.per_second
-    weight = hill_gradient(0.0 * gamma, 0.0 * gamma + 1.0, 0.0 * gamma, law)[1]
+    weight = surface_gradient(0.0 * gamma, 0.0 * gamma + 1.0, 0.0 * gamma, law)[1]
     terms, middle = backstress_terms(s[LAMBDA] + gamma, rate, theta, law), 0.5 * (s[THETA] + theta)
     start, between = backstress_terms(s[LAMBDA], rate, s[THETA], law), backstress_terms(s[LAMBDA] + gamma, rate, middle, law)
     for k in range(N_BACKSTRESSES):
@@ -198,7 +198,7 @@ def _end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Inpu
         if law.effective == 1:
             left, gained = recalled(s, gamma, rate, theta, law)
             t_x, t_y = stiff * c_x, stiff * c_y - left / law.mu
-        g_x, g_y, g_z = hill_gradient(t_x, t_y, t_x, law)
+        g_x, g_y, g_z = surface_gradient(t_x, t_y, t_x, law)
         norm = np.sqrt(g_x * t_x + g_y * t_y + g_z * t_x)
         r = gamma / norm if norm.real > 0.0 else zero
         d_x, d_y, d_z = r * g_x, r * g_y, r * g_z

@@ -17,7 +17,20 @@ from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 
 SOLVED = (
-    *("model", "hardening", "material_axes", "mesh", "geometry", "static", "parameters", "evaluation", "force", "numerics", "coupon"),
+    *(
+        "model",
+        "hardening",
+        "yield_surface",
+        "material_axes",
+        "mesh",
+        "geometry",
+        "static",
+        "parameters",
+        "evaluation",
+        "force",
+        "numerics",
+        "coupon",
+    ),
     *("diagnosis.priors", "uncertainty"),
 )
 """Sections that whatever runs the model reads."""

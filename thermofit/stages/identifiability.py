@@ -49,7 +49,20 @@ from thermofit.study.study import Study
 
 NAME = "identifiability"
 _SECTIONS = (
-    *("model", "hardening", "material_axes", "mesh", "geometry", "specimen", "static", "parameters", "evaluation", "force", "noise"),
+    *(
+        "model",
+        "hardening",
+        "yield_surface",
+        "material_axes",
+        "mesh",
+        "geometry",
+        "specimen",
+        "static",
+        "parameters",
+        "evaluation",
+        "force",
+        "noise",
+    ),
     *("numerics", "simulate", "coupon", "diagnosis.priors"),
 )
 WIDER = 1.5

@@ -8,7 +8,7 @@ from thermofit.experiment.protocol import FieldTest
 from thermofit.experiment.window import window_times
 from thermofit.identify.solve import Solved
 from thermofit.identify.stage import StageKind, identify
-from thermofit.law.page import in_model_axes
+from thermofit.law.page import along_tension, in_model_axes
 from thermofit.records.staging import Outcome
 from thermofit.study.study import Study
 
@@ -19,8 +19,8 @@ def _remarks(test: FieldTest, solved: Solved) -> tuple[str, ...]:
     _, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
     steps = data.steps["displacement"].until(t1)
     stress = float(np.max(np.abs(steps.force))) / (data.specimen.gauge_width * data.specimen.thickness)
-    p = in_model_axes(solved.parameters, study.material_axes.angle)
-    limit = p["M_y0"] / np.sqrt(p["F"] + p["H"])
+    p = in_model_axes(solved.parameters, study.material_axes.angle, study.slots)
+    limit = p["M_y0"] / along_tension(p, study.slots)[0]
     knee = next((phase.t1 for phase in data.phases if phase.label == "elastic"), t1)
     out = []
     if "M_y0" in study.parameters and stress > limit:

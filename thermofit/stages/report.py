@@ -84,7 +84,9 @@ def _whole(study: Study, also: tuple[str, ...], *, force: bool) -> Outcome:
         pages.append((test.study, {**records, **own}))
         if not alone:
             doubts += [f"{test.name}: {text}" for text in _doubts(test.study, {INTERPOLATE: own[INTERPOLATE]})]
-    config = study.config_of("name", "model", "hardening", "mesh", "geometry", "stages", "simulate", "coupon", "experiments")
+    config = study.config_of(
+        "name", "model", "hardening", "yield_surface", "mesh", "geometry", "stages", "simulate", "coupon", "experiments"
+    )
     shown = {stage: path for stage in _SHOWN if (path := artefact_path(study.run_dir, stage)).exists()}
     task = job(study.run_dir, NAME, {**config, "stale": doubts}, {**paths, **shown})
 

@@ -42,8 +42,9 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         return each(study, NAME, run, lambda one: one.virtual, force=force)
     settings = _settings(study)
     refuse_unseen(study)
-    study = study.model_copy(update={"hardening": settings.hardening_law or study.hardening_law})
-    task = job(study.run_dir, NAME, read_of(study, "name", "hardening", "material_axes", "simulate", "numerics"), {})
+    own = {"hardening": settings.hardening_law or study.hardening_law, "yield_surface": settings.yield_surface or study.yield_surface}
+    study = study.model_copy(update=own)
+    task = job(study.run_dir, NAME, read_of(study, "name", "hardening", "yield_surface", "material_axes", "simulate", "numerics"), {})
     raw = study.run_dir / "raw"
     outcome = produce(task, lambda: _make(study, settings), force=force or not raw.is_dir())
     if outcome.fresh and outcome.record.summary.get("raw_digest") != path_digest(raw):
@@ -70,7 +71,7 @@ def virtual_fields(study: Study, settings: Simulate) -> tuple[VirtualFields, His
     truth = study.truth_parameters()
     specimen = settings.specimen.lengths()
     steps = programme_of(settings.programme)
-    law = uniaxial_law(in_model_axes(truth, study.material_axes.angle), study.hardening_law)
+    law = uniaxial_law(in_model_axes(truth, study.material_axes.angle, study.slots), study.slots)
     load = load_history(steps, bar_of(specimen, law), settings.machine, settings.force.rate)
     dic_time, ir_time = instrument_times(load, settings, settings.seed)
     times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step)
@@ -117,7 +118,7 @@ def _solve(
         newton=NewtonSettings(tolerance=numerics.newton_tolerance),
         coupling_tolerance=numerics.coupling_tolerance,
         heat_scheme=numerics.heat_integration,
-        model=study.hardening_law,
+        model=study.slots,
         closed_form=numerics.plastic_integration == "closed-form",
         material_angle=study.material_axes.angle,
     )

@@ -8,7 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from thermofit.core.parameters import is_known, known_names
 from thermofit.study.errors import content_error, near_miss
-from thermofit.study.section import HardeningName, Interval, NonNegative, Number, ParameterSettings, Section, check_law
+from thermofit.study.section import HardeningName, Interval, NonNegative, Number, ParameterSettings, Section, SurfaceName, check_law
 from thermofit.study.stages import Free
 
 PRESSURE = "c_p"
@@ -72,6 +72,8 @@ class Candidate(Section):
     model: Literal[1, 2] | None = None
     hardening: HardeningName | None = None
     """Hardening law; what it frees takes the place of what that of the study frees, and starts on the same curve."""
+    yield_surface: SurfaceName | None = None
+    """Yield surface; where that of the study has a free parameter, what this one frees takes its place."""
     parameters: ParameterSettings = Field(default={})
     """Starts, or fixed values, that differ, such as the amplitude of an effect."""
     free: Free | None = None

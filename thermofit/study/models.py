@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,7 +11,10 @@ from pydantic import AfterValidator, Field, StrictBool, Tag, ValidationError, fi
 from thermofit.core.experiment import Landmarks
 from thermofit.core.parameters import AT, acting, bare_name, param
 from thermofit.core.parameters import THERMOCOUPLES as THERMOCOUPLES
+from thermofit.core.slots import Slots
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
+from thermofit.law.surface.catalogue import DEFAULT as DEFAULT_SURFACE
+from thermofit.law.surface.catalogue import surface, surfaces
 from thermofit.study.coupon import Coupon
 from thermofit.study.errors import content_error, sentence
 from thermofit.study.geometry import Geometry, StaticTest
@@ -30,6 +33,7 @@ from thermofit.study.section import (
     Positive,
     Section,
     SpecimenOverride,
+    SurfaceName,
     Times,
     Whole,
     check_law,
@@ -37,6 +41,7 @@ from thermofit.study.section import (
     hardening_error,
     no_repeats,
     physical_error,
+    surface_error,
     word_or,
 )
 from thermofit.study.stages import Channel, Free, Mask, PlasticStage, StageName, Stages, StageSettings, Window
@@ -351,6 +356,8 @@ class Sections(Section):
     """Model 1 (associated, 4.6) or 2 (non-associated, 4.7) of the thesis: hardening voce or model2."""
     hardening: HardeningName | None = None
     """Hardening law by its name; null: that of `model`."""
+    yield_surface: SurfaceName = DEFAULT_SURFACE
+    """Yield surface by its name."""
     mesh: Mesh = "full"
     geometry: Geometry = Geometry()
     specimen: SpecimenOverride = SpecimenOverride()
@@ -387,6 +394,11 @@ class Sections(Section):
         """Name of the hardening law, by `hardening` or `model`."""
         return hardening(self.model).name if self.hardening is None else self.hardening
 
+    @property
+    def slots(self) -> Slots:
+        """What stands in the slots of the base law."""
+        return Slots(self.hardening_law, self.yield_surface)
+
     @model_validator(mode="after")
     def _physics(self) -> Sections:
         """Starts, truth and grid are physical, and every stage that the study lists has its starts."""
@@ -396,10 +408,16 @@ class Sections(Section):
         for name, setting in self.parameters.items():
             _check_parameter(name, setting)
         _check_hardening(starts, self.hardening_law, "parameters")
+        _check_surface(starts, self.yield_surface, "parameters.")
+        for name in sorted(self.stages.model_fields_set):
+            stage = getattr(self.stages, name)
+            if "free" in stage.model_fields_set and (wrong := surface_error(stage.free, self.yield_surface)):
+                raise content_error(f"holds {wrong[0]}, which {wrong[1]}", f"stages.{name}.free")
         if self.simulate is not None and self.static is not None:
             raise content_error("describes a measured field, but 'simulate' a virtual experiment; leave one of them out", "static")
         if self.simulate is not None:
             _check_hardening(self.simulate.truth, self.simulate.hardening_law or self.hardening_law, "simulate.truth")
+            _check_surface(self.simulate.truth, self.simulate.yield_surface or self.yield_surface, "simulate.truth.")
         for name in sorted(self.stages.model_fields_set):
             stage = getattr(self.stages, name)
             if self.coupon is not None and "free" not in stage.model_fields_set:
@@ -409,6 +427,7 @@ class Sections(Section):
         for index, trial in enumerate(self.gridsearch.starts if self.gridsearch else ()):
             key = f"gridsearch.starts.{index}"
             _check_hardening({**starts, **trial}, self.hardening_law, key)
+            _check_surface(trial, self.yield_surface, f"{key}.")
             for name, value in trial.items():
                 low, high = bounds_of(name, self.parameters.get(name))
                 if not low <= value <= high:
@@ -433,13 +452,16 @@ class StudyFile(Sections):
     @model_validator(mode="before")
     @classmethod
     def _freed(cls, tree: Any) -> Any:
-        """Stage plastic of a full-field test frees what the chosen hardening law has, where the study does not say."""
-        if not isinstance(tree, dict) or tree.get("coupon") or tree.get("hardening") not in [law.name for law in hardening_laws()]:
+        """Stage plastic of a full-field test frees what the chosen hardening law and yield surface have, where the study does not say."""
+        if not isinstance(tree, dict) or tree.get("coupon"):
             return tree
+        laws, known = [law.name for law in hardening_laws()], [one.name for one in surfaces()]
+        law, yields = tree.get("hardening"), tree.get("yield_surface", DEFAULT_SURFACE)
         stages = tree.get("stages") or {}
         plastic = stages.get("plastic", {}) if isinstance(stages, dict) else None
         usual = PlasticStage().free
-        free = hardening(tree["hardening"]).exchanged(usual, hardening(1))
+        free = hardening(law).exchanged(usual, hardening(1)) if law in laws else usual
+        free = surface(yields).exchanged(free, surface(DEFAULT_SURFACE)) if yields in known else free
         if not isinstance(plastic, dict) or "free" in plastic or free == usual:
             return tree
         return {**tree, "stages": {**stages, "plastic": {**plastic, "free": list(free)}}}
@@ -533,6 +555,12 @@ def _check_parameter(name: str, setting: float | ParameterStart, key: str = "") 
         raise content_error(text, key if not isinstance(setting, ParameterStart) else f"{key}.start")
     if not low <= start <= high:
         raise content_error(f"is {start:g}, outside its bounds [{low:g}, {high:g}]; expected a start between them", f"{key}.start")
+
+
+def _check_surface(names: Iterable[str], chosen: str, key: str) -> None:
+    """No Param of another yield surface."""
+    if wrong := surface_error(names, chosen):
+        raise content_error(wrong[1], f"{key}{wrong[0]}")
 
 
 def _check_hardening(values: Mapping[str, float], law: str, key: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -22,8 +22,9 @@ from pydantic import (
 )
 
 from thermofit.core.experiment import CELSIUS
-from thermofit.core.parameters import NAMES, is_known, known_names, param
+from thermofit.core.parameters import NAMES, bare_name, is_known, known_names, param
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
+from thermofit.law.surface.catalogue import surface, surfaces
 from thermofit.study.errors import content_error, found, near_miss, unknown_key
 
 Number = Annotated[float, Strict()]
@@ -146,6 +147,29 @@ def _known_law(name: str) -> str:
 
 HardeningName = Annotated[str, AfterValidator(_known_law), Field(json_schema_extra={"pattern": "^[a-z][a-z0-9_]*$"})]
 """Name of a hardening law, a file of law/hardening."""
+
+
+def _known_surface(name: str) -> str:
+    known = [one.name for one in surfaces()]
+    if name not in known:
+        raise content_error(f"names no yield surface: '{name}' is not known{near_miss(name, known)}")
+    return name
+
+
+SurfaceName = Annotated[str, AfterValidator(_known_surface), Field(json_schema_extra={"enum": [one.name for one in surfaces()]})]
+"""Name of a yield surface, a file of law/surface."""
+
+
+def surface_error(names: Iterable[str], chosen: str) -> tuple[str, str] | None:
+    """The first name that is a Param of another yield surface than the chosen one, and what is wrong; None where none is."""
+    own = surface(chosen).names
+    for name in names:
+        bare = bare_name(name)
+        others = [one.name for one in surfaces() if bare in one.names]
+        if others and bare not in own:
+            has = f"has {own[0]}{' and others' if len(own) > 1 else ''}" if own else "has no parameters"
+            return name, f"is a parameter of yield surface {others[0]}, but yield_surface is {chosen}, which {has}; leave it out"
+    return None
 
 
 def law_named(model: int | None, name: str | None) -> str | None:

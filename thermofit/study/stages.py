@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, Tag, model_validator
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import acting
+from thermofit.law.surface.catalogue import surfaces
 from thermofit.study.errors import content_error
 from thermofit.study.section import (
     Count,
@@ -249,8 +250,10 @@ def coupon_stage(
         names += ["lateral"] if lateral and set(free) & set(BY_LATERAL) else []
         channels = {channel: ChannelSettings() for channel in names}  # type: ignore[misc]
     told = BY_LATERAL if "lateral" in channels else ()
-    if lost := [parameter for parameter in free if parameter in UNDETERMINED and parameter not in told]:
-        also = " without the channel lateral" if set(lost) <= set(BY_LATERAL) else ""
+    of_surfaces = {p.name for one in surfaces() for p in one.own}
+    seen_across = {*told, *of_surfaces} if told else set()
+    if lost := [parameter for parameter in free if parameter in UNDETERMINED | of_surfaces and parameter not in seen_across]:
+        also = " without the channel lateral" if set(lost) <= {*BY_LATERAL, *of_surfaces} else ""
         raise StudyError(
             f"{source}: key 'stages.{name}.free' holds {', '.join(lost)}, which records of coupons do not determine{also}: leave it out, "
             "and give its value under 'parameters'"

@@ -18,6 +18,7 @@ from thermofit.core.files import TEXT_LIMIT, check_regular
 from thermofit.core.parameters import AT, Parameters, param
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import hardening, hardening_laws
+from thermofit.law.surface.catalogue import surface, surfaces
 from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.errors import near_miss, sentence
 from thermofit.study.models import OwnExperiment, Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of, virtual_of
@@ -150,14 +151,15 @@ class Study(Sections):
 
     def truth_of(self, name: str) -> float | None:
         """The value of a parameter with which the virtual experiment was made, None where it is measured, and for a parameter of a
-        hardening law that the virtual material does not have."""
+        hardening law or yield surface that the virtual material does not have."""
         bare, _, experiment = name.partition(AT)
         several = [self.one_of(other) for other in (experiment,) if other in self.experiments] or [self.one_of(n) for n in self.fitted]
         virtual = (several[0] if several else self).simulate
         if virtual is None:
             return None
         of_laws = {n for law in hardening_laws() for n in law.names}
-        own = hardening(virtual.hardening_law or self.hardening_law).names
+        of_laws |= {n for one in surfaces() for n in one.names}
+        own = (*hardening(virtual.hardening_law or self.hardening_law).names, *surface(virtual.yield_surface or self.yield_surface).names)
         return None if bare in of_laws and bare not in own else float(virtual.truth.get(bare, param(bare).neutral))
 
     @property

@@ -9,8 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from thermofit.core.errors import StudyError
+from thermofit.core.parameters import param
 from thermofit.core.yaml_text import parse_yaml
 from thermofit.law.hardening.catalogue import Hardening, hardening, hardening_laws
+from thermofit.law.surface.catalogue import DEFAULT as DEFAULT_SURFACE
+from thermofit.law.surface.catalogue import Surface, surface, surfaces
 from thermofit.study.errors import near_miss
 from thermofit.study.materials import MATERIALS
 
@@ -24,11 +27,12 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 # run_dir: runs/my-study             # artefacts and figures, relative to the current directory
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
 @HARDENING@
+@SURFACE@
 # mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
 # geometry: {shape: dogbone}         # bar, plate-with-hole, cruciform-arm, or file with unit and sets; look at it: `thermofit mesh`
 # static: null                       # a full-field test of one load step instead of a history: field, load_axis, centre, force
 # specimen: {thickness: 1.2}         # lengths in mm that replace those of experiment.yaml
-# material_axes: {angle: 0}          # degrees from the load to the rolling direction (axis 2 of Hill's parameters), multiple of 90
+# material_axes: {angle: 0}          # degrees from the load to the rolling direction of the sheet, multiple of 90
 
 ## A number is the start of an identified parameter and the value of a fixed one. What is not given is neutral:
 ## G = H = 0.5 and L = M = N = 1.5 (von Mises with F = 0.5), H_lin = 0. Scale: usual size of a parameter, for the search.
@@ -38,7 +42,7 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 parameters:
 @MEASURED@
 @nu@
-  F: {start: 0.5, bounds: [0.05, 5]}           # Hill parameter; load along y: width-to-thickness ratio r = F/H
+@YIELDS@
 @alpha_exp@
 @kappa@
 @c0@
@@ -85,7 +89,7 @@ stages:
     du: {scheme: rigid-body}                   # or similarity (a uniform scale too), neighbour, gradient
     # beside: []                               # other measures whose answers are shown beside: [u, similarity]
   plastic:
-    free: [@FREE@, F]
+    free: [@FREE@]
     channels: {du: {}}
     window: all
     coupling: full
@@ -185,6 +189,8 @@ Look = tuple[float, float, float]
 """Elastic slope and largest nominal stress in MPa, and largest strain, as a test has shown them."""
 _MODEL = hardening(2)
 """The hardening law of a study that names none."""
+_SURFACE = surface(DEFAULT_SURFACE)
+"""The yield surface of a study that names none."""
 _METALS = {"E": (1e5, 5e3, 1e6)}
 """Start and bounds of what a test shows at a first look beside hardening, for metals in general."""
 _GENERAL = {"nu": (0.30, 0.05, 0.49), "alpha_exp": (15e-6, 1e-7, 1e-4), "kappa": (50.0, 1.0, 1000.0), "c0": (2.8, 0.5, 10.0)}
@@ -204,16 +210,32 @@ def _line(name: str, values: tuple[float, float, float], meaning: str) -> str:
     return f"{setting:<46} # {meaning}" if meaning else setting
 
 
+def _surface_lines(yields: Surface) -> list[str]:
+    """Lines of the Params of a yield surface: those that a fit frees with start and bounds, published ones to be put in as values."""
+    if not yields.names:
+        return [f"  # yield surface {yields.name}: no parameters"]
+    literature, lines = getattr(yields.file, "LITERATURE", {}), []
+    for name in yields.names if yields is not _SURFACE else ("F",):
+        p, start = param(name), literature.get(name, param(name).neutral)
+        if name in yields.fitted:
+            low, high = (0.05, 5) if name == "F" else (p.lower, p.upper)
+            lines.append(f"  {name}: {{start: {start:g}, bounds: [{low:g}, {high:g}]}}".ljust(47) + f"# {yields.file.MEANING[name]}")
+        else:
+            lines.append(f"  {name}: {start:g}".ljust(47) + f"# {yields.file.MEANING[name]}; a published value, held fixed")
+    return lines
+
+
 def template(
     name: str = "my-study",
     experiment: str = "my-experiment",
     look: Look | str = "no data were looked at",
     law: Hardening = _MODEL,
     material: str = "",
+    yields: Surface = _SURFACE,
 ) -> str:
     """Text of the commented study file of that name on that raw folder; it loads as it stands. `look`: what the test has shown, from which
     starts and bounds of the mechanical parameters are, or in words why it has shown nothing; `law`: that of hardening; `material`: the
-    class of metals from which the others are."""
+    class of metals from which the others are; `yields`: the yield surface."""
     first, second = f"name: {_quoted(name)}", f"experiment: {_quoted(experiment)}"
     own = MATERIALS[material].values if material else {}
     if isinstance(look, str):
@@ -227,6 +249,7 @@ def template(
         )
     if material:
         said += f"\n## nu, alpha_exp, kappa, c0: for {material}."
+    surface_line = f"{'# ' if yields is _SURFACE else ''}yield_surface: {yields.name}"
     chosen = f"{'# ' if law is _MODEL else ''}hardening: {law.name}"
     laws = ", ".join(known.name for known in hardening_laws())
     meaning = {"E": "MPa", **law.file.MEANING}
@@ -234,7 +257,9 @@ def template(
     return (
         _TEMPLATE.replace("@LOOKED@", said, 1)
         .replace("@HARDENING@", f"{chosen:<37}# instead of `model` (docs/hardening.md): {laws}", 1)
-        .replace("@FREE@", ", ".join(law.fitted), 1)
+        .replace("@SURFACE@", f"{surface_line:<37}# yield surface (docs/yield-surfaces.md): {', '.join(one.name for one in surfaces())}", 1)
+        .replace("@YIELDS@", "\n".join(_surface_lines(yields)), 1)
+        .replace("@FREE@", ", ".join((*law.fitted, *yields.fitted)), 1)
         .replace("@MEASURED@", lines, 1)
         .replace("@nu@", _line("nu", own.get("nu", _GENERAL["nu"]), ""), 1)
         .replace("@alpha_exp@", _line("alpha_exp", own.get("alpha_exp", _GENERAL["alpha_exp"]), "1/K"), 1)
@@ -260,13 +285,14 @@ def write_template(
     look: LookAt | None = None,
     law: str | None = None,
     material: str = "",
+    yields: str = DEFAULT_SURFACE,
 ) -> str:
     """Write the commented study file, named after the file, on a raw folder given relative to the current directory; `look` at that folder
-    says what the test shows of its material, `law` names the hardening law (model2 where none is named), `material` the class of metals.
-    Returns in words where starts and bounds are from.
+    says what the test shows of its material, `law` names the hardening law (model2 where none is named), `material` the class of metals,
+    `yields` the yield surface. Returns in words where starts and bounds are from.
 
-    StudyError where no hardening law has that name, where the file exists (unless `overwrite`), where it cannot be written, or where the
-    folder holds no experiment.
+    StudyError where no hardening law or yield surface has that name, where the file exists (unless `overwrite`), where it cannot be
+    written, or where the folder holds no experiment.
     """
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", file.stem) or "my-study"
     raw = "my-experiment" if experiment is None else _from_file(experiment, file)
@@ -275,7 +301,7 @@ def write_template(
         seen = look(Path(experiment).expanduser())
     if material and material not in MATERIALS:
         raise StudyError(f"--material {material} is not known{near_miss(material, MATERIALS)}; expected one of {', '.join(MATERIALS)}")
-    text = template(name, raw, seen, _MODEL if law is None else hardening(law), material)
+    text = template(name, raw, seen, _MODEL if law is None else hardening(law), material, surface(yields))
     try:
         with file.open("w" if overwrite else "x", encoding="utf-8") as out:
             out.write(text)

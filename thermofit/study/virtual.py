@@ -20,6 +20,7 @@ from thermofit.study.section import (
     ParameterValues,
     Positive,
     Section,
+    SurfaceName,
     Whole,
     check_law,
     law_named,
@@ -191,6 +192,8 @@ class Simulate(VirtualInstruments):
     """Model of the virtual material; null: the one that is identified."""
     hardening: HardeningName | None = None
     """Hardening law of the virtual material; null: that of `model`."""
+    yield_surface: SurfaceName | None = None
+    """Yield surface of the virtual material; null: the one that is identified."""
     truth: ParameterValues
     mesh: Mesh = "full"
     specimen: VirtualSpecimen = VirtualSpecimen()

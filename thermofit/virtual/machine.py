@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
+from thermofit.core.slots import Slots
 from thermofit.point.driver import PointHistory, PointSettings, Programme, simulate
 from thermofit.point.step import PLASTIC_Y
 from thermofit.study.virtual import Action, Machine
@@ -88,7 +89,7 @@ class Bar:
         return float(self.area.min() * self.law.nominal[-1])
 
 
-def uniaxial_law(parameters: Parameters, model: int | str = 2, points: int = _TABLE) -> UniaxialLaw:
+def uniaxial_law(parameters: Parameters, model: int | str | Slots = 2, points: int = _TABLE) -> UniaxialLaw:
     """Uniaxial law for the load along y: that of the point driver with all its effects, at rest and at the reference temperature.
 
     A slow, isothermal pull to a strain at which any sheet has necked, then again, finely, up to the largest nominal stress. Where the

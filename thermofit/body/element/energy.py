@@ -9,12 +9,13 @@ import numpy as np
 from numba import prange
 
 from thermofit.body.element.hex8 import ElementData
+from thermofit.body.heat.structure import stored_squares
 from thermofit.core.jit import kernel
 from thermofit.law.composition import backstress_terms, modulus_factor, warm_moduli
-from thermofit.law.page import Law, elastic_energy, hill, internal_energy
+from thermofit.law.page import Law, elastic_energy, internal_energy
 from thermofit.law.structure import energy_slope
-from thermofit.law.tensor import determinant, double_contraction
-from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_FULL
+from thermofit.law.tensor import determinant
+from thermofit.point.state import ALPHA, LAMBDA, N_BACK, N_FULL
 
 _CHUNKS = 64
 
@@ -31,8 +32,11 @@ def _elastic_trace(f: np.ndarray, state: np.ndarray) -> float:
 
 
 @kernel
-def _structure_energy(trace: float, log_j: float, j: float, theta: float, state: np.ndarray, law: Law) -> float:
-    """What changed moduli and backstresses (law.structure) add to the internal energy psi - theta dpsi/dtheta, mJ/mm^3."""
+def _structure_energy(
+    trace: float, log_j: float, j: float, theta: float, state: np.ndarray, squares: np.ndarray, e: int, q: int, law: Law
+) -> float:
+    """What changed moduli and backstresses (law.structure) add to the internal energy psi - theta dpsi/dtheta, mJ/mm^3; squares
+    (N_BACK, n_el, 8) are twice the energies of the backstresses over their moduli."""
     stiff, free = modulus_factor(state[LAMBDA], theta, law), elastic_energy(trace, log_j, law)
     rest = 3.0 * law.alpha_exp * law.bulk * law.theta_ref * log_j / j
     energy = (stiff - 1.0) * (free + rest)
@@ -41,15 +45,20 @@ def _structure_energy(trace: float, log_j: float, j: float, theta: float, state:
         energy = stiff * (free + coupling) - theta * energy_slope(trace, log_j, state[LAMBDA], theta, law) - free - rest
     terms = backstress_terms(state[LAMBDA], 0.0, theta, law)
     for i in range(N_BACK):
-        at = BACK + 6 * i
-        y = (state[at], state[at + 1], state[at + 2], state[at + 3], state[at + 4], state[at + 5])
-        energy += 0.5 * terms[i][0] * double_contraction(hill(y, law), y)
+        energy += 0.5 * terms[i][0] * squares[i, e, q]
     return energy
 
 
 @kernel(parallel=True)
 def _energies(
-    data: ElementData, u: np.ndarray, theta: np.ndarray, state: np.ndarray, dilatation: np.ndarray, law: Law, out: np.ndarray
+    data: ElementData,
+    u: np.ndarray,
+    theta: np.ndarray,
+    state: np.ndarray,
+    squares: np.ndarray,
+    dilatation: np.ndarray,
+    law: Law,
+    out: np.ndarray,
 ) -> None:
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
@@ -70,7 +79,7 @@ def _energies(
                 trace = _elastic_trace(f, point) * (det / determinant(f)) ** (2.0 / 3.0)  # of F_bar, whose J is `dilatation`
                 density = internal_energy(trace, np.log(det), det, t, point[ALPHA], point[LAMBDA], law)
                 if state.shape[2] == N_FULL:
-                    density += _structure_energy(trace, np.log(det), det, t, point, law)
+                    density += _structure_energy(trace, np.log(det), det, t, point, squares, e, q, law)
                 out[e] += data.volume[e, q] * density
 
 
@@ -80,5 +89,6 @@ def internal_energy_of(data: ElementData, u: np.ndarray, theta: np.ndarray, stat
     u (n_np, 3) mm, theta (n_np,) K, state (n_el, 8, n) and the J (n_el, 8) that the material sees, as `element_pass` leaves them.
     """
     out = np.zeros(len(data.hexes))
-    _energies(data, u, theta, state, dilatation, law, out)
+    squares = stored_squares(state, law) if state.shape[2] == N_FULL else np.empty((0, 0, 0))
+    _energies(data, u, theta, state, squares, dilatation, law, out)
     return float(out.sum())

@@ -29,7 +29,7 @@ from thermofit.point.rates import (
     response_size,
     responses_of_points,
 )
-from thermofit.point.relative_rates import STIFF, relative_responses_of_points, set_law_rows
+from thermofit.point.relative_rates import STIFF, curvature_row, relative_responses_of_points, set_law_rows
 from thermofit.point.state import ALPHA, LAMBDA
 
 _CHUNKS = 64
@@ -53,11 +53,12 @@ def responses(
         sigma = [out[:, k] for k in (BY_ALPHA, BY_LAMBDA, BY_GAMMA, BY_THETA, *range(at, at + n))]
         alpha = [out[:, ALPHA_BY_ALPHA], None, out[:, ALPHA_BY_GAMMA], None, *(out[:, k] for k in range(at + n, at + 2 * n))]
         set_yield_gradients((before[:, :, ALPHA], before[:, :, LAMBDA], gamma, points), law, along.in_yield, (sigma, alpha))
-    log_j, base = np.empty(gamma.shape), 0
+    log_j, base, curved = np.empty(gamma.shape), 0, 0
     if along.structured:
         base = response_size(len(along.in_pressure), len(along.in_yield))
+        curved = curvature_row(along)
         set_law_rows(before, after, points, law, along, out)
-    _responses(data, u, before, after, law, (base, len(along.in_structure)), out, log_j)
+    _responses(data, u, before, after, law, (base, len(along.in_structure), curved), along.in_surface, out, log_j)
     set_pressure(log_j, points, law, out[:, PRESSURE])
     set_pressure_gradients((log_j, points), law, along.in_pressure, [out[:, k] for k in (K_LOG_J, K_THETA, *range(GRADIENTS, at))])
     if along.structured:
@@ -72,13 +73,15 @@ def _responses(
     state_n: np.ndarray,
     state: np.ndarray,
     law: Law,
-    further: tuple[int, int],
+    further: tuple[int, int, int],
+    in_surface: np.ndarray,
     out: np.ndarray,
     log_j: np.ndarray,
 ) -> None:
     """The responses but for the derivatives of the law page, and ln J (n_el, 8) that the material sees.
 
-    further = (first row of `relative_rates`, 0 where nothing of it is wanted; its number of active numbers).
+    further = (first row of `relative_rates`, 0 where nothing of it is wanted; its number of active numbers; first row of the curvature of
+    the surface). in_surface: active numbers of a transformed surface.
     """
     n_el = data.hexes.shape[0]
     for chunk in prange(_CHUNKS):
@@ -87,6 +90,6 @@ def _responses(
             f, j = element_kinematics(data, e, u, w)
             set_row(log_j, e, math.log(j))
             if further[0] > 0:
-                relative_responses_of_points(f, state_n[e], state[e], law, further[1], further[0], point, out[e])
+                relative_responses_of_points(f, state_n[e], state[e], law, further, in_surface, point, out[e])
             else:
                 responses_of_points(f, state_n[e], state[e], law, point, out[e])

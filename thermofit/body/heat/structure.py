@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,22 +13,25 @@ from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
 from thermofit.law.backstress import recalled_energy
 from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor, warm_moduli
-from thermofit.law.page import Law, thermoelastic_heat
+from thermofit.law.page import Law, is_transformed, thermoelastic_heat
 from thermofit.law.page_rates import LANES, STEP
 from thermofit.law.structure import asymmetry_heat, degradation_heat, energy_slope
 from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_STATE, SENSE, TRACE
+from thermofit.point.surface_norm import in_surface, surface_curved, surface_gradients, surface_number_slopes
 
 Complex = Any
 _LOG_J_N, _LOG_J, _ALPHA, _LAMBDA_N, _D_LAMBDA, _WARM, _WARM_N, _TRACE_N, _TRACE, _SENSE = range(10)
 """Arguments of the heat of an increment that are moved to differentiate it."""
 _HILL_WEIGHTS = ((0, 1, 1.0), (2, 0, 1.0), (1, 2, 1.0), (3, 3, 2.0), (4, 4, 2.0), (5, 5, 2.0))
 """Of F, G, H, L, M, N: the components whose difference, or which alone, it weights in Y : G : Y, and how often."""
+_TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+"""How often a component stands in a contraction."""
 
 
 class PointChange(NamedTuple):
     """Change of all points over one increment, each (n_el, 8): ln J at both ends, alpha at the end, Lambda at the start, dLambda, tr C_el
     at both ends and the sense of flow at the end; of each backstress (N_BACK, n_el, 8) the squares Y_n : G : Y_n, Y_n : G : Y and
-    Y : G : Y."""
+    Y : G : Y, of another surface what takes their place in `law.backstress.recalled_energy`."""
 
     log_j_n: np.ndarray
     log_j: np.ndarray
@@ -42,17 +46,48 @@ class PointChange(NamedTuple):
     after: np.ndarray
 
 
-def change_between(start: PointStates, end: PointStates, law: Law) -> PointChange:
-    """Change from one state of all points to another; both hold their structure."""
+def change_between(start: PointStates, end: PointStates, theta: np.ndarray, law: Law) -> PointChange:
+    """Change from one state of all points to another; both hold their structure. theta (n_el, 8) K is that of the middle."""
     y_n, y = _backs(start), _backs(end)
     at = TRACE - N_STATE, SENSE - N_STATE
     trace, sense = (np.ascontiguousarray(end.structure[:, :, k]) for k in at)
     trace_n = np.ascontiguousarray(start.structure[:, :, at[0]])
-    return PointChange(
+    change = PointChange(
         np.log(start.dilatation), np.log(end.dilatation), end.alpha, start.accumulated, end.accumulated - start.accumulated,
-        trace_n, trace, sense,
-        _in_hill(y_n, y_n, law), _in_hill(y_n, y, law), _in_hill(y, y, law),
+        trace_n, trace, sense, np.empty((0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0, 0)),
     )  # fmt: skip
+    if not is_transformed(law):
+        return change._replace(before=_in_hill(y_n, y_n, law), across=_in_hill(y_n, y, law), after=_in_hill(y, y, law))
+    # The work of X along N is C [Y_n : phi N (Y - kept Y_n) + dLambda^2 psi], since N is that of Y - kept Y_n; what is stored grows by
+    # C (phi(Y)^2 - phi(Y_n)^2) / 2. `before` is chosen so that the derivative by kept is right as well.
+    kept = _terms(change, theta, law)[1]
+    w = y - kept[..., None] * y_n
+    before = _contracted(y_n, _on_points(surface_curved, law, w, y_n))
+    across = _contracted(y_n, _on_points(surface_gradients, law, w)) + kept * before
+    return change._replace(before=before, across=across, after=_squared(y, law) - _squared(y_n, law) + before)
+
+
+def _terms(change: PointChange, theta: np.ndarray, law: Law) -> np.ndarray:
+    """C and exp(-gamma dLambda) of every backstress (2, N_BACK, n_el, 8)."""
+    terms = np.empty((2, N_BACK, *theta.shape))
+    _terms_of_points(change, theta, law, terms)
+    return terms
+
+
+def _on_points(function: Callable[..., np.ndarray], law: Law, *tensors: np.ndarray) -> np.ndarray:
+    """A function of tensors (n, 8, 6) of those of all backstresses (N_BACK, n_el, 8, 6)."""
+    found = function(*(np.ascontiguousarray(t).reshape(-1, 8, 6) for t in tensors), law)
+    return found.reshape(*tensors[0].shape[:3], *found.shape[2:])
+
+
+def _squared(y: np.ndarray, law: Law) -> np.ndarray:
+    """phi^2 of all backstresses."""
+    return _on_points(in_surface, law, y)
+
+
+def _contracted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """x : y of tensors (..., 6)."""
+    return np.asarray((x * _TWICE * y).sum(axis=-1))
 
 
 def _backs(points: PointStates) -> np.ndarray:
@@ -174,6 +209,12 @@ def _terms_of_points(change: PointChange, theta: np.ndarray, law: Law, out: np.n
                 out[0, i, e, q], out[1, i, e, q] = terms[i][0], np.exp(-terms[i][1] * d_lambda)
 
 
+def stored_squares(state: np.ndarray, law: Law) -> np.ndarray:
+    """Twice the energy that each backstress stores over its modulus, (N_BACK, n_el, 8), at states (n_el, 8, N_FULL)."""
+    y = np.ascontiguousarray(np.moveaxis(state[:, :, BACK:].reshape(*state.shape[:2], N_BACK, 6), 2, 0))
+    return _squared(y, law) if is_transformed(law) else _in_hill(y, y, law)
+
+
 def structure_heat(
     data: ElementData, start: PointStates, end: PointStates, theta: np.ndarray, theta_n: np.ndarray, law: Law, out: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
@@ -183,7 +224,8 @@ def structure_heat(
     Returns what is dissipated at every point (n_el, 8) in mJ/mm^3, and the totals (dissipated, thermoelastic) in mJ.
     """
     dissipated, elastic = np.empty(end.alpha.shape), np.empty(end.alpha.shape)
-    _heats(change_between(start, end, law), at_points(data, theta), at_points(data, theta_n), law, dissipated, elastic)
+    warm, warm_n = at_points(data, theta), at_points(data, theta_n)
+    _heats(change_between(start, end, warm, law), warm, warm_n, law, dissipated, elastic)
     nodal = (data.volume * (dissipated + elastic)) @ data.shape
     np.add.at(out, data.hexes, nodal)
     return dissipated, float((data.volume * dissipated).sum()), float((data.volume * elastic).sum())
@@ -207,16 +249,23 @@ END_PLACES = np.array([LAMBDA, ALPHA, TRACE, SENSE, *range(BACK, BACK + 6 * N_BA
 
 
 def structure_slopes(
-    start: PointStates, end: PointStates, theta: np.ndarray, theta_n: np.ndarray, law: Law, moved: tuple[Law, ...], on: bool
+    start: PointStates,
+    end: PointStates,
+    theta: np.ndarray,
+    theta_n: np.ndarray,
+    law: Law,
+    moved: tuple[Law, ...],
+    of_surface: tuple[int, ...],
+    on: bool,
 ) -> StructureSlopes:
     """StructureSlopes of an increment, theta and theta_n (n_el, 8) K at the points in its middle and at its start.
 
-    `moved` is the law with no number moved by i h, then with each of those that are differentiated beside the six of Hill's tensor, which
-    come first; `on`: an effect is on, not only asked for.
+    `moved` is the law with no number moved by i h, then with each of those that are differentiated beside those of the yield surface, which
+    come first: the six of Hill's tensor, or `of_surface` of a transformed one, by their places; `on`: an effect is on, not only asked for.
     """
-    change, shape = change_between(start, end, law), theta.shape
+    change, shape = change_between(start, end, theta, law), theta.shape
     by = np.zeros((10, *shape))
-    numbers = np.zeros((6 + len(moved) - 1, *shape))
+    numbers = np.zeros((len(of_surface) + len(moved) - 1, *shape))
     at_start, at_end = np.zeros((len(START_PLACES), *shape)), np.zeros((len(END_PLACES), *shape))
     if on:
         warms = warm_moduli.py_func(law)
@@ -224,25 +273,54 @@ def structure_slopes(
             if argument in (_WARM_N, _TRACE_N) and not warms:
                 continue
             _differentiate(change, theta, theta_n, argument, moved[0], by[argument])
-        terms = np.empty((2, N_BACK, *shape))
-        _terms_of_points(change, theta, law, terms)
+        terms = _terms(change, theta, law)
         C, kept = np.where(change.d_lambda > 0.0, terms[0], 0.0), terms[1]
         y_n, y = _backs(start), _backs(end)
-        g_n, g = _hill_of(y_n, law), _hill_of(y, law)
-        # C [Y_n : G : Y - kept Y_n : G : Y_n - (Y : G : Y - Y_n : G : Y_n) / 2]
-        by_old = C[..., None] * (g + (1.0 - 2.0 * kept)[..., None] * g_n)
-        by_new = C[..., None] * (g_n - g)
+        of_kind = _transformed_slopes if is_transformed(law) else _hill_slopes
+        by_old, by_new, numbers[: len(of_surface)] = of_kind(y_n, y, C, kept, law, of_surface)
         at_start[2:] = np.moveaxis(by_old, 3, 1).reshape(-1, *shape)
         at_end[4:] = np.moveaxis(by_new, 3, 1).reshape(-1, *shape)
-        for k, (a, b, n) in enumerate(_HILL_WEIGHTS):
-            x, z = _part(y_n, a, b), _part(y, a, b)
-            numbers[k] = (C * n * (x * z - kept * x * x - 0.5 * (z * z - x * x))).sum(axis=0)
-    for n, there in enumerate(moved[1:], start=6):
+    for n, there in enumerate(moved[1:], start=len(of_surface)):
         _differentiate(change, theta, theta_n, -1, there, numbers[n])
     at_start[0], at_start[1] = by[_LAMBDA_N] - by[_D_LAMBDA], by[_TRACE_N]
     at_end[0], at_end[1], at_end[2], at_end[3] = by[_D_LAMBDA], by[_ALPHA], by[_TRACE], by[_SENSE]
     by_j = (by[_LOG_J_N] / start.dilatation, by[_LOG_J] / end.dilatation)
     return StructureSlopes(at_start, at_end, by_j, (by[_WARM], by[_WARM_N]), numbers)
+
+
+_Slopes = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Derivatives of the heat of recall by the components of Y_n and of Y, each (N_BACK, n_el, 8, 6), and by numbers of the surface."""
+
+
+def _hill_slopes(y_n: np.ndarray, y: np.ndarray, modulus: np.ndarray, kept: np.ndarray, law: Law, of_surface: tuple[int, ...]) -> _Slopes:
+    """Of C [Y_n : G : Y - kept Y_n : G : Y_n - (Y : G : Y - Y_n : G : Y_n) / 2]."""
+    g_n, g = _hill_of(y_n, law), _hill_of(y, law)
+    by_old = modulus[..., None] * (g + (1.0 - 2.0 * kept)[..., None] * g_n)
+    numbers = []
+    for a, b, n in (_HILL_WEIGHTS[k] for k in of_surface):
+        x, z = _part(y_n, a, b), _part(y, a, b)
+        numbers.append((modulus * n * (x * z - kept * x * x - 0.5 * (z * z - x * x))).sum(axis=0))
+    return by_old, modulus[..., None] * (g_n - g), np.array(numbers)
+
+
+def _transformed_slopes(
+    y_n: np.ndarray, y: np.ndarray, modulus: np.ndarray, kept: np.ndarray, law: Law, of_surface: tuple[int, ...]
+) -> _Slopes:
+    """Of C [Y_n : phi N (W) - (phi(Y)^2 - phi(Y_n)^2) / 2], W = Y - kept Y_n."""
+    w = y - kept[..., None] * y_n
+    curved, (g_w, g_n, g) = _on_points(surface_curved, law, w, y_n), (_on_points(surface_gradients, law, x) for x in (w, y_n, y))
+    weight, numbers = modulus[..., None] * _TWICE, []
+    for which in of_surface:
+        _, by_w = _number_slopes(w, which, law)
+        rest = _number_slopes(y_n, which, law)[0] - _number_slopes(y, which, law)[0]
+        numbers.append((modulus * (_contracted(y_n, by_w) + rest)).sum(axis=0))
+    shape = y.shape[1:3]
+    return weight * (g_w - kept[..., None] * curved + g_n), weight * (curved - g), np.array(numbers).reshape(-1, *shape)
+
+
+def _number_slopes(y: np.ndarray, which: int, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    values, normals = surface_number_slopes(np.ascontiguousarray(y).reshape(-1, 8, 6), which, law)
+    return values.reshape(y.shape[:3]), normals.reshape(y.shape)
 
 
 def add_structure_rates(

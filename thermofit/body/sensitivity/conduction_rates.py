@@ -44,7 +44,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters, load_mode, param
 from thermofit.effects.film_exchange import FILM_UNIT
-from thermofit.law.page import Law, law_of
+from thermofit.law.page import Law, law_of, slots_of
 from thermofit.law.page_rates import STEP, padded
 
 _STEADY_SWEEPS = 50
@@ -118,7 +118,7 @@ def _moved(parameters: Parameters, name: str, law: Law | None) -> HeatConditions
     conditions = heat_conditions(there)
     if law is None:
         return conditions
-    return at_constant_stress(conditions, law_of(there, law.model, closed_form=bool(law.closed_form), plastic=bool(law.plastic)))
+    return at_constant_stress(conditions, law_of(there, slots_of(law), closed_form=bool(law.closed_form), plastic=bool(law.plastic)))
 
 
 def heat_step_rates(

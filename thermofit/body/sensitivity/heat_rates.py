@@ -18,8 +18,9 @@ from thermofit.body.heat.structure import StructureSlopes, add_structure_rates, 
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
 from thermofit.law.composition import restructured
-from thermofit.law.page import Law, law_in_step, released_energy, thermoelastic_heat
-from thermofit.law.page_rates import HILL, LANES, STEP, Directions, moved_law
+from thermofit.law.page import Law, is_transformed, law_in_step, released_energy, thermoelastic_heat
+from thermofit.law.page_rates import HILL, LANES, STEP, SURFACE, Directions, moved_law
+from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
 from thermofit.point.state import ALPHA, LAMBDA
 
 _ALPHA_N, _ALPHA, _D_LAMBDA, _ACCUMULATED, _WARM = range(5)
@@ -41,8 +42,9 @@ class SourceLaw:
     """A law with the rates that the heat sources need, made once for many steps.
 
     `moved` is the law with no number moved by i h, then with each of the numbers that the dissipation feels, whose rates are `numbers`
-    (n, m); `c_rates` (m,) are those of c = -3 alpha K. `structure` and `structure_numbers` (6 + n, m), of Hill's tensor first, are the same
-    for the heat of effects that change the local update itself, empty where none is on or asked for.
+    (n, m); `c_rates` (m,) are those of c = -3 alpha K. `structure` and `structure_numbers`, those of the yield surface first, are the same
+    for the heat of effects that change the local update itself, empty where none is on or asked for; `of_surface`: the numbers of the
+    surface, by their places among its own.
     """
 
     law: Law
@@ -51,6 +53,7 @@ class SourceLaw:
     c_rates: np.ndarray
     structure: tuple[Law, ...] = ()
     structure_numbers: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    of_surface: tuple[int, ...] = ()
 
     def in_step(self, dt: float) -> SourceLaw:
         """The same in a step of dt s."""
@@ -75,10 +78,13 @@ def source_law(law: Law, directions: Directions) -> SourceLaw:
     if not directions.structured:
         return found
     any_rate = np.flatnonzero(np.any(directions.numbers != 0.0, axis=1))
-    of_hill = tuple(range(HILL, HILL + 6))
-    active = [int(k) for k in (any_rate if found.on else sorted({*directions.in_structure, *directions.in_sense})) if k not in of_hill]
+    first, count = (SURFACE, len(OF_SURFACE)) if is_transformed(law) else (HILL, 6)
+    own = [int(k) for k in directions.in_surface] if is_transformed(law) else list(range(first, first + count))
+    asked = any_rate if found.on else sorted({*directions.in_structure, *directions.in_sense})
+    active = [int(k) for k in asked if not first <= k < first + count]
     structure = tuple(moved_law(law, which) for which in (-1, *active))
-    return replace(found, structure=structure, structure_numbers=np.ascontiguousarray(directions.numbers[[*of_hill, *active]]))
+    numbers = np.ascontiguousarray(directions.numbers[[*own, *active]])
+    return replace(found, structure=structure, structure_numbers=numbers, of_surface=tuple(k - first for k in own))
 
 
 class SourceSlopes(NamedTuple):
@@ -103,7 +109,7 @@ def source_slopes(
     j_n, j = ends[0].dilatation, ends[1].dilatation
     by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
     warm, warm_n = (at_points(data, t) for t in theta)
-    structure = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.on) if law.structure else None
+    structure = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.of_surface, law.on) if law.structure else None
     return SourceSlopes(increment, by_j, _dissipation_derivatives(increment, warm, law, range(5)), structure)
 
 
@@ -146,7 +152,7 @@ def frozen_source_rates(
     dissipation = _dissipation_derivatives(increment, warm, law, range(_WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     if ends is not None and law.structure:
-        slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.on)
+        slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.of_surface, law.on)
         add_structure_rates(data, slopes, None, (temperature[1], rates_n), law.structure_numbers, out)
 
 

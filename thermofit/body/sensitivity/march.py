@@ -47,8 +47,7 @@ from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
-from thermofit.law.composition import restructured
-from thermofit.law.page import Law, law_in_step
+from thermofit.law.page import Law, law_in_step, relative
 from thermofit.law.page_rates import ALPHA_EXP, ELASTIC, THETA_REF, WARMING, directions, padded
 from thermofit.point.lanes_memory import lane_zeros
 from thermofit.point.rates import BY_THETA, SHEAR
@@ -114,9 +113,9 @@ class Differentiator:
         self._dilatations = (lane_zeros((n_el, 8, self.m)), lane_zeros((n_el, 8, self.m)))
         self._points, self._dilatation = self._states[0], self._dilatations[0]
         self._clean = True
-        self._response = lane_zeros((n_el, rows_of_response(self.along), 8))
+        self._response = lane_zeros((n_el, rows_of_response(self.along, law), 8))
         self._stiff = np.ones((n_el, 8))
-        self._skewed = bool(law.effective and restructured(law))
+        self._skewed = relative(law)
         self._loads = lane_zeros((n_el, 24, self.m))
         self._warming = lane_zeros((n_el, 24, self.m))
         self._swelling = lane_zeros((n_el, 8, self.m))

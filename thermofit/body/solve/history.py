@@ -11,6 +11,7 @@ from thermofit.body.body import Body, ThermalGeometry
 from thermofit.body.heat.equation import PointStates
 from thermofit.body.sensitivity.march import Rates, Sensitivities
 from thermofit.body.solve.newton import Direction, NewtonSettings
+from thermofit.core.slots import Slots
 from thermofit.point.state import ALPHA, LAMBDA, N_STATE
 
 COUPLING_TOLERANCE = 1e-3
@@ -21,8 +22,9 @@ COUPLING_TOLERANCE = 1e-3
 class MarchSettings:
     """Numerics of a run; tolerances in K where they are temperatures.
 
-    `material_angle` turns the axes of the yield surface about the thickness axis z, in degrees: that between the rolling direction
-    (axis 2 of the law) and the load. `max_step` s puts solution steps between the recorded times. `films` gives facet sets of the mesh
+    `model` is the hardening law, by number or name, or says with it which yield surface it is. `material_angle` turns the axes of the
+    yield surface about the thickness axis z, in degrees: that between the rolling direction (axis 2 of the law) and the load. `max_step` s
+    puts solution steps between the recorded times. `films` gives facet sets of the mesh
     their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`. `keep_energy` has the internal energy summed at
     every recorded time, for the first law.
     """
@@ -33,7 +35,7 @@ class MarchSettings:
     max_coupling: int = 20
     heat_scheme: str = "sdirk2"
     max_cuts: int = 8
-    model: int | str = 2
+    model: int | str | Slots = 2
     closed_form: bool = True
     plastic: bool = True
     keep_points: bool = False

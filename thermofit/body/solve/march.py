@@ -77,7 +77,7 @@ def beginning(
 def marched(run: Run, parameters: Parameters, load_rates: np.ndarray, times: np.ndarray, watch: Watch) -> History:
     """The history of a run through its times; `load_rates` (n, n_p) are the derivatives of the loading by what `watch` asks for."""
     body, settings = run.body, run.settings
-    run.structured = is_structured(parameters, watch.sensitivities.names if watch.sensitivities is not None else ())
+    run.structured = is_structured(parameters, run.law, watch.sensitivities.names if watch.sensitivities is not None else ())
     if watch.sensitivities is not None:
         run.differentiate(parameters, watch.sensitivities, load_rates)
     start = run.initial(float(times[0]))

@@ -10,6 +10,7 @@ from typing import Any
 from thermofit import __version__
 from thermofit.core.errors import StudyError
 from thermofit.effects.catalogue import effect
+from thermofit.law.surface.catalogue import surface
 from thermofit.report.html.gather import LOOP, VERIFY, channel_words
 from thermofit.report.html.run_folder import IDENTIFY, REFINE, Records, RunFolder
 
@@ -66,8 +67,10 @@ def _model(records: Records, run: RunFolder) -> Iterator[str]:
     config = record.config
     law = config.get("hardening") or f"model {config.get('model', '?')}"
     cited = " [@voce1948]" if config.get("hardening") in (None, "voce") else ""
+    chosen = config.get("yield_surface", "hill")
+    yields = "of Hill [@hill1948]" if chosen == "hill" else f"{chosen} ({surface(chosen).file.SOURCE})"
     yield (
-        "The model is a thermo-mechanically coupled plasticity at finite strains with the yield surface of Hill [@hill1948] and the "
+        f"The model is a thermo-mechanically coupled plasticity at finite strains with the yield surface {yields} and the "
         f"hardening law {law}{cited}; the framework follows [@rose2020; @rose2021]."
     )
     if config.get("coupon"):

@@ -51,7 +51,15 @@ def test_residual_is_that_of_the_separate_stages() -> None:
 
 def test_all_stages_are_free_together_each_parameter_once() -> None:
     case = study("stages:\n  elastic: {free: [E, nu]}\n  plastic: {free: [M_y0, E]}\n  thermal: {free: [c0]}\n")
-    assert joint_free(case) == ("E", "nu", "M_y0", "c0")
+    assert joint_free(case) == ("E", "nu", "M_y0", "c0", "theta_air", "theta_clamp")
+
+
+def test_what_no_datum_tells_is_not_free() -> None:
+    """Without temperatures nothing of the heat balance, of one elastic load step nothing of plasticity."""
+    case = study("stages:\n  elastic: {free: [E, nu]}\n  plastic: {free: [M_y0, E]}\n  thermal: {free: [c0]}\n")
+    assert joint_free(case, warm=False) == ("E", "nu", "M_y0")
+    step = StaticTest(field="field.csv", load_axis="x", traction=100.0)
+    assert joint_free(case.model_copy(update={"static": step}), warm=False) == ("E", "nu")
 
 
 @pytest.mark.parametrize("values", [{}, ALL_ON], ids=["off", "on"])

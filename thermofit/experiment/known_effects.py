@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.effects.catalogue import AXIAL, BASE, HEAT, HEATING, KINEMATICS, LOAD, Effect, effects
 from thermofit.experiment.coupon_sensor import SENSOR
 from thermofit.law.composition import FACTORS, STRUCTURE, SUMS, capacity_effects
 from thermofit.observe.stations import INFRARED
@@ -16,11 +16,12 @@ def effects_of_fields(*, infrared: bool) -> tuple[Effect, ...]:
     """Effects that a specimen under cameras shows; without an infrared one nothing is measured that the heat balance alone feels. It is not
     asked for what only temperatures far apart can tell."""
     slots = (*BASE, *SUMS, *FACTORS, *STRUCTURE, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *(INFRARED if infrared else ()), "camera")
-    return tuple(e for e in effects(slots) if not e.span)
+    return tuple(e for e in effects(slots) if not e.span and (infrared or e.slot not in HEATING))
 
 
-def effects_of_point(*, sensor: bool) -> tuple[Effect, ...]:
-    """Effects that the point driver shows; without a sensor of its temperature nothing is measured that the heat balance alone feels."""
+def effects_of_point(*, sensor: bool, row: bool = False) -> tuple[Effect, ...]:
+    """Effects that the point driver shows; without a sensor of its temperature nothing is measured that the heat balance alone feels. A row
+    of points has places."""
     base = tuple(e for e in effects(BASE) if e.name in ON_POINT)
     heat = (*air_effects(), *capacity_effects()) if sensor else ()
-    return (*base, *effects((*SUMS, *FACTORS, *STRUCTURE)), *heat, *effects(SENSOR if sensor else ()))
+    return (*base, *effects((*SUMS, *FACTORS, *STRUCTURE)), *heat, *effects(SENSOR if sensor else ()), *effects(AXIAL if row else ()))

@@ -11,7 +11,9 @@ SLOT = "camera"
 PARAMS = (
     # A tilt of a tenth of a radian, half a metre away.
     Param("dic_tilt.along", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm along the load, at the largest force", probe=1e-6),
-    Param("dic_tilt.across", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm across the load, at the largest force", probe=1e-6),
+    Param(
+        "dic_tilt.across", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm across the load, at the largest force", probe=1e-6
+    ),
 )
 FORMULA = "u_camera = u + F / F_max (across x + along y) x"
 SOURCE = "pinhole camera at the distance D: scale 1 + dz / D, dz = tilt y of a plane that turns; Sutton, Orteu, Schreier 2009"

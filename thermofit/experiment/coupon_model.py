@@ -7,8 +7,9 @@ compared stress, and the other way round under stress control.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class CouponRun:
     """True where the measured stress on the measured strain heats the specimen, and not the law."""
     air_is_free: bool = False
     """True where the temperature of the air is fitted: all records depart from their own by as much."""
-    kept: dict[Hashable, list[_Found]] = field(default_factory=dict, compare=False, repr=False)
+    kept: dict[Hashable, list[_Found]] = dataclasses.field(default_factory=dict, compare=False, repr=False)
     """The last run of every row: one run answers for all of its sections."""
 
     def parameters_of(self, parameters: Parameters, test: CouponTest) -> Parameters:

@@ -37,6 +37,8 @@ from thermofit.point.step import (
 TOLERANCE = 1e-11
 """Difference of the forces, over the largest, at which a step has converged."""
 ITERATIONS = 40
+ATTEMPTS = 3
+"""Guesses from which a step is sought."""
 LARGEST = 0.05
 """Change of a strain in one iteration at most."""
 
@@ -89,6 +91,21 @@ def bordered(slope: np.ndarray, weight: np.ndarray, right: np.ndarray) -> None:
 
 
 @kernel
+def guessed(attempt: int, mean: float, weight: np.ndarray, strain: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Strains (n_s,) from which a step to a mean strain is sought: as they grew in the step before, all by as much, or the one that grew
+    most alone, as where the others begin to unload."""
+    change, grown = mean - np.sum(weight * strain), strain - before
+    last = np.sum(weight * grown)
+    if attempt == 0 and last * change > 0.0:
+        return strain + grown * (change / last)
+    if attempt < 2:
+        return strain + change
+    out, k = strain.copy(), np.argmax(np.abs(grown))
+    out[k] += change / weight[k]
+    return out
+
+
+@kernel
 def row_step(
     step: Input,
     mean: float,
@@ -106,39 +123,41 @@ def row_step(
 ) -> int:
     """One step of the row to a mean strain; arrays as `sections_at`, whose derivatives are those at a common mean strain here. Status."""
     n, last = len(weight), along.shape[2] - 1
-    strain = states[:, STRAIN] + (mean - np.sum(weight * states[:, STRAIN]))
-    force = area[0] * states[0, STRESS]
-    for iteration in range(ITERATIONS):
-        status = sections_at(step, strain, states, rates, before, numbers, along, flags, flows, out, rates_out)
-        if status != CONVERGED:
-            return status
-        stress, slope = area * out[:, STRESS], area * rates_out[:, STRESS, last]
-        if iteration == 0:
-            force = np.mean(stress)
-        right = np.zeros((n + 1, 1))
-        right[:n, 0] = force - stress
-        right[n, 0] = mean - np.sum(weight * strain)
-        if np.max(np.abs(right[:n, 0])) <= TOLERANCE * np.max(np.abs(stress)) and abs(right[n, 0]) < TOLERANCE:
-            if last > 0:
-                turned = np.zeros((n + 1, last))
-                for p in range(last):
+    flowed = flows.copy()
+    for attempt in range(ATTEMPTS):
+        flows[:] = flowed
+        strain = guessed(attempt, mean, weight, states[:, STRAIN], before[:, STRAIN])
+        force = 0.0
+        for iteration in range(ITERATIONS):
+            if sections_at(step, strain, states, rates, before, numbers, along, flags, flows, out, rates_out) != CONVERGED:
+                break
+            stress, slope = area * out[:, STRESS], area * rates_out[:, STRESS, last]
+            if iteration == 0:
+                force = np.mean(stress)
+            right = np.zeros((n + 1, 1))
+            right[:n, 0] = force - stress
+            right[n, 0] = mean - np.sum(weight * strain)
+            if np.max(np.abs(right[:n, 0])) <= TOLERANCE * np.max(np.abs(stress)) and abs(right[n, 0]) < TOLERANCE:
+                if last > 0:
+                    turned = np.zeros((n + 1, last))
+                    for p in range(last):
+                        for i in range(n):
+                            turned[i, p] = -area[i] * rates_out[i, STRESS, p]
+                    bordered(slope, weight, turned)
                     for i in range(n):
-                        turned[i, p] = -area[i] * rates_out[i, STRESS, p]
-                bordered(slope, weight, turned)
-                for i in range(n):
-                    for k in range(N_STATE):
-                        for p in range(last):
-                            rates_out[i, k, p] += rates_out[i, k, last] * turned[i, p]
-            return CONVERGED
-        bordered(slope, weight, right)
-        change = np.max(np.abs(right[:n, 0]))
-        if not np.isfinite(change):
-            return FAILED
-        share = min(1.0, LARGEST / change) if change > 0.0 else 1.0
-        if iteration > ITERATIONS // 2:
-            share *= 0.5  # a section on the edge of flow may turn back and forth
-        strain = strain + share * right[:n, 0]
-        force += share * right[n, 0]
+                        for k in range(N_STATE):
+                            for p in range(last):
+                                rates_out[i, k, p] += rates_out[i, k, last] * turned[i, p]
+                return CONVERGED
+            bordered(slope, weight, right)
+            change = np.max(np.abs(right[:n, 0]))
+            if not np.isfinite(change):
+                break
+            share = min(1.0, LARGEST / change) if change > 0.0 else 1.0
+            if iteration > ITERATIONS // 2:
+                share *= 0.5  # a section on the edge of flow may turn back and forth
+            strain = strain + share * right[:n, 0]
+            force += share * right[n, 0]
     return FAILED
 
 

@@ -30,9 +30,7 @@ class RowProgramme:
     area: np.ndarray
 
 
-def axial_temperatures(
-    parameters: Parameters, names: Sequence[str], place: np.ndarray, declared: float
-) -> tuple[np.ndarray, np.ndarray]:
+def axial_temperatures(parameters: Parameters, names: Sequence[str], place: np.ndarray, declared: float) -> tuple[np.ndarray, np.ndarray]:
     """Temperature (n_s,) K of sections at `place` mm, where `declared` K is that of the hottest, by all effects of the axis, and its
     derivatives (n_s, n_p) by the named parameters, by complex step. The jaws have theta_clamp."""
     excess = declared - parameters["theta_clamp"]

@@ -55,7 +55,9 @@ def read_axial_table(path: Path, sheet: str | None = None) -> AxialTable:
     """
     rows = _rows(path, sheet)
     if len(rows) < 3 or len(rows[0]) < 4:
-        raise DataError(f"{path}: found {len(rows)} rows; expected places in the first row, times in the first column, three of each at least")
+        raise DataError(
+            f"{path}: found {len(rows)} rows; expected places in the first row, times in the first column, three of each at least"
+        )
     width = len(rows[0])
     while width > 1 and str(rows[0][width - 1]).strip() == "":
         width -= 1
@@ -110,9 +112,8 @@ def row_record(settings: RowSettings, folder: Path, key: str) -> RowRecord:
     for k, y in enumerate(places):
         near = (table.place >= y - half - 1e-9) & (table.place < y + half - 1e-9)
         if not near.any():
-            raise DataError(
-                f"{path}: no point lies within {half:g} mm of the section at {y:g} mm; places are {table.place[0]:g} to {table.place[-1]:g} mm"
-            )
+            ends = f"{table.place[0]:g} to {table.place[-1]:g} mm"
+            raise DataError(f"{path}: no point lies within {half:g} mm of the section at {y:g} mm; places are {ends}")
         means[:, k] = _mean(strain[:, near])
     used = _used(settings, table, means, path)
     time, means = table.time[used], means[used]
@@ -120,8 +121,8 @@ def row_record(settings: RowSettings, folder: Path, key: str) -> RowRecord:
     if np.any(bad := whole.mean(axis=0) < 1.0 - MOST_LOST):
         k = int(np.flatnonzero(bad)[0])
         raise DataError(
-            f"{path}: the section at {places[k]:g} mm has {int(whole[:, k].sum())} of {len(time)} values; expected {1.0 - MOST_LOST:.0%} at "
-            "least: end the record earlier (window, strain_max), or leave the place out"
+            f"{path}: the section at {places[k]:g} mm has {int(whole[:, k].sum())} of {len(time)} values; expected {1.0 - MOST_LOST:.0%} "
+            "at least: end the record earlier (window, strain_max), or leave the place out"
         )
     for k in range(len(places)):
         known = whole[:, k]

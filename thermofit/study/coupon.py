@@ -359,7 +359,7 @@ class CouponSeriesSettings(CouponRecordSettings):
 
 
 class Places(Section):
-    """Places along the axis that become sections: from one to another, one every so many mm; a section is the mean of the points near it."""
+    """Places along the axis that become sections, one every so many mm; a section is the mean of the points near it."""
 
     first: Number = Field(alias="from")
     """mm"""
@@ -380,7 +380,9 @@ class Places(Section):
     @model_validator(mode="after")
     def _several(self) -> Places:
         if self.last - self.first < 2.0 * self.every:
-            raise content_error(f"are from {self.first:g} to {self.last:g} mm, one every {self.every:g} mm; expected three sections at least")
+            raise content_error(
+                f"are from {self.first:g} to {self.last:g} mm, one every {self.every:g} mm; expected three sections at least"
+            )
         return self
 
     @property
@@ -391,7 +393,7 @@ class Places(Section):
 
 
 class RowSettings(Section):
-    """Strain along the axis of one strip over time, without a force: one table, the places in its first row, the times in its first column."""
+    """Strain along the axis of a strip over time, without a force: a table, places in its first row, times in its first column."""
 
     file: Text
     """Relative to the study file; may hold ${VARIABLES} of the environment."""

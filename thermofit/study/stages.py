@@ -189,7 +189,8 @@ def coupon_stage(
     lateral: bool = False,
 ) -> StageSettings:
     """Settings of a stage on records of coupons, defaults filled in; `source` is the name of the study file, `hardening` what the hardening
-    law frees, `wanted` are those of COUPON_CHOICES for which the study gives a start, and of `hardening` those that it does not prescribe, `lateral` whether a record has a strain across the
+    law frees, `wanted` are those of COUPON_CHOICES for which the study gives a start, and of
+    `hardening` those that it does not prescribe, `lateral` whether a record has a strain across the
     load.
 
     Nothing is free in an elastic stage whose E is prescribed. StudyError for a parameter that a coupon does not determine, and for a
@@ -204,7 +205,9 @@ def coupon_stage(
             free = tuple(p for p in hardening if name == "plastic" and p in wanted)
     if control == ROW:
         if "E" in free:
-            raise StudyError(f"{source}: key 'stages.{name}.free' holds E, which strains without a force do not tell; give E as a number in MPa")
+            raise StudyError(
+                f"{source}: key 'stages.{name}.free' holds E, which strains without a force do not tell; give E as a number in MPa"
+            )
         if hardening and set(hardening) <= set(free):
             raise StudyError(
                 f"{source}: key 'stages.{name}.free' holds all of {', '.join(hardening)}; without a force the scale of the stress is not "

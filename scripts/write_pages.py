@@ -14,7 +14,7 @@ import yaml
 
 from thermofit.cli.app import app
 from thermofit.core.parameters import LAW, Param
-from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, MATERIAL, MEASUREMENT, Effect, effects
+from thermofit.effects.catalogue import AXIAL, BASE, HEAT, KINEMATICS, LOAD, MATERIAL, MEASUREMENT, Effect, effects
 from thermofit.law.hardening.catalogue import hardening_laws
 from thermofit.law.surface.catalogue import surfaces
 from thermofit.study.study import json_schema
@@ -24,7 +24,7 @@ MADE = "<!-- Written by `make schema` (scripts/write_pages.py): edit the program
 SLOTS = {
     "Of the base law": BASE,
     "Of the material": MATERIAL,
-    "Of the heat balance": HEAT,
+    "Of the heat balance": (*HEAT, *AXIAL),
     "Of load and motion": (*LOAD, *KINEMATICS),
     "Of the instruments": MEASUREMENT,
 }

@@ -140,6 +140,23 @@ ROWS: dict[str, Row] = {
             ((a(0.1, -0.2)[None, None], looking(a(0.0), (-5.0, 20.0), load=1.0), -1e-3), a(0.105, -0.22)[None, None]),
         ),
     ),
+    # Scale 1 + load (across x + along y) about the middle of the picture; at (3, 4) mm and half of the load 0.5 (0.003 + 0.008) = 0.0055.
+    "dic_tilt": Row(
+        "camera",
+        (
+            ((a(0.1, 0.2)[None, None], looking(a(0.0), (3.0, 4.0), load=0.5), 2e-3, 1e-3), a(0.1165, 0.222)[None, None]),
+            ((a(0.0, 0.0)[None, None], looking(a(0.0), (0.0, -40.0), load=1.0), -5e-7, 0.0), a(0.0, -8e-4)[None, None]),
+            ((a(0.0, 0.0)[None, None], looking(a(0.0), (0.0, 40.0), load=1.0), -5e-7, 0.0), a(0.0, -8e-4)[None, None]),
+        ),
+    ),
+    # A tenth of the way to the jaws is lost at 10 mm with 1e-3 per square mm; the parabola lies about its centre.
+    "heating_profile": Row(
+        "axial_temperature",
+        (
+            ((a(-10.0, 0.0, 10.0, 20.0), 400.0, 1e-3, 0.0), a(-40.0, 0.0, -40.0, -160.0)),
+            ((a(-2.0, 3.0), 400.0, 1e-3, 3.0), a(-10.0, 0.0)),
+        ),
+    ),
     "dic_scale": Row(
         "camera",
         (
@@ -439,7 +456,7 @@ def test_a_row_says_where_its_effect_acts(name: str) -> None:
 
 ONE_WAY = {
     *("backstress_first", "backstress_second", "elastic_degradation", "ir_lag", "jaw_slip", "radiation", "rate_logarithmic", "rate_power"),
-    "modulus_by_temperature",
+    *("modulus_by_temperature", "heating_profile"),
     *("yield_plateau", "linear_hardening", "hill_anisotropy", "thermal_expansion", "air_convection", "clamp_conductance"),
 }
 """Effects whose amplitude physics allows on one side of nothing alone: moduli, emissivities, time constants, overstress, damage, slip."""

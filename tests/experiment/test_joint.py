@@ -13,9 +13,11 @@ from virtual_pulls import FORCE, SIZE, TIME, TRUTH, data, model, part, study
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, linearised, scans
 from thermofit.diagnose.score import Columns, ranked
-from thermofit.effects.catalogue import BASE, KINEMATICS, LOAD, effect, effects
+from thermofit.effects.catalogue import BASE, HEATING, KINEMATICS, LOAD, effect, effects
+from thermofit.experiment.fields import TestPhase
 from thermofit.experiment.instruments import JointPrediction
 from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_settings, station_names
+from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import stage_model
 from thermofit.experiment.residuals import Span
 from thermofit.fit.linear_model import LinearModel
@@ -26,7 +28,7 @@ INSTRUMENTS = {
     "ir_drift.rate": 1e-3, "ir_gain.gain": 0.05, "ir_clock.offset": 0.5, "ir_lag.time": 0.7, "ir_emissivity.slope": 0.5,
     "ir_reflection.strength": 0.5, "ir_reflection.tilt": 0.01, "ir_registration.shift_y": 0.5, "ir_registration.shift_x": -0.3,
     "ir_registration.rotation": 0.02, "ir_registration.scale": 0.02, "dic_scale.error": 0.01, "dic_out_of_plane.strain": 1e-3,
-    "bending.curvature": 1e-5,
+    "bending.curvature": 1e-5, "dic_tilt.along": 1e-5, "dic_tilt.across": -1e-5,
 }  # fmt: skip
 ALL_ON = {**INSTRUMENTS, "rate_power.K": 5.0, "force_scale.gain": 0.01, "force_offset.offset": 20.0}
 STEPS = {"E": 100.0, "M_y0": 0.1, "c0": 0.01, "alpha_air": 0.1, "theta_air": 0.02, "rate_power.K": 0.05}
@@ -51,7 +53,22 @@ def test_residual_is_that_of_the_separate_stages() -> None:
 
 def test_all_stages_are_free_together_each_parameter_once() -> None:
     case = study("stages:\n  elastic: {free: [E, nu]}\n  plastic: {free: [M_y0, E]}\n  thermal: {free: [c0]}\n")
-    assert joint_free(case) == ("E", "nu", "M_y0", "c0")
+    assert joint_free(case, [data()]) == ("E", "nu", "M_y0", "c0", "theta_air", "theta_clamp")
+
+
+def test_what_no_datum_tells_is_not_free() -> None:
+    """Without temperatures nothing of the heat balance; of a test that stays elastic nothing of plasticity."""
+    case = study("stages:\n  elastic: {free: [E, nu]}\n  plastic: {free: [M_y0, E]}\n  thermal: {free: [c0]}\n")
+    cold = replace(data(), temperature=None)
+    assert joint_free(case, [cold]) == ("E", "nu", "M_y0")
+    assert joint_free(case, [replace(cold, phases=(TestPhase(0.0, 1.0, "elastic"),))]) == ("E", "nu")
+    assert joint_free(case, [cold, data()]) == joint_free(case, [data()]), "one of several tests tells it"
+
+
+def test_without_an_infrared_camera_no_effect_of_heat_is_asked() -> None:
+    asked = {e.name for e in effects_of_fields(infrared=False)}
+    assert not asked & {e.name for e in effects(HEATING)} and "stored_energy" in {e.name for e in effects_of_fields(infrared=True)}
+    assert {"dic_tilt", "thermal_softening"} <= asked and "heating_profile" not in asked
 
 
 @pytest.mark.parametrize("values", [{}, ALL_ON], ids=["off", "on"])

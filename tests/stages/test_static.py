@@ -124,6 +124,32 @@ def test_the_chain_goes_on_to_verify_and_report(identified: Study) -> None:
     assert Path(picture).stat().st_size > 20_000
 
 
+def test_the_loop_works_on_one_step_and_names_nothing_where_nothing_is_missing(identified: Study) -> None:
+    """E and nu alone are fitted: one elastic step tells nothing of plasticity or heat."""
+    found = stage_run("close-loop")(identified).record
+    assert {name for name, one in found.parameters.items() if one.free} == {"E", "nu"}
+    assert not found.summary["accepted"] and found.summary["unlisted"] is None and found.summary["grade"] == "complete"
+    assert found.summary["trustworthy"], found.summary["doubts"]
+    assert {"lamp", "stored_energy"} <= set(found.summary["not_asked"])
+
+
+def test_a_tilt_of_the_plate_is_named_with_its_amount(folder: Path, tmp_path: Path) -> None:
+    """Scale that changes by 2e-6 per mm along the plate: u gets 2e-6 y (x, y), even in y."""
+    columns = np.loadtxt(folder / "points.csv", delimiter=",", skiprows=1)
+    along = 2e-6
+    place = columns[:, :2] - np.array([40.0, 10.0])
+    columns[:, 2:] += along * place[:, :1] * place
+    np.savetxt(tmp_path / "points.csv", columns, delimiter=",", header=HEADER, comments="", fmt="%.12f")
+    study = study_in(tmp_path, experiment=str(tmp_path), run_dir=str(tmp_path / "run"))
+    for name in ("interpolate", "identify-elastic"):
+        stage_run(name)(study)
+    found = stage_run("close-loop")(study).record
+    assert found.summary["accepted"] == ["dic_tilt"]
+    tilt = found.parameters["dic_tilt.along"]
+    assert tilt.sigma is not None and abs(tilt.value - along) < 4.0 * tilt.sigma + 0.02 * along
+    assert found.parameters["E"].value == pytest.approx(TRUE_E, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("section", "error", "text"),
     [

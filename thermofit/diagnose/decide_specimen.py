@@ -213,9 +213,11 @@ def planned(data: Measured, programme: OtherProgramme) -> Measured:
 
 def drivable(parts: JointParts | None) -> Joint | None:
     """The joint problem of a specimen whose programmes are known: one that is alone, that its force drives, whose mesh is not one of a
-    file. None where there is none."""
+    file, and whose test has a course. None where there is none: a single load step has no rest, no rate and no hold to change."""
     joint = None if parts is None else parts.each.get("")
-    return joint if joint is not None and joint.study.force.drives == "force" and joint.study.mesh_file is None else None
+    if joint is None or joint.study.force.drives != "force" or joint.study.mesh_file is not None:
+        return None
+    return joint if len(joint.data.steps["all"].time) > 2 else None
 
 
 def columns(joint: Joint, programme: OtherProgramme, parameters: Parameters, family: Family) -> dict[str, np.ndarray] | None:

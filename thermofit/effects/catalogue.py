@@ -28,13 +28,15 @@ HEATING = (*HEAT, "dissipation")
 """Slots of effects that act in the heat equation and nowhere else: the mechanics feels them through the temperature alone."""
 KINEMATICS = ("kinematics",)
 """Motion of the specimen that its model does not have; it acts on the displacements before any instrument."""
+AXIAL = ("axial_temperature",)
+"""Temperature of the sections of a row, which a heating holds; only rows of sections feel it."""
 LOAD = ("load",)
 """Between the machine's record of force and crosshead and what acts on the end of the specimen."""
 BASE = ("base",)
 """Mechanisms of the base law itself (effects.base), which act in its kernels and not through a function of their own."""
 MEASUREMENT = ("emission", "reflection", "optics", "sensor", "camera")
 """Stations of the measuring chain in their physical order; `camera` is that of the displacements."""
-FILE_SLOTS = (*MATERIAL, *HEAT, *LOAD, *KINEMATICS, *MEASUREMENT)
+FILE_SLOTS = (*MATERIAL, *HEAT, *AXIAL, *LOAD, *KINEMATICS, *MEASUREMENT)
 """Slots that an effect file may act in."""
 SLOTS = (*BASE, *FILE_SLOTS)
 NO_EFFECTS = ("base", "catalogue", "curve", "scene")

@@ -19,7 +19,7 @@ from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
 from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
 from thermofit.experiment.forward import nodal_gauge
-from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
+from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
@@ -229,8 +229,8 @@ class BodyExperiment:
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""
-        own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
-        return self.joint_settings_of(tuple(dict.fromkeys(own)))
+        own = free or self.study.diagnosis.free or joint_free(self.study, [self.data])
+        return self.joint_settings_of(tuple(own))
 
     def joint_settings_of(self, free: Sequence[str]) -> StageSettings:
         """The same with just these parameters free."""

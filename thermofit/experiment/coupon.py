@@ -95,7 +95,7 @@ class CouponExperiment:
         """The records that are held out, all together; nothing where there are none."""
         if self.held is not None:
             return self.held
-        if not any(record.held_out for record in self.study.records):
+        if not self.study.coupon_section.held_out:
             return ()
         return (UnseenRecords(CouponExperiment(self.study, held_out=True)),)
 
@@ -120,7 +120,7 @@ class CouponExperiment:
     @property
     def programmes(self) -> tuple[str, ...]:
         """Those of the records themselves, and those made by name."""
-        return (OWN, *NAMES)
+        return (OWN,) if self.study.coupon_section.rows else (OWN, *NAMES)
 
     @property
     def plan_inputs(self) -> dict[str, Path]:
@@ -291,7 +291,9 @@ class CouponExperiment:
             model=model,
             spans=self.spans,
             size=POINT,
-            known=effects_of_point(sensor=self.hot and "dtheta" in settings.channels),
+            known=effects_of_point(
+                sensor=self.hot and "dtheta" in settings.channels, row=any(test.section is not None for test in data.tests)
+            ),
             numerical=lambda parameters: 2.0 * (model.residual(parameters) - finer.residual(parameters)),
             largest_strain=max(float(run.history(base, test).accumulated.max()) for test in data.tests),
             flow=flow_conditions(data.tests, lambda test: run.history(base, test)),
@@ -342,7 +344,7 @@ class UnseenRecords:
     @property
     def label(self) -> str:
         """Their names."""
-        names = [test.name for test in self.experiment.data.tests]
+        names = list(dict.fromkeys(test.group for test in self.experiment.data.tests))
         return f"{'record' if len(names) == 1 else 'records'} {', '.join(names)}"
 
     @property

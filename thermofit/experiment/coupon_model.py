@@ -7,7 +7,8 @@ compared stress, and the other way round under stress control.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,8 @@ from thermofit.observe.comparison import Comparison, Weight, plain
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.selection import selected
 from thermofit.point.driver import PointHistory, PointRates, PointSettings, Programme, simulate, simulate_rates
+from thermofit.point.row_driver import RowProgramme, simulate_row
+from thermofit.point.step import N_STATE
 from thermofit.records.staging import Note
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
@@ -39,6 +42,9 @@ _CONTRACTION = 0.5
 
 
 _Found = tuple[PointHistory, PointRates | None]
+_ROWS_KEPT = 16
+ROOM = 293.15
+"""K; jaws of a row where the study gives no theta_clamp."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +60,15 @@ class CouponRun:
     """True where the measured stress on the measured strain heats the specimen, and not the law."""
     air_is_free: bool = False
     """True where the temperature of the air is fitted: all records depart from their own by as much."""
+    kept: dict[Hashable, list[_Found]] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+    """The last run of every row: one run answers for all of its sections."""
 
     def parameters_of(self, parameters: Parameters, test: CouponTest) -> Parameters:
         """Parameters of a record: its own air and free of stress at its own start, unless the study says otherwise."""
         departure = parameters["theta_air"] - self.data.theta_air if self.air_is_free else 0.0
         own = {"theta_air": test.theta_air + departure, "theta_ref": test.theta_start}
+        if test.section is not None:
+            own["theta_clamp"] = ROOM
         return parameters.replace(**{name: value for name, value in own.items() if name not in self.common})
 
     def programme(self, test: CouponTest) -> Programme:
@@ -80,21 +90,49 @@ class CouponRun:
         (time, strain), (_, stress) = self._refined(test.time, test.strain), self._refined(test.time, test.stress)
         return with_measured_work(parameters, MeasuredCurve(time, strain, stress, test.theta_start), self.settings, found)
 
+    def _in_row(self, parameters: Parameters, names: tuple[str, ...], test: CouponTest) -> _Found:
+        """History and derivatives of one section: all of its row are run together, driven by the mean of their strains.
+
+        The mean of n sections has the noise of one over the root of n, and grows as long as the strip is pulled: no noise turns flow into
+        unloading, as it would in a section that follows its own strain. A force that is chosen at every instant for the least squares of
+        all strains would be the same to first order, and is not unique beyond its maximum.
+        """
+        row = [one for one in self.data.tests if one.group == test.group]
+        own = self.parameters_of(parameters, row[0])
+        key: Hashable = (test.group, len(test.time), names, tuple(sorted(own.values.items())))
+        if key not in self.kept:
+            if len(self.kept) >= _ROWS_KEPT:
+                self.kept.clear()
+            time, mean = self._refined(test.time, np.mean([one.strain for one in row], axis=0))
+            place, area = (np.array([getattr(one.section, name) for one in row]) for name in ("place", "area"))
+            programme = RowProgramme(time, mean, np.full(len(row), 1.0 / len(row)), place, area)
+            histories, rates = simulate_row(own, names, programme, test.theta_start, self.settings)
+            self.kept[key] = list(zip(histories, rates, strict=True))
+        return self.kept[key][[one.name for one in row].index(test.name)]
+
+    def _run(self, parameters: Parameters, names: tuple[str, ...], test: CouponTest) -> _Found:
+        """History of a record with its own parameters, and its derivatives."""
+        if test.section is not None:
+            return self._in_row(parameters, names, test)
+        own = self.parameters_of(parameters, test)
+        if not names:
+            return self._heated(own, test, (simulate(own, self.programme(test), self.settings), None))
+        return self._heated(own, test, simulate_rates(own, names, self.programme(test), self.settings))
+
     def history(self, parameters: Parameters, test: CouponTest) -> PointHistory:
         """The history of a record. NumericsError names the record that fails."""
-        own = self.parameters_of(parameters, test)
         try:
-            found, _ = self._heated(own, test, (simulate(own, self.programme(test), self.settings), None))
+            found, _ = self._run(parameters, (), test)
             return found if self.per_interval == 1 else found.every(self.per_interval)
         except NumericsError as error:
             raise NumericsError(f"{test.name}: {error}") from error
 
     def rates(self, parameters: Parameters, names: tuple[str, ...], test: CouponTest) -> tuple[PointHistory, PointRates]:
         """The history of a record and its derivatives by the named parameters; errors as `history`."""
-        own = self.parameters_of(parameters, test)
         try:
-            found, rates = self._heated(own, test, simulate_rates(own, names, self.programme(test), self.settings))
-            assert rates is not None
+            found, rates = self._run(parameters, names, test)
+            if rates is None:
+                rates = PointRates(names, np.zeros((len(found.time), N_STATE, 0)))
             n = self.per_interval
             return (found, rates) if n == 1 else (found.every(n), replace(rates, rates=rates.rates[::n]))
         except NumericsError as error:
@@ -103,7 +141,8 @@ class CouponRun:
     def planted(self, test: CouponTest, before: Parameters, after: Parameters) -> CouponTest:
         """A record to whose measured values the predictions with `after` less those with `before` are added; what drives it stays as it
         was measured. Work that the measured stress does heats the specimen by the stress as it then reads. Errors as `history`."""
-        seen = {name: value for name in HISTORY if (value := getattr(test, name)) is not None and name != self.data.control}
+        driven = (self.data.control, *(("stress",) if test.section is not None else ()))
+        seen = {name: value for name in HISTORY if (value := getattr(test, name)) is not None and name not in driven}
         out = test
         for heated in (False, True) if self.measured_work else (True,):
             found = [(p, self.history(p, at)) for p, at in ((after, out), (before, test))]

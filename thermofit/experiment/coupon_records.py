@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
-from thermofit.core.experiment import CouponRecord
+from thermofit.core.experiment import CELSIUS, CouponRecord
 from thermofit.experiment.coupon_elastic import STRAIGHT, ElasticLine, elastic_line
 from thermofit.experiment.fields import INTERPOLATE, TestPhase
 from thermofit.observe.noise import robust_sigma, second_differences
 from thermofit.read.coupon import read_coupon
+from thermofit.read.row import row_record
 from thermofit.records.artefact import Dataset, Record, read_current
 from thermofit.records.staging import Made, artefact_path
+from thermofit.study.coupon import RowSettings
 from thermofit.study.section import ParameterStart
 from thermofit.study.study import Study
 
@@ -30,6 +32,15 @@ _ELASTIC = 0.5
 """Share of a prescribed E below which the slope of a straight beginning is not that of an elastic line."""
 _JITTER = 0.5
 """Noise of the prescribed strain over the usual increment between samples above which the record should be thinned."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Section of a strip: the name of the row, place along the axis in mm, cross-section over a common one."""
+
+    row: str
+    place: float
+    area: float
 
 
 @dataclass(frozen=True)
@@ -56,11 +67,18 @@ class CouponTest:
     first_loading: CouponTest | None = None
     """All samples of the first loading, where the record itself was thinned: a range that is short against the test has few or none of the
     samples that are left."""
+    section: Section | None = None
+    """Where a record is one section of a strip: its stress was not measured (NaN), and the mean strain of all drives it."""
+
+    @property
+    def group(self) -> str:
+        """Name of the row that it is a section of, else its own."""
+        return self.name if self.section is None else self.section.row
 
     @cached_property
     def line(self) -> ElasticLine | None:
         """The elastic line of the record; None where it has none, or none of its own. Its samples are those of `elastic`."""
-        return None if self.over_plastic else self.elastic._own_line
+        return None if self.over_plastic or self.section is not None else self.elastic._own_line
 
     @cached_property
     def _own_line(self) -> ElasticLine | None:
@@ -207,7 +225,23 @@ def read_tests(study: Study) -> list[tuple[CouponTest, tuple[str, ...]]]:
     """All records of a study from their files, ready for the fit, each with its remarks."""
     setting = study.parameters.get("E")
     modulus = None if isinstance(setting, ParameterStart) else setting
-    return [coupon_test(record, modulus) for record in read_coupon(study.coupon_section, study.source.parent)]
+    rows = [found for k, row in enumerate(study.coupon_section.rows) for found in _sections(study, row, f"coupon.rows.{k}")]
+    return rows or [coupon_test(record, modulus) for record in read_coupon(study.coupon_section, study.source.parent)]
+
+
+def _sections(study: Study, settings: RowSettings, key: str) -> list[tuple[CouponTest, tuple[str, ...]]]:
+    """Every section of a strip as a record, remarks at the first one."""
+    read = row_record(settings, study.source.parent, key)
+    theta, unknown = settings.temperature_degC + CELSIUS, np.full(len(read.time), np.nan)
+    area = settings.area or (1.0,) * len(read.place)
+    noise = {"strain": max(read.noise, LEAST_NOISE["strain"]), "stress": 0.0}
+    tests = []
+    for k, y in enumerate(read.place):
+        section = Section(read.name, float(y), area[k])
+        name = f"{read.name} at {y:g} mm"
+        record = CouponTest(name, read.time, read.strain[:, k], unknown, None, theta, theta, noise, whole(read.time), section=section)
+        tests.append((record, read.remarks if k == 0 else ()))
+    return tests
 
 
 def interpolated(study: Study) -> Made:
@@ -228,7 +262,8 @@ def interpolated(study: Study) -> Made:
     samples = sum(len(test.time) for test, _ in found)
     hot = sum(test.theta is not None for test, _ in found)
     line = f"{len(found)} records, {samples} samples" + (f", {hot} with temperature" if hot else "")
-    noise = ", ".join(f"{name} {max(t.noise[name] for t, _ in found):.2g} {UNITS[name]}" for name in ("strain", "stress"))
+    measured = ("strain", "stress") if found[0][0].section is None else ("strain",)
+    noise = ", ".join(f"{name} {max(t.noise[name] for t, _ in found):.2g} {UNITS[name]}" for name in measured)
     summary = {
         "verdict": f"{line}; noise at most {noise}",
         "records": rows,
@@ -254,7 +289,7 @@ def _row(test: CouponTest) -> dict[str, Any]:
         "n": len(test.time),
         "duration_s": float(test.time[-1] - test.time[0]),
         "strain": f"{test.strain.min():.4f} to {test.strain.max():.4f}",
-        "stress_MPa": f"{test.stress.min():.1f} to {test.stress.max():.1f}",
+        "stress_MPa": f"{test.stress.min():.1f} to {test.stress.max():.1f}" if test.section is None else "not measured",
         "start_K": test.theta_start,
         "temperature": "none" if test.theta is None else f"{np.nanmin(test.theta):.2f} to {np.nanmax(test.theta):.2f} K",
     }
@@ -269,6 +304,7 @@ def _facts(test: CouponTest) -> dict[str, Any]:
         "noise": dict(test.noise),
         "over_plastic": test.over_plastic,
         "measured_clock": test.measured_clock,
+        "section": None if test.section is None else asdict(test.section),
     }
 
 
@@ -277,8 +313,8 @@ def coupon_data(study: Study, *, held_out: bool = False) -> CouponData:
     that is missing."""
     path = artefact_path(study.run_dir, INTERPOLATE)
     data = coupon_data_of(read_current(path, INTERPOLATE, study.source.name))
-    unseen = {record.label for record in study.coupon_section.records if record.held_out}
-    return replace(data, tests=tuple(test for test in data.tests if (test.name in unseen) is held_out))
+    unseen = study.coupon_section.held_out
+    return replace(data, tests=tuple(test for test in data.tests if (test.group in unseen) is held_out))
 
 
 def coupon_data_of(record: Record) -> CouponData:
@@ -297,7 +333,8 @@ def coupon_data_of(record: Record) -> CouponData:
         if record.has(f"{get}/{FIRST_LOADING}/time"):
             samples = _samples(record, f"{get}/{FIRST_LOADING}")
             first = CouponTest(name=name, **samples, **facts_of, phases=whole(samples["time"]))
-        tests.append(CouponTest(name=name, **_samples(record, get), **facts_of, phases=phases, first_loading=first))
+        section = None if facts.get("section") is None else Section(**facts["section"])
+        tests.append(CouponTest(name=name, **_samples(record, get), **facts_of, phases=phases, first_loading=first, section=section))
     return CouponData(tuple(tests), str(record.summary["control"]))
 
 

@@ -46,10 +46,13 @@ Kept = OrderedDict[tuple[Any, ...], tuple[Mapping[str, LoadSteps], Errors, dict[
 """By mesh, fields, parameters and names: the load steps, the fields that the instruments show, and their derivatives by the names."""
 
 
-def joint_free(study: Study) -> tuple[str, ...]:
-    """What all stages of a study identify, each once."""
-    names = (*study.stages.elastic.free, *study.stages.plastic.free, *study.stages.thermal.free)
-    return tuple(dict.fromkeys(names))
+def joint_free(study: Study, data: Sequence[Measured]) -> tuple[str, ...]:
+    """What the stages of a study identify on the data of its tests, each once, and the readings of thermocouples: a test that stays elastic
+    tells no plasticity, and without temperatures nothing tells the heat balance."""
+    flows = any(phase.label != "elastic" for one in data for phase in one.phases)
+    plastic = study.stages.plastic.free if flows else ()
+    thermal = (*study.stages.thermal.free, *NUISANCES) if any(one.temperature is not None for one in data) else ()
+    return tuple(dict.fromkeys((*study.stages.elastic.free, *plastic, *thermal)))
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thermofit.effects.catalogue import BASE, HEAT, KINEMATICS, LOAD, Effect, effects
+from thermofit.effects.catalogue import AXIAL, BASE, HEAT, HEATING, KINEMATICS, LOAD, Effect, effects
 from thermofit.experiment.coupon_sensor import SENSOR
 from thermofit.law.composition import FACTORS, STRUCTURE, SUMS, capacity_effects
 from thermofit.law.surface.catalogue import DEFAULT, HILL, surface
@@ -18,11 +18,12 @@ def effects_of_fields(*, infrared: bool, yields: str = DEFAULT) -> tuple[Effect,
     asked for what only temperatures far apart can tell, nor for Params of another yield surface than that of the name `yields`."""
     slots = (*BASE, *SUMS, *FACTORS, *STRUCTURE, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *(INFRARED if infrared else ()), "camera")
     foreign = set(HILL) - set(surface(yields).names)
-    return tuple(e for e in effects(slots) if not e.span and not foreign & set(e.names))
+    return tuple(e for e in effects(slots) if not e.span and (infrared or e.slot not in HEATING) and not foreign & set(e.names))
 
 
-def effects_of_point(*, sensor: bool) -> tuple[Effect, ...]:
-    """Effects that the point driver shows; without a sensor of its temperature nothing is measured that the heat balance alone feels."""
+def effects_of_point(*, sensor: bool, row: bool = False) -> tuple[Effect, ...]:
+    """Effects that the point driver shows; without a sensor of its temperature nothing is measured that the heat balance alone feels. A row
+    of points has places."""
     base = tuple(e for e in effects(BASE) if e.name in ON_POINT)
     heat = (*air_effects(), *capacity_effects()) if sensor else ()
-    return (*base, *effects((*SUMS, *FACTORS, *STRUCTURE)), *heat, *effects(SENSOR if sensor else ()))
+    return (*base, *effects((*SUMS, *FACTORS, *STRUCTURE)), *heat, *effects(SENSOR if sensor else ()), *effects(AXIAL if row else ()))

@@ -21,7 +21,7 @@ from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import MESH, STEPS
 from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.fields import start_parameters
-from thermofit.experiment.joint import NUISANCES, Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
+from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
@@ -254,7 +254,7 @@ class SeveralExperiments:
 
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """Those of the first experiment, what each has for itself free in each."""
-        own = free or self.study.diagnosis.free or (*joint_free(self.study), *NUISANCES)
+        own = free or self.study.diagnosis.free or joint_free(self.study, [test.data for test in self.tests])
         return joint_settings(self.study, self.expanded(own), self.tests[0].data)
 
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:

@@ -56,6 +56,7 @@ def coupon_files(settings: Coupon, base_folder: Path) -> tuple[Path, ...]:
             source = getattr(record, name)
             if isinstance(source, SecondClock) and source.file is not None:
                 paths.append(path_from(base_folder, source.file, f"{key}.{name}.file'"))
+    paths += [path_from(base_folder, row.file, f"key 'coupon.rows.{index}.file'") for index, row in enumerate(settings.rows)]
     return tuple(dict.fromkeys(paths))
 
 

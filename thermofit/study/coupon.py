@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from thermofit.core.experiment import CELSIUS
-from thermofit.study.errors import content_error
+from thermofit.study.errors import content_error, unknown_key
 from thermofit.study.section import Count, Interval, Number, Positive, Section, Whole, number_or
 
 Text = Annotated[str, Field(min_length=1)]
@@ -358,26 +358,129 @@ class CouponSeriesSettings(CouponRecordSettings):
         return given
 
 
+class Places(Section):
+    """Places along the axis that become sections, one every so many mm; a section is the mean of the points near it."""
+
+    first: Number = Field(alias="from")
+    """mm"""
+    last: Number = Field(alias="to")
+    """mm"""
+    every: Positive
+    """mm"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, given: Any) -> Any:
+        """As every section; the keys are those of the file."""
+        known = ("from", "to", "every")
+        if isinstance(given, dict) and (wrong := [str(key) for key in given if key not in known]):
+            raise unknown_key(wrong[0], known)
+        return given
+
+    @model_validator(mode="after")
+    def _several(self) -> Places:
+        if self.last - self.first < 2.0 * self.every:
+            raise content_error(
+                f"are from {self.first:g} to {self.last:g} mm, one every {self.every:g} mm; expected three sections at least"
+            )
+        return self
+
+    @property
+    def y(self) -> tuple[float, ...]:
+        """Places of the sections, mm."""
+        count = int((self.last - self.first) / self.every + 1e-9) + 1
+        return tuple(self.first + k * self.every for k in range(count))
+
+
+class RowSettings(Section):
+    """Strain along the axis of a strip over time, without a force: a table, places in its first row, times in its first column."""
+
+    file: Text
+    """Relative to the study file; may hold ${VARIABLES} of the environment."""
+    sheet: Text | None = None
+    """Of a workbook; absent: its only one."""
+    name: Text | None = None
+    """Absent: the file's name."""
+    strain: Literal["nominal", "logarithmic"]
+    """What the table holds."""
+    places: Places
+    temperature_degC: Celsius
+    """Declared temperature of the hottest section."""
+    window: Interval | None = None
+    """First and last time used, s."""
+    strain_max: Positive | None = None
+    """The record ends where the strain of a section, as the table holds it, first exceeds this."""
+    points: Annotated[Count, Field(ge=10)] | None = None
+    """Means over about this many equal intervals of time; absent: every row."""
+    area: tuple[Positive, ...] = ()
+    """Cross-section of every section over a common one, in the order of the places; absent: all alike."""
+    noise: Positive | None = None
+    """Standard deviation of the strain of a section; absent: estimated from the record."""
+    held_out: StrictBool = False
+    """True: predicted by `validate`, never fitted."""
+
+    @model_validator(mode="after")
+    def _area_of_each(self) -> RowSettings:
+        if self.area and len(self.area) != len(self.places.y):
+            raise content_error(f"has {len(self.area)} values for {len(self.places.y)} places; expected one for each", key="area")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Name of the row."""
+        return self.name or self.file.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
+
+
+ROW = "mean-strain"
+"""Control of rows: the mean strain of the sections."""
+
+
 class Coupon(Section):
     """Uniaxial records of coupons, and what drives the model through them."""
 
     records: tuple[CouponRecordSettings, ...] = ()
+    rows: tuple[RowSettings, ...] = ()
+    """Strips whose strain was measured along the axis, without a force; instead of records."""
     series: tuple[CouponSeriesSettings, ...] = ()
     """Entries for many files alike; once the study is read, their records are among `records`."""
-    control: Literal["strain", "stress"] = "strain"
-    """What is prescribed: the measured strain (then the stress is compared) or the measured stress."""
+    control: Literal["strain", "stress", "mean-strain"] = "strain"
+    """What is prescribed: the measured strain (then the stress is compared), the measured stress, or of rows the mean strain of all
+    sections (then that of each is compared)."""
     heat: Literal["law", "measured-work"] = "law"
     """What heats the specimen: stress and flow of the law, or the work of the measured stress on the measured plastic strain. Of that work
     the share `beta` becomes heat, and no error of the hardening law reaches the temperature."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _rows_have_one_control(cls, given: Any) -> Any:
+        """Rows say what drives them."""
+        return {"control": ROW, **given} if isinstance(given, dict) and given.get("rows") else given
+
+    @model_validator(mode="after")
+    def _rows_alone(self) -> Coupon:
+        if bool(self.rows) != (self.control == ROW):
+            raise content_error(f"is {self.control}; expected {ROW} for rows, strain or stress for records", key="control")
+        if self.rows and (self.records or self.series):
+            raise content_error("are given beside records; expected one of them in a study", key="rows")
+        if self.rows and self.heat != "law":
+            raise content_error("is measured-work, but a row has no measured stress; expected law", key="heat")
+        return self
+
     @model_validator(mode="after")
     def _names_differ(self) -> Coupon:
-        labels = [record.label for record in self.records]
+        kind, members = ("rows", self.rows) if self.rows else ("records", self.records)
+        labels = [record.label for record in members]
         for index, label in enumerate(labels):
             if label in labels[:index]:
-                raise content_error(f"is '{label}' again; expected another name for every record", key=f"records.{index}.name")
-        if not self.records and not self.series:
+                raise content_error(f"is '{label}' again; expected another name for every record", key=f"{kind}.{index}.name")
+        if not members and not self.series:
             raise content_error("is missing: name the records, or many files alike under 'series'", key="records")
-        if all(record.held_out for record in (*self.records, *self.series)):
-            raise content_error("are all held out; expected at least one that is fitted", key="records")
+        if all(record.held_out for record in (*members, *self.series)):
+            raise content_error("are all held out; expected at least one that is fitted", key=kind)
         return self
+
+    @property
+    def held_out(self) -> frozenset[str]:
+        """Names of the records, or rows, that are never fitted."""
+        every: tuple[CouponRecordSettings | RowSettings, ...] = (*self.records, *self.rows)
+        return frozenset(one.label for one in every if one.held_out)

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, Tag, model_validator
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import acting
 from thermofit.law.surface.catalogue import surfaces
+from thermofit.study.coupon import ROW
 from thermofit.study.errors import content_error
 from thermofit.study.section import (
     Count,
@@ -233,7 +234,8 @@ def coupon_stage(
     lateral: bool = False,
 ) -> StageSettings:
     """Settings of a stage on records of coupons, defaults filled in; `source` is the name of the study file, `hardening` what the hardening
-    law frees, `wanted` are those of COUPON_CHOICES for which the study gives a start, `lateral` whether a record has a strain across the
+    law frees, `wanted` are those of COUPON_CHOICES for which the study gives a start, and of
+    `hardening` those that it does not prescribe, `lateral` whether a record has a strain across the
     load.
 
     Nothing is free in an elastic stage whose E is prescribed. StudyError for a parameter that a coupon does not determine, and for a
@@ -244,6 +246,18 @@ def coupon_stage(
     if "free" not in settings.model_fields_set:
         across = ACROSS[name] if lateral else ()
         free = tuple(p for p in (*(hardening if name == "plastic" else FREE[name]), *across) if p not in COUPON_CHOICES or p in wanted)
+        if control == ROW:  # strains alone tell the shape of the hardening; what the study prescribes gives the scale
+            free = tuple(p for p in hardening if name == "plastic" and p in wanted)
+    if control == ROW:
+        if "E" in free:
+            raise StudyError(
+                f"{source}: key 'stages.{name}.free' holds E, which strains without a force do not tell; give E as a number in MPa"
+            )
+        if hardening and set(hardening) <= set(free):
+            raise StudyError(
+                f"{source}: key 'stages.{name}.free' holds all of {', '.join(hardening)}; without a force the scale of the stress is not "
+                f"determined: give one of them, such as {hardening[0]}, as a number under 'parameters', and leave it out here"
+            )
     channels = settings.channels
     if "channels" not in settings.model_fields_set:
         names = ["dtheta" if name == "thermal" else measured]

@@ -112,6 +112,7 @@ class Study(Sections):
             lateral = any("lateral" in record.model_fields_set for record in self.coupon.records)
             wanted = tuple(p for p in COUPON_CHOICES if not is_prescribed(self.parameters, p) and (p == "E" or p in self.parameters))
             freed = hardening(self.hardening_law).fitted
+            wanted += tuple(p for p in freed if not is_prescribed(self.parameters, p))
             settings = coupon_stage(self.source.name, name, settings, self.coupon.control, hardening=freed, wanted=wanted, lateral=lateral)
         if missing := check_starts(settings, self.parameters):
             raise StudyError(f"{self.source.name}: key 'parameters.{missing}' is missing, but stage {name} identifies it: add its start")

@@ -64,7 +64,7 @@ def house(tmp_path: Path) -> Path:
         (package / room).mkdir(parents=True)
         (package / room / "__init__.py").write_text("")
     (package / "__init__.py").write_text("")
-    for name in ("jit", "digest", "errors", "files"):
+    for name in ("jit", "called", "digest", "errors", "files"):
         shutil.copy(digest.PACKAGE / "core" / f"{name}.py", package / "core")
     (package / "effects" / "callee.py").write_text(CALLEE.format(factor=2.0, shift=1.0))
     (package / "law" / "caller.py").write_text(CALLER)

@@ -16,6 +16,7 @@ from thermofit.experiment import compiling
 def test_both_drivers_run() -> None:
     compiling.compile_point()
     compiling.compile_body()
+    compiling.compile_heat()
 
 
 @pytest.mark.parametrize(("program", "done"), [("true", True), ("false", False)])
@@ -26,10 +27,11 @@ def test_is_done_once_and_only_where_the_child_has_ended_well(
     monkeypatch.setattr(compiling, "DONE", tmp_path / "compiled")
     monkeypatch.setattr(compiling.sys, "executable", f"/bin/{program}")
     monkeypatch.setattr(compiling, "compile_point", lambda: calls.append("point"))
+    monkeypatch.setattr(compiling, "compile_heat", lambda: calls.append("heat"))
     for _ in range(2):
         compiling.compiled()
     assert (tmp_path / "compiled").exists() is done
-    assert len(calls) == (1 if done else 2)
+    assert calls == ["point", "heat"] * (1 if done else 2)
 
 
 LEFT = """

@@ -21,6 +21,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numba
 
+from thermofit.core.called import Kernel
 from thermofit.core.digest import kernel_digest
 from thermofit.core.errors import StudyError
 from thermofit.core.files import cache_root
@@ -49,8 +50,16 @@ def kernel(function: Any = None, /, *, parallel: bool = False, inline: str = "ne
     # numba resets its settings when a NUMBA_ variable of the environment changes, and fixes the cache at decoration.
     _settings.CACHE_DIR = str(CACHE_FOLDER)
     choices = {"cache": True, "fastmath": False, "error_model": "numpy", "parallel": parallel, "inline": inline, **options}
-    decorate = numba.njit(**choices)
-    return decorate if function is None else decorate(function)
+    return (lambda given: _compiled(given, **choices)) if function is None else _compiled(function, **choices)
+
+
+def _compiled(function: Any, *, cache: bool, **choices: Any) -> Any:
+    if _settings.DISABLE_JIT:
+        return function
+    made = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **choices})
+    if cache:
+        made.enable_caching()
+    return made
 
 
 def set_threads(n: int) -> int:

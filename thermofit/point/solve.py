@@ -423,6 +423,15 @@ def _guess(s: np.ndarray, before: np.ndarray) -> tuple[float, float, float, floa
     return (s[ACROSS], s[ALONG], s[LAMBDA] - before[LAMBDA], s[THETA])
 
 
+@kernel(forceinline=True)
+def _copy(state: np.ndarray, rates: np.ndarray, to: np.ndarray, rates_to: np.ndarray) -> None:
+    """A state (N_STATE,) and its derivatives (N_STATE, n_p); written out, because an assignment of arrays compiles its error message."""
+    for i in range(N_STATE):
+        to[i] = state[i]
+        for p in range(rates.shape[1]):
+            rates_to[i, p] = rates[i, p]
+
+
 @kernel(inline="always")
 def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits, w: Work) -> tuple[int, bool, int, int, int]:
     """One interval (length s, target, control, did the step before flow) in equal steps, twice as many where one fails or strains too much.
@@ -435,8 +444,7 @@ def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits
     parts = 1
     if control == BY_STRAIN:
         parts = max(1, int(np.ceil(abs(target - begin) / limits.max_strain * (1.0 - 1e-12))))
-    w.kept[:] = w.s
-    w.rates_kept[:] = w.rates
+    _copy(w.s, w.rates, w.kept, w.rates_kept)
     iterations = 0
     for cut in range(limits.max_cuts + 1):
         flows, done = flowed and cut == 0, True
@@ -451,13 +459,12 @@ def cross(interval: tuple[float, float, int, bool], flags: Flags, limits: Limits
             if status != CONVERGED or abs(w.out[STRAIN] - w.s[STRAIN]) > 1.001 * limits.max_strain:
                 done = False
                 break
-            w.before[:] = w.s
-            w.s[:] = w.out
-            w.rates[:] = w.rates_out
+            for i in range(N_STATE):
+                w.before[i] = w.s[i]
+            _copy(w.out, w.rates_out, w.s, w.rates)
         if done:
             return CONVERGED, flows, parts, cut, iterations
-        w.s[:] = w.kept
-        w.rates[:] = w.rates_kept
+        _copy(w.kept, w.rates_kept, w.s, w.rates)
         parts *= 2
     return FAILED, False, parts, limits.max_cuts, iterations
 
@@ -484,7 +491,8 @@ def run(
     """
     w = work_for(numbers, along)
     n_p = along.shape[1]
-    w.air[0] = w.numbers[:, AIR]
+    for p in range(n_p + 1):
+        w.air[0, p] = w.numbers[p, AIR]
     w.s[THETA] = w.s[SENSOR] = numbers[START]
     w.s[REST] = 1.0
     for p in range(along.shape[1]):
@@ -509,7 +517,8 @@ def run(
                 counts[1] += cuts
                 counts[2] += used
         if n >= 0:
-            states[n] = w.s
-            if n_p > 0:
-                rates[n] = w.rates
+            for i in range(N_STATE):
+                states[n, i] = w.s[i]
+                for p in range(n_p):
+                    rates[n, i, p] = w.rates[i, p]
     return -1

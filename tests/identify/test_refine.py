@@ -124,6 +124,8 @@ def test_a_budget_goes_through_a_record_and_joins_the_stages() -> None:
     assert np.array_equal(parts["force noise"], [[1.0, 3.0], [4.0, 0.0]])
     assert np.array_equal(parts["noise of a"], [[2.0, 7.0], [0.0, 0.0]]) and np.array_equal(parts["theta_air"], [[0.0], [0.5]])
     assert "noise makes" in helps_most(second) and "more stages and frames" in helps_most(second)
+    seen = replace(second, noise_of={"du": np.array([0.2]), "dtheta": np.array([0.8])})
+    assert "80 % of it is that of dtheta" in helps_most(seen) and "infrared camera with less noise" in helps_most(seen)
 
 
 class _Stored(dict[str, Dataset]):

@@ -48,6 +48,8 @@ def test_the_corrected_model_shows_what_a_fine_mesh_would() -> None:
         assert left < 1.3 * _rms(found.left[rows]), (c.channel, left, _rms(found.left[rows]))
         begin += c.n
     assert found.shares[MESH] > 0.6
+    doubt = found.doubt(exact=False)[MESH]
+    assert np.allclose(doubt, 0.25 / 0.5 * found.shares[MESH] * found.causes[MESH]), "a quarter of what the data hold, as a limit"
     assert not found.left[begin:].any(), "priors have no mesh"
     assert 0.02 < found.largest_strain < 0.06
 

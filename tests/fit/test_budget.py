@@ -59,6 +59,20 @@ def test_what_noise_holds_already_is_told_apart_and_not_added() -> None:
     assert np.allclose(found.parts["reading"], moves(fit, row, NONE)) and found.of("reading")[0] > 0.0
 
 
+def test_noise_is_told_by_channel() -> None:
+    """Shares of two channels against draws of the noise of one alone; one parameter that only the second feels."""
+    columns = FIRST.copy()
+    columns[:20, 1] = 0.0
+    fit, channels = model(columns), {"du": slice(0, 20), "dtheta": slice(20, N)}
+    found = combined(fit, fit.covariance(("a", "b")), {}, channels=channels)
+    noise = np.where(np.arange(N) < 20, RNG.normal(size=(DRAWS, N)), 0.0)
+    drawn = np.var(noise @ np.linalg.pinv(columns).T, axis=0) / np.diag(found.covariance)
+    assert np.allclose(found.noise_of["du"], drawn, rtol=0.1, atol=0.01)
+    assert np.allclose(found.noise_of["du"] + found.noise_of["dtheta"], 1.0)
+    most, share = found.largest_noise()
+    assert most == "dtheta" and share == pytest.approx(float(np.mean(found.noise_of["dtheta"])))
+
+
 def test_a_parameter_at_its_bound_stays_there_and_one_that_is_not_felt_is_open() -> None:
     columns = np.column_stack([FIRST, np.zeros(N)])
     fit = model(columns)

@@ -63,6 +63,12 @@ class StageModel:
     """Columns (n, n_d) along directions of the heat equation, each a Param and values of the others of its effect, on a motion that is
     known; None where that is not worked out."""
 
+    @property
+    def places(self) -> dict[str, slice]:
+        """Where the rows of every channel are in the residual."""
+        ends = np.cumsum([c.n for c in self.comparisons])
+        return {c.channel: slice(int(end) - c.n, int(end)) for c, end in zip(self.comparisons, ends, strict=True)}
+
     def residual(self, parameters: Parameters) -> np.ndarray:
         """Whitened residual (n,) of all channels, one after the other (2.24), (2.27); then one entry for each prior."""
         return np.append(self.assemble(self.errors(parameters)), self.departures(parameters))

@@ -114,16 +114,10 @@ def refinement(experiment: Experiment, parameters: Parameters, size: MeshSize, s
     return Refinement(_channel_rows(own, errors), _parameter_rows(names, parameters, shifts, sigmas), len(runs) + 1)
 
 
-def _places(model: StageModel) -> dict[str, slice]:
-    """Where the rows of every channel are."""
-    ends = np.cumsum([c.n for c in model.comparisons])
-    return {c.channel: slice(int(end) - c.n, int(end)) for c, end in zip(model.comparisons, ends, strict=True)}
-
-
 def _error(model: StageModel, found: list[np.ndarray], h: tuple[float, float, float], expected: float, of: int) -> Error:
     """Error of the one at place `of` of three residuals on sizes h1 > h2 > h3, channel by channel."""
     out, orders, safeties = np.zeros_like(found[0]), {}, {}
-    for channel, rows in _places(model).items():
+    for channel, rows in model.places.items():
         first, second, third = (r[rows] for r in found)
         sizes = (float(np.linalg.norm(first - second)), float(np.linalg.norm(second - third)))
         order = observed_order(*sizes, h)
@@ -138,7 +132,7 @@ def _error(model: StageModel, found: list[np.ndarray], h: tuple[float, float, fl
 def _channel_rows(model: StageModel, errors: Mapping[str, Error]) -> list[dict[str, Any]]:
     rows = []
     for comparison in model.comparisons:
-        channel, place = comparison.channel, _places(model)[comparison.channel]
+        channel, place = comparison.channel, model.places[comparison.channel]
         row: dict[str, Any] = {"channel": channel, "unit": comparison.unit}
         for kind, error in errors.items():
             whitened = error.residual[place]

@@ -11,7 +11,7 @@ The moves are kept, not only their squares: what a later fit takes from this one
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,11 +26,13 @@ MISFIT = "misfit"
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """Moves (n_p, m_k) of parameters `names` by every cause, for errors of unit variance; `open` (n_p,): the data do not determine them."""
+    """Moves (n_p, m_k) of parameters `names` by every cause, for errors of unit variance; `open` (n_p,): the data do not determine them.
+    `noise_of`: the share (n_p,) that each channel has in the variance of the noise; empty where it was not asked."""
 
     names: tuple[str, ...]
     parts: Mapping[str, np.ndarray]
     open: np.ndarray
+    noise_of: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -53,6 +55,18 @@ class Budget:
         i = self.names.index(name)
         found = [(cause, float(self.of(cause)[i])) for cause in self.parts]
         return sorted((one for one in found if one[1] > 0.0), key=lambda one: -one[1])
+
+    def largest_noise(self) -> tuple[str, float]:
+        """The channel whose noise makes most of the variances that the noise makes, the mean over all parameters, and its share of these;
+        no name where it was not asked."""
+        total = np.diag(self.covariance)
+        seen = total > 0.0
+        if not self.noise_of or not seen.any():
+            return "", 0.0
+        noise = self.of(NOISE)[seen] ** 2 / total[seen]
+        found = {name: float(np.mean(noise * share[seen])) for name, share in self.noise_of.items()}
+        most = max(found, key=lambda name: found[name])
+        return most, found[most] / max(float(np.mean(noise)), np.finfo(float).tiny)
 
     def shares(self) -> dict[str, float]:
         """Share of every cause in the variance, the mean over all parameters that are determined; largest first."""
@@ -80,8 +94,9 @@ def combined(
     within: Mapping[str, np.ndarray] | None = None,
     noise_scale: float | None = 1.0,
     groups: np.ndarray | None = None,
+    channels: Mapping[str, slice] | None = None,
 ) -> Budget:
-    """Budget of a fit of covariance `spread`.
+    """Budget of a fit of covariance `spread`; `channels`: rows of the residual by channel, whose noise is told apart.
 
     `causes`: columns (n, m) of the residual of what the fit takes for exact. `within`: the same of what its noise already holds, which is
     told apart. `noise_scale`: mean square of the residual that the noise makes where it is known (1: weights are 1/sigma^2); None where the
@@ -101,7 +116,23 @@ def combined(
         own = np.zeros((len(matrix), len(held)))
         own[held, np.arange(len(held))] = (spread.sigma if noise_scale is None else np.sqrt(noise_scale) * spread.sigma_unit)[held]
         parts[NOISE] = np.column_stack([parts[NOISE], own])
-    return Budget(spread.names, parts, np.isinf(spread.sigma_unit))
+    return Budget(spread.names, parts, np.isinf(spread.sigma_unit), _by_channel(fit, spread.at_bound, channels or {}))
+
+
+def _by_channel(fit: LinearModel, at_bound: np.ndarray, channels: Mapping[str, slice]) -> dict[str, np.ndarray]:
+    """Share (n_p,) of every channel in the variance that the noise of all of them makes, (J^T J)^+ J_k^T C J_k (J^T J)^+ over their sum."""
+    free = np.flatnonzero(~at_bound)
+    inside = fit.only(free)
+    root = inside.root()
+    moved = inside.columns @ root @ root.T
+    found = {}
+    for name, rows in channels.items():
+        own = np.zeros_like(moved)
+        own[rows] = moved[rows]
+        found[name] = np.zeros(len(at_bound))
+        found[name][free] = np.diag(inside.meat(own))
+    total = np.sum(list(found.values()), axis=0)
+    return {name: variance / np.where(total > 0.0, total, 1.0) for name, variance in found.items()}
 
 
 def root_of(matrix: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from thermofit.core.parameters import AT, THERMOCOUPLES, units_of
+from thermofit.experiment.channels import field_of
 from thermofit.experiment.discretisation import MESH, STEPS
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
@@ -30,6 +31,13 @@ _HELP = {
     STEPS: "smaller time steps",
     **dict.fromkeys(THERMOCOUPLES, "temperatures of air and jaws read to less than 0.1 K, or a longer cooling in the record"),
 }
+
+_LESS_NOISE = {
+    "u": "more DIC stages or points, or DIC cameras with less noise",
+    "theta": "more infrared frames, or an infrared camera with less noise",
+    "force": "a load cell with less noise",
+}
+"""What helps against the noise of an observed field."""
 
 
 def budget_datasets(budget: Budget | None) -> dict[str, Dataset]:
@@ -67,8 +75,13 @@ def helps_most(budget: Budget) -> str:
     if not shares.get(cause):
         return ""
     bare = cause.partition(AT)[0]
+    channel, share = budget.largest_noise() if cause == NOISE else ("", 0.0)
     words = _HELP.get(bare, f"the parameters of {bare.removeprefix(EARLIER)} told better, or all fitted at once (`thermofit refine`)")
-    return f"{cause} makes {100.0 * shares[cause]:.0f} % of the variances, on average: what helps most is {words}"
+    told = f"{cause} makes {100.0 * shares[cause]:.0f} % of the variances, on average"
+    less = _LESS_NOISE.get(field_of(channel.partition(AT)[0])) if channel else None
+    if less is not None:
+        return f"{told}, and {100.0 * share:.0f} % of it is that of {channel}: what helps most is {less}"
+    return f"{told}: what helps most is {words}"
 
 
 def earlier_moves(records: Mapping[str, Record]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:

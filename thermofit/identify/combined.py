@@ -52,6 +52,7 @@ def with_budget(settings: StageSettings, experiment: Experiment, solved: Solved,
         causes,
         noise_scale=None if model.segments is not None else float(np.mean(model.spread**2)),
         groups=groups_above_noise(solved),
+        channels=model.places if model.segments is None else None,
     )
     return replace(solved, budget=budget)
 

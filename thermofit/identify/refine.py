@@ -110,6 +110,7 @@ def _solved(study: Study, experiment: Experiment, problem: JointProblem, task: J
         within=_within(problem, fit.jacobian),
         noise_scale=float(np.mean(model.spread**2)),
         groups=groups_above_noise(solved),
+        channels=model.places,
     )
     return replace(solved, budget=budget)
 

@@ -61,7 +61,7 @@ def _derivatives(given: bytes) -> csr_array:
     n = len(xy)
     if n < 2:
         return csr_array((MOMENTS * n, n))
-    size = _spacing(xy)
+    size = spacings(xy)
     count = min(_AROUND + 1, n)
     near = cKDTree(xy / size).query(xy / size, k=count)[1].reshape(n, count)
     away = (xy[near] - xy[:, None, :]) / size
@@ -76,7 +76,7 @@ def _derivatives(given: bytes) -> csr_array:
     return csr_array(csr_array((ahead.data, ahead.coords), shape=shape) + csr_array((here.data, here.coords), shape=shape))
 
 
-def _spacing(xy: np.ndarray) -> np.ndarray:
+def spacings(xy: np.ndarray) -> np.ndarray:
     """Usual distance (2,) mm of a node to the next one in x and in y: the median over nodes of the nearest in the cone about each axis."""
     near = cKDTree(xy).query(xy, k=min(2 * _AROUND, len(xy)))[1].reshape(len(xy), -1)
     away = np.abs(xy[near] - xy[:, None, :])

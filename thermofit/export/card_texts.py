@@ -17,7 +17,7 @@ import yaml
 from thermofit import __version__
 from thermofit.core.jsonable import jsonable
 from thermofit.export.card import Card, FlowCurve
-from thermofit.law.surface.catalogue import COEFFICIENTS, surface
+from thermofit.law.surface.catalogue import COEFFICIENTS, HILL, surface
 
 DENSITY = 1e-9
 """t/mm^3, written where none is given: of heat only the product with the specific heat counts."""
@@ -32,7 +32,7 @@ def remarks_of(card: Card, density: float | None) -> list[str]:
     lines = [
         f"{card.name}, identified by thermofit {__version__}; units N, mm, s, K, t (MPa, mW/(mm K))",
         f"hardening {card.law}: {card.formula}",
-        *([f"yield surface {_surface_in_words(card)}"] if card.transformed is not None else []),
+        *_surface_lines(card),
         f"range of validity: plastic strain up to {v.strain:.4g} ({v.source}),",
         f"  plastic strain rate {v.rate[0]:.3g} to {v.rate[1]:.3g} 1/s, temperature {v.temperature[0]:.2f} to {v.temperature[1]:.2f} K",
         f"  stresses at plastic strains above {v.strain:.4g} are extrapolated by the law",
@@ -45,7 +45,8 @@ def remarks_of(card: Card, density: float | None) -> list[str]:
         lines.append(f"effect {effect.name} {'is in this card' if effect.held else 'IS NOT IN THIS CARD'}: {effect.formula}; {values}")
     if not card.effects:
         lines.append("effects: none beside the base law")
-    if given := [f"{name} = {card.parameters[name]:.6g}" for name in _CONSTANTS if name not in card.sigma]:
+    held = [name for name in _CONSTANTS if card.transformed is None or name not in HILL]
+    if given := [f"{name} = {card.parameters[name]:.6g}" for name in held if name not in card.sigma]:
         lines.append(f"not identified, as the study gives them: {', '.join(given)}")
     lines.append(f"specific heat: that of constant stress, {card.capacity:.6g} mJ/(mm^3 K) over the density")
     lines.append(
@@ -60,10 +61,13 @@ def _commented(lines: Iterable[str], sign: str) -> list[str]:
     return [f"{sign} {line}" for line in lines]
 
 
-def _surface_in_words(card: Card) -> str:
-    """Name, formula and values of a surface."""
-    values = (f"{name.partition('.')[2]} = {card.parameters[name]:.6g}" for name in surface(card.surface).names)
-    return f"{card.surface}, {card.surface_formula}, {', '.join(values)}"
+def _surface_lines(card: Card) -> list[str]:
+    """Name, formula and values of a surface that is not quadratic, in lines that every programme reads."""
+    if card.transformed is None:
+        return []
+    values = [f"{name.partition('.')[2]} = {card.parameters[name]:.6g}" for name in surface(card.surface).names]
+    lines = [f"yield surface {card.surface}: {card.surface_formula}"]
+    return [*lines, *(f"  {', '.join(values[k : k + 6])}" for k in range(0, len(values), 6))]
 
 
 def _isotropic_only(card: Card) -> list[str]:
@@ -71,7 +75,7 @@ def _isotropic_only(card: Card) -> list[str]:
     if card.isotropic:
         return []
     if card.transformed is not None:
-        return [f"this card yields by von Mises: right along axis 2 alone; the identified surface is {_surface_in_words(card)}"]
+        return [f"this card yields by von Mises: right along axis 2 alone; the identified surface is {card.surface}"]
     f, g, h, *_ = card.hill
     return [
         f"this card yields by von Mises: right along axis 2, not across; identified Hill F = {f:.6g}, G = {g:.6g}, H = {h:.6g} (F + H = 1)"

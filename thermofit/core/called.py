@@ -122,7 +122,7 @@ class _Called(_Dispatcher):
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None) -> None:
         options = {**(targetoptions or {}), "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        super().__init__(py_func, locals, options, _CalledCompiler)
+        super().__init__(py_func, locals or {}, options, _CalledCompiler)  # numba 0.60 takes no None
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         return super().get_call_template(tuple(_types.unliteral(a) for a in args), {name: _types.unliteral(a) for name, a in kws.items()})
@@ -135,7 +135,7 @@ class Kernel(_Dispatcher):
     """A compiled function: called from Python, and from other kernels as a `_Called`."""
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None) -> None:
-        super().__init__(py_func, locals, targetoptions, _EnteredCompiler)
+        super().__init__(py_func, locals or {}, targetoptions, _EnteredCompiler)
         self._called = _Called(py_func, locals, targetoptions)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:

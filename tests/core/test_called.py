@@ -7,10 +7,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
 
+from thermofit.core.called import Kernel
 from thermofit.core.jit import kernel
 
 
@@ -53,7 +56,9 @@ def test_garbage_is_collected_after_a_compilation() -> None:
 
 
 RAISES = """
+import numba
 import numpy as np
+from thermofit.core.called import Kernel
 from thermofit.core.jit import kernel
 
 @kernel
@@ -70,6 +75,7 @@ def filled(values, n):
     return into
 """
 MAIN = """
+import numba
 import numpy as np
 from raises import filled
 print(filled(np.ones(3), 3).sum())
@@ -111,3 +117,11 @@ def test_the_same_bits_as_numba() -> None:
     x = np.random.default_rng(3).standard_normal(1000)
     plain = numba.njit(power.py_func)
     assert [polynomial(float(v)) for v in x] == [plain(v, 1) + plain(v, 2) + plain(v, 3) for v in x]
+
+
+@pytest.mark.parametrize(("version", "own"), [((0, 60), True), ((0, 68), True), ((0, 69), False), ((1, 0), False)])
+def test_an_unknown_numba_compiles_as_it_does(monkeypatch: pytest.MonkeyPatch, version: tuple[int, int], own: bool) -> None:
+    """Its classes may have changed: kernels are compiled without ours, and answer the same."""
+    monkeypatch.setattr(numba, "version_info", SimpleNamespace(short=version))
+    made = kernel(cache=False)(power.py_func)
+    assert made(3.0, 4) == 81.0 and isinstance(made, Kernel) is own

@@ -3,6 +3,9 @@
 numba makes machine code and two wrappers for Python of every function that it compiles. Of the functions that kernels call nobody uses
 them, for their code is linked into the caller and optimised there. They took a third of the compilation. A `Kernel` is therefore compiled
 as numba does it where Python calls it, and as a `_Called` where a kernel does. The code that runs is the same.
+
+This rests on numba's own classes, which a later version may change: `KNOWN` are the versions that it was tried with, all others compile as
+numba does (`core.jit`).
 """
 
 from __future__ import annotations
@@ -24,6 +27,8 @@ _environment_of: Any = environment.lookup_environment
 _Dispatcher: Any = registry.CPUDispatcher
 _LAST_BEFORE_LOWERING: Any = typed_passes.AnnotateTypes
 
+KNOWN = ((0, 60), (0, 68))
+"""First and last version of numba that these classes were tried with."""
 _ENVIRONMENT = "_ZN08NumbaEnv"
 """Beginning of the name under which the code of a function looks for its environment."""
 

@@ -21,7 +21,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numba
 
-from thermofit.core.called import Kernel
+from thermofit.core.called import KNOWN, Kernel
 from thermofit.core.digest import kernel_digest
 from thermofit.core.errors import StudyError
 from thermofit.core.files import cache_root
@@ -56,6 +56,8 @@ def kernel(function: Any = None, /, *, parallel: bool = False, inline: str = "ne
 def _compiled(function: Any, *, cache: bool, **choices: Any) -> Any:
     if _settings.DISABLE_JIT:
         return function
+    if not KNOWN[0] <= numba.version_info.short <= KNOWN[1]:
+        return numba.njit(cache=cache, **choices)(function)
     made = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **choices})
     if cache:
         made.enable_caching()

@@ -66,6 +66,13 @@ def test_noise_is_that_of_the_means_and_lost_values_are_bridged(tmp_path: Path) 
     found = row_record(entry(), tmp_path, "coupon.rows.0")
     assert found.noise == pytest.approx(5e-4, rel=0.3), "of four points each"
     assert found.strain[5, 2] == pytest.approx(0.5 * (found.strain[4, 2] + found.strain[6, 2]), rel=1e-6)
+    for row, column in ((0, 0), (-1, 4)):  # at an end the course goes on, it does not stop
+        field = FIELD.copy()
+        field[row, np.abs(PLACE - found.place[column]) < 1.2] = np.nan
+        write(tmp_path / "b.csv", field=field)
+        ended = row_record(entry(file="b.csv"), tmp_path, "coupon.rows.0")
+        whole = row_record(entry(file="c.csv"), tmp_path, "coupon.rows.0") if write(tmp_path / "c.csv") else found
+        assert np.allclose(ended.strain, whole.strain, atol=1e-12)
     assert any("5 of 600 values are lost" in text for text in found.remarks) and any(
         "1 lost values of sections" in t for t in found.remarks
     )
@@ -73,8 +80,8 @@ def test_noise_is_that_of_the_means_and_lost_values_are_bridged(tmp_path: Path) 
 
 def test_means_over_time_keep_a_straight_course(tmp_path: Path) -> None:
     write(tmp_path / "a.csv")
-    found = row_record(entry(points=12), tmp_path, "coupon.rows.0")
-    assert len(found.time) == 12 and np.allclose(found.time, TIME.reshape(12, 2).mean(axis=1))
+    found = row_record(entry(points=11), tmp_path, "coupon.rows.0")
+    assert len(found.time) == 11 and np.allclose(found.time, TIME.reshape(12, 2).mean(axis=1)[1:]), "not where the strip begins to flow"
     assert np.allclose(found.strain[:, 2] / found.time, found.strain[3, 2] / found.time[3])
 
 

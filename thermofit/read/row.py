@@ -124,14 +124,13 @@ def row_record(settings: RowSettings, folder: Path, key: str) -> RowRecord:
             f"{path}: the section at {places[k]:g} mm has {int(whole[:, k].sum())} of {len(time)} values; expected {1.0 - MOST_LOST:.0%} "
             "at least: end the record earlier (window, strain_max), or leave the place out"
         )
-    for k in range(len(places)):
-        known = whole[:, k]
-        means[:, k] = np.interp(time, time[known], means[known, k])
+    means = np.stack([_bridged(time, means[:, k]) for k in range(len(places))], axis=1)
     if gaps := int((~whole).sum()):
         said.append(f"{gaps} lost values of sections were bridged by straight lines over time")
     if settings.points is not None and settings.points < len(time):
-        said.append(f"{len(time)} rows became {settings.points} means over time")
-        index = np.array_split(np.arange(len(time)), settings.points)
+        said.append(f"{len(time)} rows became {settings.points} means over time, without the interval in which the strip begins to flow")
+        # A mean over the kink of yielding is no value of the curve at the mean time.
+        index = np.array_split(np.arange(len(time)), settings.points + 1)[1:]
         means = np.stack([means[i].mean(axis=0) for i in index])
         time = np.array([time[i].mean() for i in index])
     if len(time) < 10:
@@ -148,6 +147,17 @@ def _mean(strain: np.ndarray) -> np.ndarray:
     known = np.isfinite(strain)
     count = known.sum(axis=1)
     return np.where(count > 0, np.where(known, strain, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _bridged(time: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Values (n_t,) with gaps filled by straight lines, at the ends by that through the two values next to the gap: a strain that grows
+    would stand still otherwise."""
+    known = np.flatnonzero(np.isfinite(value))
+    out = np.interp(time, time[known], value[known])
+    for two, beyond in ((known[:2], time < time[known[0]]), (known[-2:], time > time[known[-1]])):
+        (t0, t1), (v0, v1) = time[two], value[two]
+        out[beyond] = v0 + (v1 - v0) / (t1 - t0) * (time[beyond] - t0)
+    return out
 
 
 def _used(settings: RowSettings, table: AxialTable, means: np.ndarray, path: Path) -> np.ndarray:

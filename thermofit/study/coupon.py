@@ -468,7 +468,8 @@ class Coupon(Section):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Coupon:
-        kind, members = ("rows", self.rows) if self.rows else ("records", self.records)
+        kind: str = "rows" if self.rows else "records"
+        members: tuple[CouponRecordSettings | RowSettings, ...] = self.rows or self.records
         labels = [record.label for record in members]
         for index, label in enumerate(labels):
             if label in labels[:index]:

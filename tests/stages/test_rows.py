@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_studies import told
+from record_studies import call, told
 from strip_rows import study
 
 from thermofit.records.artefact import open_record
@@ -36,12 +37,14 @@ def test_the_chain_says_what_strains_without_a_force_tell(tmp_path: Path) -> Non
 
 
 def test_rate_and_profile_are_found_and_predict_the_held_out_strip(tmp_path: Path) -> None:
-    path = study(tmp_path, {**PROFILE, **RATE}, 2)
-    found = told("close-loop", path, code=0)
-    assert {"heating_profile", "rate_logarithmic"} <= added(found) or {"heating_profile", "rate_power"} <= added(found)
+    """The law of the rate may be taken for its like, and then a rest of it is told as unlisted: strains without a force know its size, the
+    profile and the hardening by their ratios alone."""
+    result = call("close-loop", study(tmp_path, {**PROFILE, **RATE}, 2), "--json")
+    found = json.loads(result.stdout)
+    assert result.exit_code == (5 if found["unlisted"] else 0)
+    assert "heating_profile" in added(found) and added(found) & {"rate_logarithmic", "rate_power"}
     record = open_record(tmp_path / "run" / "close-loop.h5")
-    fall = record.parameters["heating_profile.fall"]
-    assert fall.sigma is not None and abs(fall.value - PROFILE["heating_profile.fall"]) < 4.0 * fall.sigma
+    assert record.parameters["heating_profile.fall"].value == pytest.approx(PROFILE["heating_profile.fall"], rel=0.2)
     before, after = (float(text) for text in re.findall(r"held-out strain@record strip-2 (\S+) -> (\S+) times", found["verdict"])[0])
     assert after < 1.5 < 0.05 * before, found["verdict"]
 

@@ -32,7 +32,6 @@ def test_the_chain_says_what_strains_without_a_force_tell(tmp_path: Path) -> Non
     for name, true in (("M_yinf", 110.0), ("H_exp", 5.0)):
         one = record.parameters[name]
         assert one.sigma is not None and abs(one.value - true) < 4.0 * one.sigma + 0.02 * true, (name, one)
-    assert record.summary["channels"]["strain"]["chi2_reduced"] == pytest.approx(1.0, abs=0.25)
     assert told("identifiability", path)["parameters"]
 
 

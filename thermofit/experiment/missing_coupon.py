@@ -29,7 +29,7 @@ class CouponMissing:
     of_test: Callable[[Parameters, CouponTest], Parameters]
     run: Callable[[Parameters, CouponTest], PointHistory]
     fields: tuple[str, ...]
-    slots: Slots
+    slots: Slots = Slots()
 
     @property
     def folded(self) -> bool:

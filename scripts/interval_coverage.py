@@ -217,7 +217,7 @@ def _words() -> list[str]:
         "",
         "Draws of the same number share what was drawn of thickness, width and calibrations. These decide E, the yield stresses and c0.",
         "",
-        "The earlier count came before the share of the mesh's error in the data was estimated by whole elements "
+        "The earlier count is older than the sums over whole elements from which the share of the mesh's error in the data is known "
         "([uncertainty](uncertainty.md)).",
     ]
 

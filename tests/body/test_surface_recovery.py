@@ -9,7 +9,7 @@ from small_bodies import NOMINAL, SPECIMEN
 
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
-from thermofit.body.sensitivity.march import Sensitivities, Sensitivity
+from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import Loading, MarchSettings, Watch, march
 from thermofit.core.parameters import Parameters
 from thermofit.core.slots import Slots
@@ -38,7 +38,7 @@ def test_recovers_what_was_planted(name: str) -> None:
     def run(parameters: Parameters, asked: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
         found: list[np.ndarray] = []
 
-        def collect(n: int, at: Sensitivity) -> None:
+        def collect(n: int, at: StepRates) -> None:
             found.append(np.array(at.u)[face][:, :2, : len(asked)])
 
         watch = Watch(sensitivities=Sensitivities(asked, collect)) if asked else Watch()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters, param
+from thermofit.core.slots import Slots
 from thermofit.diagnose import refit
 from thermofit.diagnose.refit import EXPONENTS, WORTH, Fitted, JointFit, as_strong, walked
 from thermofit.fit.settings import Settings
@@ -117,7 +118,7 @@ def test_exponents_that_do_not_settle_are_held(exponents: bool, cheap: bool, set
     monkeypatch.setattr(JointFit, "minimised_on", minimised)
     monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))
     model: Any = SimpleNamespace(cheap=cheap)
-    fitting = JointFit(*[SimpleNamespace()] * 2, model, SimpleNamespace())  # type: ignore[arg-type]
+    fitting = JointFit(SimpleNamespace(slots=Slots()), SimpleNamespace(), model, SimpleNamespace())  # type: ignore[arg-type]
     start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4}, ("E", "rate_logarithmic.C", NAME))
     found, fit = fitting(start, label, exponents=exponents)
     of_each = refit.EXPONENT_EVALUATIONS if exponents else fitting.at_most
@@ -152,7 +153,7 @@ def test_how_well_an_exponent_is_known_is_asked_of_errors_that_know_the_noise(mo
     monkeypatch.setattr(JointFit, "minimised_on", minimised)
     monkeypatch.setattr(refit, "covariance_of", spread)
     model: Any = SimpleNamespace(cheap=False)
-    fitting = JointFit(*[SimpleNamespace()] * 2, model, SimpleNamespace())  # type: ignore[arg-type]
+    fitting = JointFit(SimpleNamespace(slots=Slots()), SimpleNamespace(), model, SimpleNamespace())  # type: ignore[arg-type]
     found, fit = fitting(Parameters.of({"E": 7e4, NAME: 1e-4}, ("E", NAME)), "rate")
     assert fits == ["rate", "rate held"] and found.free == ("E",)
     assert fit.sigma is not None and fit.sigma.tolist() == [pytest.approx(5.6e4)]
@@ -184,7 +185,7 @@ def test_an_exponent_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(JointFit, "minimised_on", minimised)
     model: Any = SimpleNamespace(cheap=False, linearised=linearised)
     parts: Any = SimpleNamespace(mechanics=model, heat=lambda start: None, histories=lambda start: None)
-    study: Any = SimpleNamespace(bounds=lambda name: (1e-9, 1e9), hardening_law=2)
+    study: Any = SimpleNamespace(bounds=lambda name: (1e-9, 1e9), slots=Slots())
     fitting = JointFit(study, SimpleNamespace(), model, SimpleNamespace(), parts=parts)  # type: ignore[arg-type]
     start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4, "theta_ref": 297.0}, ("E", "rate_logarithmic.C", NAME))
     found, _ = fitting(start, f"rate{EXPONENTS}", exponents=True)

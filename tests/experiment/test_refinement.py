@@ -51,6 +51,10 @@ class Model:
     def comparisons(self) -> tuple[Channel, ...]:
         return Channel("du", 0.01), Channel("dtheta", 0.1, "K")
 
+    @property
+    def places(self) -> dict[str, slice]:
+        return {"du": slice(0, len(X)), "dtheta": slice(len(X), 2 * len(X))}
+
     def residual(self, p: Parameters) -> np.ndarray:
         own = (p["E"] / TRUE["E"] - 1.0) * X + (p["nu"] - TRUE["nu"]) * X**2
         off = self.mesh * self.h**2 * X + self.step * self.parts**-self.order

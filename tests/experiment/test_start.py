@@ -9,6 +9,7 @@ from made_up import TRUTH, uniaxial_test
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import param
+from thermofit.core.slots import Slots
 from thermofit.experiment.start import carries, feasible_start
 from thermofit.experiment.window import elastic_slope
 
@@ -19,6 +20,7 @@ def study(**bounds: tuple[float, float]) -> Any:
     """What the start needs of a study."""
     return SimpleNamespace(
         hardening_law="model2",
+        slots=Slots("model2"),
         material_axes=SimpleNamespace(angle=0.0),
         force=SimpleNamespace(drives="force"),
         bounds=lambda n: bounds.get(n, (param(n).lower, param(n).upper)),

@@ -10,9 +10,9 @@ from thermofit.effects.scene import Scene
 SLOT = "camera"
 PARAMS = (
     # A tilt of a tenth of a radian, half a metre away.
-    Param("dic_tilt.along", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm along the load, at the largest force", probe=1e-6),
+    Param("dic_tilt.along", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm along the load, at the largest force", probe=2e-6),
     Param(
-        "dic_tilt.across", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm across the load, at the largest force", probe=1e-6
+        "dic_tilt.across", "1/mm", 0.0, -2e-4, 2e-4, 1e-7, "change of the scale per mm across the load, at the largest force", probe=2e-6
     ),
 )
 FORMULA = "u_camera = u + F / F_max (across x + along y) x"

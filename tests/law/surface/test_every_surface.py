@@ -142,7 +142,7 @@ def test_aa2090_t3_as_published() -> None:
     assert found[:, 0] == pytest.approx(measured[0], abs=0.011)
     assert found[:, 1] == pytest.approx(measured[1], abs=0.06)
     phi, flow, _ = at(np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0]), ALLOY)
-    assert 1.0 / phi[0] == pytest.approx(1.035, abs=0.006)
+    assert 1.0 / phi[0] == pytest.approx(1.035, abs=0.011)
     # r_b: strain across the rolling direction over that along it
     assert flow[0, 0] / flow[0, 1] == pytest.approx(0.67, abs=0.03)
 

@@ -272,7 +272,7 @@ def walls(runs: Sequence[Run]) -> str:
     each = ", ".join(f"{KINDS[d]} {h:.2f} h" for d, h in hours.items())
     said = "within" if total < AIM else "above"
     return (
-        f"* Time: {len(runs)} runs took {total:.2f} h of CPU time ({each}), {said} the aim of under {AIM:g} hours; as many "
+        f"* Time: {len(runs)} runs took {total:.2f} h of CPU time ({each}). That is {said} the aim of under {AIM:g} hours. As many "
         "run side by side as `--jobs` says. A run that was made twice counts once, the later one."
     )
 
@@ -343,8 +343,8 @@ def _nulls(runs: list[Run]) -> list[str]:
         if nulls:
             false = share(lambda r: bool(r["accepted"]) or unlisted(r), nulls, at_most)
             accepted = share(lambda r: bool(r["accepted"]), nulls, at_most)
-            said = f"an effect was accepted in {accepted}, something unlisted in {share(unlisted, nulls, at_most)}, one or both in {false}"
-            lines.append(f"* Nothing planted, {words}: {said}.")
+            said = f"An effect was accepted in {accepted}. Something unlisted was told in {share(unlisted, nulls, at_most)}, one or both in {false}"
+            lines.append(f"* Nothing planted, {words}. {said}.")
     return lines
 
 

@@ -343,7 +343,8 @@ def _nulls(runs: list[Run]) -> list[str]:
         if nulls:
             false = share(lambda r: bool(r["accepted"]) or unlisted(r), nulls, at_most)
             accepted = share(lambda r: bool(r["accepted"]), nulls, at_most)
-            said = f"An effect was accepted in {accepted}. Something unlisted was told in {share(unlisted, nulls, at_most)}, one or both in {false}"
+            told = share(unlisted, nulls, at_most)
+            said = f"An effect was accepted in {accepted}. Something unlisted was told in {told}, one or both in {false}"
             lines.append(f"* Nothing planted, {words}. {said}.")
     return lines
 

@@ -146,7 +146,9 @@ def test_nothing_planted_counts_what_is_named_or_unlisted(page: Any, tmp_path: P
     ]
     page.write(nulls, tmp_path, {})
     text = (tmp_path / "operating_figures.md").read_text()
-    assert "an effect was accepted in 1 of 3" in text and "something unlisted in 2 of 3" in text and "one or both in 2 of 3" in text
+    assert (
+        "An effect was accepted in 1 of 3" in text and "Something unlisted was told in 2 of 3" in text and "one or both in 2 of 3" in text
+    )
 
 
 def knocked(kind: str, unlisted: str | None, accepted: list[str], seed: int, **more: Any) -> dict[str, Any]:

@@ -49,9 +49,6 @@ THERMOCOUPLE, CLASS, THICKNESS, WIDTH, SCALE = 0.1, 0.5, 0.005, 0.02, 2e-4
 STATED = {"force_class": CLASS, "thickness": THICKNESS, "width": WIDTH, "camera_scale": SCALE}
 LEVEL, NORMAL = 0.95, 1.96
 TRUTH_MESH, FINER_STEPS = MeshSize(n_x=18, n_y=144, n_z=5), 16
-COUNT, FIRST_SEED = 2, 101
-"""Number of the count that rows belong to: one more, with fresh seeds, where what is counted has changed. Rows without it are of the first,
-which began at 1."""
 
 
 def study_of(name: str, mesh: str, folder: Path, raw: Path | None = None) -> Study:
@@ -99,7 +96,7 @@ def row_of(name: str, mesh: str, seed: int, truth: tuple[VirtualFields, Simulate
     try:
         errors = drawn(*truth, seed, folder / "raw")
         study = study_of(name, mesh, folder / "run", folder / "raw")
-        head = {"experiment": name, "mesh": mesh, "seed": seed, "count": COUNT, "drawn": errors}
+        head = {"experiment": name, "mesh": mesh, "seed": seed, "drawn": errors}
         try:
             for stage in (*READING, *IDENTIFYING):
                 stage_function(stage)(study)
@@ -130,9 +127,9 @@ def rows_there() -> list[dict[str, Any]]:
 
 def run(names: Sequence[str], mesh: str, draws: int) -> None:
     """Draw what is missing, the experiments in turn."""
-    done = {(r["experiment"], r["mesh"], r["seed"]) for r in rows_there() if r.get("count") == COUNT}
+    done = {(r["experiment"], r["mesh"], r["seed"]) for r in rows_there()}
     truth: dict[str, tuple[VirtualFields, Simulate]] = {}
-    for seed, name in ((seed, name) for seed in range(FIRST_SEED, FIRST_SEED + draws) for name in names):
+    for seed, name in ((seed, name) for seed in range(1, draws + 1) for name in names):
         if (name, mesh, seed) in done:
             continue
         if name not in truth:
@@ -177,18 +174,17 @@ def page() -> None:
     """docs/coverage.md and its figure."""
     every = [r for r in rows_there() if "failed" not in r]
     failed = [r for r in rows_there() if "failed" in r]
-    groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
+    groups = {(r["experiment"], r["mesh"]): [] for r in every}
     for r in every:
-        groups.setdefault((r["experiment"], r["mesh"], r.get("count", 1)), []).append(r)
+        groups[r["experiment"], r["mesh"]].append(r)
     lines = ["# Do the intervals hold the truth?", "", *_words(), ""]
     matplotlib.use("Agg")
     figure, axes = plt.subplots(1, max(len(groups), 1), figsize=(5.5 * max(len(groups), 1), 4.5), squeeze=False)
-    for axis, ((name, mesh, count), rows) in zip(axes[0], sorted(groups.items()), strict=False):
-        earlier = "" if count == COUNT else ", an earlier count"
-        lines += [f"## {name}, {mesh} mesh: {len(rows)} experiments{earlier}", "", *_table(rows), ""]
+    for axis, ((name, mesh), rows) in zip(axes[0], sorted(groups.items()), strict=False):
+        lines += [f"## {name}, {mesh} mesh: {len(rows)} experiments", "", *_table(rows), ""]
         if staged := sum(not r["refined"] for r in rows):
             lines += [f"{staged} of them were not refined: their parameters and intervals are those of the stages.", ""]
-        _draw(axis, rows, f"{name}, {mesh} mesh, {len(rows)} draws{earlier}")
+        _draw(axis, rows, f"{name}, {mesh} mesh, {len(rows)} draws")
     figure.tight_layout()
     figure.savefig(FIGURE, dpi=110)
     lines += [
@@ -216,9 +212,6 @@ def _words() -> list[str]:
         "uncertainty of the stages.",
         "",
         "Draws of the same number share what was drawn of thickness, width and calibrations. These decide E, the yield stresses and c0.",
-        "",
-        "The earlier count is older than the sums over whole elements from which the share of the mesh's error in the data is known "
-        "([uncertainty](uncertainty.md)).",
     ]
 
 

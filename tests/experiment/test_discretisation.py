@@ -8,7 +8,7 @@ import numpy as np
 from virtual_pulls import TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.discretisation import MESH, STEPS, corrected, finer_mesh, shares_held, whole_elements
+from thermofit.experiment.discretisation import MESH, corrected, finer_mesh
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -48,48 +48,8 @@ def test_the_corrected_model_shows_what_a_fine_mesh_would() -> None:
         assert left < 1.3 * _rms(found.left[rows]), (c.channel, left, _rms(found.left[rows]))
         begin += c.n
     assert found.shares[MESH] > 0.6
-    doubt = found.doubt(exact=False)[MESH]
-    assert np.allclose(doubt, 0.25 / 0.5 * found.shares[MESH] * found.causes[MESH]), "a quarter of what the data hold, as a limit"
     assert not found.left[begin:].any(), "priors have no mesh"
     assert 0.02 < found.largest_strain < 0.06
-
-
-def test_rows_are_summed_over_two_elements_along_every_axis() -> None:
-    """Elements of COARSE are 25/6 mm by 10 mm (of the middle of the specimen): points at one time, in one component, over 25/3 by 20 mm."""
-    x, y = np.meshgrid(np.linspace(-10.0, 10.0, 9), np.linspace(-20.0, 20.0, 33))
-    xy = np.stack([x.ravel(), y.ravel()], axis=1)
-
-    def dense(o: FieldObservation) -> FieldObservation:
-        shape = (len(o.time), len(xy), o.value.shape[2])
-        return replace(o, xy=xy, value=np.zeros(shape), sigma=np.ones(shape), mask=np.ones(shape[:2], dtype=bool))
-
-    assert data().temperature is not None
-    seen = replace(data(), displacement=dense(data().displacement), temperature=dense(data().temperature))
-    joint = Joint(study(), seen, joint_settings(study(), ("E", "theta_air"), seen), COARSE)
-    block = whole_elements(joint)
-    rows = np.concatenate([np.column_stack([np.full(c.n, k), c.rows]) for k, c in enumerate(joint.model.comparisons)])
-    assert len(block) == len(rows) + len(joint.model.priors) and len(joint.model.priors) == 1
-    assert np.sum(block == block[-1]) == 1
-    for label in np.unique(block[: len(rows)])[::7]:
-        mine = rows[block[: len(rows)] == label]
-        places = xy[mine[:, 2]]
-        assert len(np.unique(mine[:, [0, 1, 3]], axis=0)) == 1
-        assert 15.0 < np.ptp(places[:, 1]) <= 20.0 and 5.0 <= np.ptp(places[:, 0]) <= 10.0
-
-
-def test_the_share_of_an_error_is_told_by_sums_over_whole_elements() -> None:
-    """The told error has the places of the nodes in it, which the true one has not; what the parameters take up counts for nothing."""
-    n, random = 4000, np.random.default_rng(8)
-    place, block = np.arange(n), np.arange(n) // 8
-    fitted = np.column_stack([np.ones(n), place / n])
-    true = 2.0 * np.sin(place / 300.0) + 5.0 * fitted[:, 1]
-    told = true + 1.5 * np.where(place % 2 == 0, 1.0, -1.0)
-    residual = 0.8 * true + random.normal(size=n)
-    causes = {MESH: told, STEPS: 0.001 * told}
-    found = shares_held(causes, residual, fitted, block)
-    assert abs(found[MESH] - 0.8) < 0.05 and found[STEPS] == 1.0
-    assert shares_held(causes, residual, fitted, np.arange(n))[MESH] < 0.65
-    assert shares_held(causes, -residual, fitted, block)[MESH] == 0.0
 
 
 def test_data_of_the_same_mesh_stay_as_they_are() -> None:

@@ -15,7 +15,6 @@ import numpy as np
 
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import Measured, temperature_of
 from thermofit.experiment.force_error import with_force_error
 from thermofit.experiment.joint import Joint, Known
@@ -23,26 +22,17 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation
-from thermofit.observe.patches import spacings
 from thermofit.study.section import MeshSize
 
 FINER = 1.5
 """Refinement r of the mesh that tells the error."""
 REMAINS = 0.5
 """Part of the error that is not trusted to be gone: an order between 1 and infinity in place of 2 would leave or overdo about as much."""
-DOUBTED = 0.25
-"""Part of the error that the data hold by which its size is in doubt, as a limit: 1/(1 - r^-p) of an order p between 1.5 and 3.2."""
 ORDER = {"sdirk2": 2, "backward-euler": 1}
 """Order of the error of the time steps, by `numerics.heat_integration`: heat is what they tell of."""
 MESH, STEPS = "mesh", "time steps"
 _PLAIN = 3.0
 """Length of an error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
-_WHOLE = 2
-"""Elements along the side of a block over which rows are summed before they say which share of an error they hold: as long as three of the
-finer mesh. Within an element the difference of two meshes shows the places of their nodes."""
-
-_FEW = 8
-"""Nodes of the face among the observed points up to which all of the face tell how large elements are."""
 
 Parts = Mapping[str, np.ndarray]
 """Errors (n,) in the residual that may be left, by cause."""
@@ -74,9 +64,8 @@ class Discretised:
         return summed(self.causes_exact)
 
     def doubt(self, exact: bool) -> Parts:
-        """What of the correction is in doubt, by cause, as limits: a part of the share that the data hold."""
-        part = DOUBTED / REMAINS
-        return {cause: part * self.shares[cause] * rows for cause, rows in (self.causes_exact if exact else self.causes).items()}
+        """What of the correction is in doubt, by cause: the part that may be left of the share that the data hold."""
+        return {cause: self.shares[cause] * rows for cause, rows in (self.causes_exact if exact else self.causes).items()}
 
     @property
     def largest_strain(self) -> float:
@@ -128,7 +117,7 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
     model, names = joint.model, parameters.free or joint.settings.free
     assert model.linearise is not None
     plain, slopes = model.linearise(parameters, names)
-    shares = shares_held(own, *model.assembled(parameters, names, plain, slopes), whole_elements(joint))
+    shares = _shares(own, *model.assembled(parameters, names, plain, slopes))
     held = {cause: {name: shares[cause] * field for name, field in error.items()} for cause, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(
@@ -153,38 +142,15 @@ def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Er
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 
 
-def whole_elements(joint: Joint) -> np.ndarray:
-    """Number (n,) of the block of elements that every row of the residual lies in, apart for every time and component; a row of a prior is
-    alone."""
-    mesh, model = joint.run.body.mesh, joint.model
-    face = mesh.nodes[mesh.node_sets["face"], :2]
-    labels, count = [], 0
-    for c in model.comparisons:
-        xy = model.observations[field_of(c)].xy
-        low, wide = xy.min(axis=0), np.ptp(xy, axis=0)
-        seen = face[(face[:, 1] >= low[1]) & (face[:, 1] <= low[1] + wide[1])]
-        number = np.maximum(np.round(wide / (_WHOLE * spacings(seen if len(seen) > _FEW else face))), 1.0)
-        tile = np.minimum((xy - low) / np.where(wide > 0.0, wide, 1.0) * number, number - 1.0).astype(int)
-        _, label = np.unique(np.column_stack([c.rows[:, [0, 2]], tile[c.rows[:, 1]]]), axis=0, return_inverse=True)
-        labels.append(count + label.ravel())
-        count += int(label.max(initial=-1)) + 1
-    return np.concatenate([*labels, count + np.arange(len(model.priors))])
-
-
-def shares_held(told: Parts, residual: np.ndarray, fitted: np.ndarray, block: np.ndarray) -> dict[str, float]:
-    """Shares of errors (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters in sums over blocks (n,), each 0
-    to 1; all of one that is too small to tell."""
-    count = np.bincount(block)
-
-    def summed_over(rows: np.ndarray) -> np.ndarray:
-        return np.asarray(np.bincount(block, rows) / np.sqrt(count))
-
-    own = {cause: summed_over(LinearModel(rows, fitted).left) for cause, rows in told.items()}
+def _shares(told: Parts, residual: np.ndarray, fitted: np.ndarray) -> dict[str, float]:
+    """Shares of errors (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, each 0 to 1; all of one that is
+    too small to tell."""
+    own = {cause: LinearModel(rows, fitted).left for cause, rows in told.items()}
     shares = dict.fromkeys(told, 1.0)
     plain = [cause for cause, rows in own.items() if float(rows @ rows) > _PLAIN**2]
     if plain:
         columns = np.stack([own[cause] for cause in plain], axis=1)
-        rest = summed_over(LinearModel(residual, fitted).left) - sum(own[cause] for cause in told if cause not in plain)
+        rest = residual - sum(own[cause] for cause in told if cause not in plain)
         whole = np.zeros(len(plain)), np.ones(len(plain))
         found = LinearModel(-rest, columns, bounds=whole).step.d
         shares |= {cause: float(share) for cause, share in zip(plain, found, strict=True)}

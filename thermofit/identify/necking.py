@@ -4,7 +4,7 @@ Unknown are the law (`considere_strain`, `H_exp`), the offset of every section b
 section in every frame: errors of all strains then count alike, where a residual in forces would be smallest for a material that hardens
 exactly as much as its sections shrink.
 
-SectionStrains of a necking specimen in equilibrium: from the strain of one to the strains of all others.
+Sections of a necking specimen in equilibrium: from the strain of one to the strains of all others.
 
 Every cross-section carries the same force at the same instant. With isochoric flow F = sigma(s + e) A exp(-e), where e counts from the
 first frame, A is the area there and s the strain that the section then has more (or less) than the necking one. All flow in the first

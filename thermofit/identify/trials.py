@@ -87,7 +87,7 @@ def setup(study: Study, stage: Ready, task: Job, shared: Parameters | None, chan
 
 
 def run_trials(common: Setup, givens: Sequence[Mapping[str, float]], labels: Sequence[str], where: Executor) -> list[StageTrial]:
-    """One StageTrial for every set of given values; those that an earlier, killed run has finished are read from disk."""
+    """One trial for every set of given values; those that an earlier, killed run has finished are read from disk."""
     jobs = [_trial_job(common, label, given) for label, given in zip(labels, givens, strict=True)]
     found = {i: _replayed(open_record(job.path)) for i, job in enumerate(jobs) if fresh(job.path, job.stage, job.config, {})}
     missing = [i for i in range(len(jobs)) if i not in found]

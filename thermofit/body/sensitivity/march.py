@@ -1,7 +1,7 @@
 """Sensitivities of a march by direct differentiation: du/dp, dtheta/dp and dF/dp of every step, exact for the discrete equations.
 
 After each converged step the equations of both fields are differentiated along all asked-for parameters at once, through the
-history variables (M. Kleiber et al., Parameter StepRates in Nonlinear Mechanics, 1997):
+history variables (M. Kleiber et al., Parameter Sensitivity in Nonlinear Mechanics, 1997):
 
     K u' = f_ext'(p) - f_int'|_u (theta', s_n', p),      s' = s'(u', s_n', p),
     [c0 M + gamma dt E] theta' = ... (u', u_n', theta_n', h'(s', s_n', theta'), p).

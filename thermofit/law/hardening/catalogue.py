@@ -37,6 +37,7 @@ import numpy as np
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, declare
+from thermofit.core.slots import checked_file, held_by
 
 LINEAR = "H_lin"
 """The Param of the linear hardening that any law may have besides."""
@@ -147,23 +148,14 @@ def hardening_laws() -> tuple[Hardening, ...]:
 
 def hardening(which: str | int) -> Hardening:
     """The law of that name or number. StudyError where there is none."""
-    for law in _LAWS.values():
-        if which in (law.name, law.number):
-            return law
-    known = ", ".join(law.name for law in hardening_laws())
-    raise StudyError(f"hardening law '{which}' is not known; known are {known}")
+    return held_by(which, _LAWS.values(), "hardening law")
 
 
 def law_of_file(file: ModuleType, name: str, number: int) -> Hardening:
     """The law that a module declares. StudyError that names what is missing or wrong."""
-    where = getattr(file, "__file__", None) or name
-    if missing := [key for key in _REQUIRED if not hasattr(file, key)]:
-        raise StudyError(f"{where}: {missing[0]} is missing; a file of a hardening law gives {', '.join(_REQUIRED)}")
+    where = checked_file(file, name, "hardening law", _REQUIRED, lambda p: isinstance(p, str))
     if not file.PARAMS or file.PARAMS[0] != "M_y0":
         raise StudyError(f"{where}: PARAMS begins with {file.PARAMS[:1]}; expected 'M_y0', the yield stress at alpha = 0")
-    for p in file.PARAMS:
-        if not isinstance(p, str) and (not isinstance(p, Param) or p.name.partition(".")[0] != name):
-            raise StudyError(f"{where}: PARAMS holds {p!r}; expected Param('{name}.<param>', unit, neutral, lower, upper, scale, meaning)")
     if hasattr(file, "SMALL") and (hasattr(file, "NUMBERS") or not all(isinstance(p, str) for p in file.PARAMS)):
         raise StudyError(f"{where}: SMALL is given beside Params of its own; expected PARAMS that are names of the base law, or no SMALL")
     if len(getattr(file, "NUMBERS", ())) > len(SHARED):

@@ -28,6 +28,7 @@ from typing import Any
 
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Param, declare
+from thermofit.core.slots import checked_file, held_by
 
 DEFAULT = "hill"
 """The surface of a study that names none."""
@@ -97,21 +98,12 @@ def surfaces() -> tuple[Surface, ...]:
 
 def surface(which: str | int) -> Surface:
     """The surface of that name or number. StudyError where there is none."""
-    for one in _SURFACES.values():
-        if which in (one.name, one.number):
-            return one
-    known = ", ".join(one.name for one in surfaces())
-    raise StudyError(f"yield surface '{which}' is not known; known are {known}")
+    return held_by(which, _SURFACES.values(), "yield surface")
 
 
 def surface_of_file(file: ModuleType, name: str, number: int) -> Surface:
     """The surface that a module declares. StudyError that names what is missing or wrong."""
-    where = getattr(file, "__file__", None) or name
-    if missing := [key for key in _REQUIRED if not hasattr(file, key)]:
-        raise StudyError(f"{where}: {missing[0]} is missing; a file of a yield surface gives {', '.join(_REQUIRED)}")
-    for p in file.PARAMS:
-        if p not in HILL and (not isinstance(p, Param) or p.name.partition(".")[0] != name):
-            raise StudyError(f"{where}: PARAMS holds {p!r}; expected Param('{name}.<param>', unit, neutral, lower, upper, scale, meaning)")
+    where = checked_file(file, name, "yield surface", _REQUIRED, lambda p: p in HILL)
     if not hasattr(file, "numbers") and any(isinstance(p, Param) for p in file.PARAMS):
         raise StudyError(f"{where}: numbers is missing beside Params of its own; expected numbers(*Params) -> exponent, 18 coefficients")
     if hasattr(file, "numbers") and any(isinstance(p, str) for p in file.PARAMS):

@@ -262,12 +262,13 @@ def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(given, cwd=folder, capture_output=True, text=True, check=False, env={**os.environ, **alone})
 
 
-def tried(name: str, specimen: str, seed: int) -> dict[str, Any]:
-    """One run: what the program answers to raw files that hold the planted causes."""
+def tried(name: str, specimen: str, seed: int, keep: Path | None) -> dict[str, Any]:
+    """One run: what the program answers to raw files that hold the planted causes; its folder stays in `keep`."""
     planted, made = RUNS[name], SPECIMENS[specimen]
     begin = time.perf_counter()
-    with tempfile.TemporaryDirectory() as kept:
-        folder = Path(kept)
+    with tempfile.TemporaryDirectory() as passing:
+        folder = Path(passing) if keep is None else keep / f"{name}-{specimen}".replace(" ", "-").replace(",", "")
+        folder.mkdir(parents=True, exist_ok=True)
         own = {cause: cause.replace("-", "_") + "_planted" for cause in planted if CAUSES[cause].slot not in (IR, DIC)}
         for cause, file in own.items():
             (folder / f"{file}.py").write_text(effect_file(cause, CAUSES[cause]), encoding="utf-8")
@@ -378,6 +379,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=list(RUNS), default=list(RUNS))
     parser.add_argument("--specimen", nargs="+", choices=list(SPECIMENS), default=list(SPECIMENS))
+    parser.add_argument("--keep", type=Path, help="folder in which the raw files and results of every run stay")
     parser.add_argument("--page", action="store_true", help="write the page from the rows that are there")
     options = parser.parse_args()
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
@@ -385,7 +387,7 @@ def main() -> None:
     known = {(r["run"], r["specimen"]) for r in rows if r["source"] == here}
     todo = [(n, s) for s in options.specimen for n in options.only if (n, s) not in known and not options.page]
     for name, specimen in todo:
-        row = {"run": name, "specimen": specimen, "source": here, **tried(name, specimen, 100 + list(RUNS).index(name))}
+        row = {"run": name, "specimen": specimen, "source": here, **tried(name, specimen, 100 + list(RUNS).index(name), options.keep)}
         rows = [r for r in rows if (r["run"], r["specimen"]) != (name, specimen)] + [row]
         ROWS.write_text("".join(json.dumps(r) + "\n" for r in rows), encoding="utf-8")
         print(f"{name} ({specimen}): {row.get('failed') or (row['accepted'], row['unlisted'], row['grade'], row['seconds'])}", flush=True)

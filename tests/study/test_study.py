@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from thermofit.core.errors import StudyError
@@ -348,6 +348,7 @@ numerics.threads
 
 @settings(max_examples=300)
 @given(st.sampled_from(KEYS), tree)
+@example("stages.elastic.free", ["\n"])
 def test_any_value_at_any_key_is_a_study_error_or_a_study(tmp_path_factory, key: str, value: object) -> None:
     path = tmp_path_factory.getbasetemp() / "value.yaml"
     path.write_text(SMALL, encoding="utf-8")

@@ -244,8 +244,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         {name: words for name, words in _ends(here, closed.fit).items() if name not in enough},
         here.unpredicted,
     )
-    if closed.stand_ins is not None:
-        against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in like_of(closed).items() if others]
+    against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in like_of(closed).items() if others]
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
     common = _common(found, here, against, closed.fit)

@@ -86,7 +86,13 @@ def found(value: Any) -> str:
 
 
 def sentence(error: ErrorDetails) -> tuple[str, str]:
-    """The dotted key that an error of pydantic is about, and the sentence (without the name of the file)."""
+    """The dotted key that an error of pydantic is about, and the sentence (without the name of the file), on one line whatever the study
+    holds."""
+    key, text = _sentence(error)
+    return key, "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _sentence(error: ErrorDetails) -> tuple[str, str]:
     context: dict[str, Any] = dict(error.get("ctx", {}))
     location, kind = error["loc"], error["type"]
     if kind == UNKNOWN_KEY:

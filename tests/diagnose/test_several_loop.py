@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,11 @@ def test_one_test_is_traced_and_another_judges(measured: None, tmp_path: Path) -
     said = loop_summary(found, closed, tmp_path / "with-effects.yaml")
     assert said["after"]["held_out"]["dtheta@experiment third"] < 1.2 * said["after"]["floor"]["dtheta@experiment third"]
     assert said["held_out"].startswith("experiment third, which no fit has seen")
+    for others, grade in ((("lamp",), "named-as-family"), ((), "named")):
+        told = loop_summary(found, replace(closed, stand_ins={"thermal_expansion": others}), tmp_path / "with-effects.yaml")
+        assert told["grade"] == grade
+        assert ("the data do not tell thermal_expansion from lamp" in told["doubts"]) is bool(others)
+        assert not (others and told["trustworthy"])
 
 
 def test_the_study_with_effects_of_one_test_reads(measured: None, tmp_path: Path) -> None:

@@ -136,6 +136,10 @@ def test_what_is_undetermined_speaks_against_the_answer() -> None:
     assert doubts([], ends={"E": "E ends at its bound"}) == ["E ends at its bound"]
 
 
+def test_an_effect_in_whose_stead_another_explains_as_well_speaks_against_the_answer() -> None:
+    assert doubts([], alike={"lamp": (), "ir_drift": ("ir_reflection",)}) == ["the data do not tell ir_drift from ir_reflection"]
+
+
 def test_a_fit_that_has_not_settled_speaks_against_the_answer() -> None:
     assert doubts([], unsettled="200 evaluations") == ["the last fit has not settled: 200 evaluations"]
 

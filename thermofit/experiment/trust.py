@@ -1,9 +1,9 @@
 """One rule for verdict and exit code: when the answer of `verify`, `validate`, `diagnose`, `close-loop` and so of `run` is trusted.
 
 An answer is trusted where nothing speaks against it: every compared channel is at its floor, as a whole and in every phase of the test, no
-declared reading is farther off than its error explains, the fit has settled, every fitted parameter has a value of its own, and every
-candidate could be judged. The floor of a channel is its noise and what the error of mesh and steps that may be left would make, where that
-is known.
+declared reading is farther off than its error explains, the fit has settled, every fitted parameter has a value of its own, every
+candidate could be judged, and no other effect explains the data as well as an added one. The floor of a channel is its noise and what the
+error of mesh and steps that may be left would make, where that is known.
 """
 
 from __future__ import annotations
@@ -126,13 +126,15 @@ def doubts(
     unsettled: str = "",
     ends: Mapping[str, str] | None = None,
     unpredicted: Mapping[str, str] | None = None,
+    alike: Mapping[str, Sequence[str]] | None = None,
 ) -> list[str]:
     """Sentences that speak against an answer, none where it is trusted. `readings` = (declared values, the parameters beside them),
     `unjudged` effects with the reason, `unsettled` why a fit has not come to its end, `ends` what is `undetermined`, `unpredicted` declared
-    held-out tests that the model cannot be run through, with the reason."""
+    held-out tests that the model cannot be run through, with the reason, `alike` effects that the data do not tell from an added one."""
     out = [f"{one.words}: more than noise is left" for one in above_floor(levels)]
     out += [] if readings is None else off_declared(*readings, READING)
     out += list((ends or {}).values())
     out += [f"{name} could not be judged, and may be what is missing: {why}" for name, why in (unjudged or {}).items()]
     out += [f"held-out {name} was not predicted and judges nothing: {why}" for name, why in (unpredicted or {}).items()]
+    out += [f"the data do not tell {name} from {', '.join(others)}" for name, others in (alike or {}).items() if others]
     return out + ([f"the last fit has not settled: {unsettled}"] if unsettled else [])

@@ -243,8 +243,8 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         unsettled,
         {name: words for name, words in _ends(here, closed.fit).items() if name not in enough},
         here.unpredicted,
+        like_of(closed),
     )
-    against += [f"the data do not tell {name} from {', '.join(others)}" for name, others in like_of(closed).items() if others]
     if closed.open_ones:
         against.append(f"{', '.join(closed.open_ones)} would be next, but --max-effects are in: allow more")
     common = _common(found, here, against, closed.fit)

@@ -238,9 +238,8 @@ def effect_file(name: str, cause: Cause) -> str:
 
 def change_raw(raw: Path, cause: Cause, amount: float) -> None:
     """Change what a camera has written into the files of a raw folder."""
-    pixel = yaml.safe_load((raw / "experiment.yaml").read_text(encoding="utf-8"))["ir"]["landmarks"]
-    ends = np.array(pixel["length"])
-    mm = float(pixel["length_mm"]) / float(np.linalg.norm(ends[0] - ends[1]))
+    pixel = yaml.safe_load((raw / "experiment.yaml").read_text(encoding="utf-8"))["ir"]["landmarks"]["length"]
+    mm = float(pixel["length_mm"]) / float(np.linalg.norm(np.subtract(pixel["p1"], pixel["p2"])))
     assert callable(cause.function)
     for path in sorted((raw / cause.slot).glob("*.csv")):
         lines = path.read_text(encoding="ascii").splitlines()

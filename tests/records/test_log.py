@@ -21,8 +21,9 @@ from typer.testing import CliRunner
 
 from thermofit.cli.app import app
 from thermofit.core.errors import NumericsError
-from thermofit.identify.reciprocal import reciprocal_of
+from thermofit.core.parameters import Parameters
 from thermofit.identify.solve import Follower
+from thermofit.identify.variables import fit_variables
 from thermofit.records.log import alive, events_of, has_ended, line_of, log_path
 from thermofit.records.progress import progress, set_verbosity
 from thermofit.records.staging import Made, job, produce
@@ -112,7 +113,7 @@ def test_plain_lines_only_where_they_are_asked_for(tmp_path: Path, capsys: pytes
 
 def test_iterations_tell_error_over_noise_and_what_moves() -> None:
     told: list[tuple[str, Any]] = []
-    follow = Follower(lambda n=1, note="", more=None: told.append((note, more)), ("E", "nu"), reciprocal_of(("E", "nu")))
+    follow = Follower(lambda n=1, note="", more=None: told.append((note, more)), ("E", "nu"), fit_variables(("E", "nu"), Parameters.of({})))
     for x, f in (((6.0e4, 0.3), 400.0), ((6.0e4, 0.31), 100.0)):
         follow(SimpleNamespace(x=np.array(x), f=f), np.zeros(100))
     follow(SimpleNamespace(x=np.array((6.0e4, 0.4)), f=np.inf), None)

@@ -22,7 +22,6 @@ from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
-from thermofit.identify.reciprocal import reciprocal_of
 from thermofit.identify.solve import (
     F_TOLERANCE,
     Follower,
@@ -33,6 +32,7 @@ from thermofit.identify.solve import (
     remembering,
     stage_problem,
 )
+from thermofit.identify.variables import fit_variables
 from thermofit.law.composition import FACTORS, SUMS
 from thermofit.law.page import law_of
 from thermofit.records.checkpoint import Checkpoint
@@ -360,7 +360,7 @@ class JointFit:
             self.failures.append(f"{name} = {there[name]:.3g}: its derivative failed ({error})")
             return 0.0
         names = (*fit.names, name)
-        change, x = reciprocal_of(names), np.array([there[n] for n in names])
+        change, x = fit_variables(names, there), np.array([there[n] for n in names])
         ends = np.array([self.study.bounds(n) for n in names])
         y, (lower, upper) = change.variables(x), change.bounds(ends[:, 0], ends[:, 1])
         columns = change.by_variables(np.column_stack([fit.jacobian, own]), x)

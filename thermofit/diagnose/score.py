@@ -20,7 +20,7 @@ from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import param
 from thermofit.diagnose.held_out import PRACTICAL, SURE
 from thermofit.fit.linear_model import LinearModel, projection
-from thermofit.identify.reciprocal import RECIPROCAL
+from thermofit.identify.variables import RECIPROCAL
 
 ALIKE = 0.9
 """|cos| of two effects above which a test cannot tell them apart."""

@@ -14,7 +14,7 @@ from thermofit.core.parameters import Param
 SLOT = "yield_stress"
 PARAMS = (
     Param("rate_power.K", "MPa", 0.0, 0.0, 2000.0, 5.0, "overstress scale", probe=10.0),
-    Param("rate_power.m", "1", 0.2, 0.02, 1.0, 0.1, "rate sensitivity exponent", scan=(0.1, 0.3, 1.0)),
+    Param("rate_power.m", "1", 0.2, 0.02, 1.0, 0.1, "rate sensitivity exponent", scan=(0.1, 0.3, 1.0), logarithmic=True),
     Param("rate_power.reference", "1/s", 1e-3, 1e-9, 1e4, 1e-3, "rate of the power law", scan=(1e-4, 1e-2), logarithmic=True),
 )
 FORMULA = "sigma_y += K ((1 + rate / reference)^m - 1)"

@@ -30,9 +30,9 @@ from thermofit.fit.settings import Hooks, Settings
 from thermofit.identify.blocks import residual_blocks
 from thermofit.identify.identifiability import Analysis
 from thermofit.identify.linear import Linear
-from thermofit.identify.reciprocal import Reciprocal
 from thermofit.identify.solve import DIFFERENCE_STEP, stage_problem
 from thermofit.identify.subject import Subject, linear_subject, prepared
+from thermofit.identify.variables import FitVariables
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.records.executor import Executor, Task, run_all
 from thermofit.records.progress import progress
@@ -209,7 +209,7 @@ def profile_task(subject: Subject, kept: Kept, at: tuple[int, int], rise: float)
     return float(found["end"]), bool(found["open"]), str(found["remark"]), found["points"]
 
 
-def _in_parameters(side: Side, change: Reciprocal, i: int, f: float, y: np.ndarray) -> dict[str, np.ndarray]:
+def _in_parameters(side: Side, change: FitVariables, i: int, f: float, y: np.ndarray) -> dict[str, np.ndarray]:
     """A side in terms of the parameter: end and points (m, 2)."""
 
     def parameter(value: float) -> float:
@@ -221,7 +221,7 @@ def _in_parameters(side: Side, change: Reciprocal, i: int, f: float, y: np.ndarr
     return {"end": np.array(parameter(side.end)), "open": np.array(side.open), "remark": np.array(side.remark), "points": points}
 
 
-def fit_problem(subject: Subject, linear: Linear, offset: np.ndarray | None) -> tuple[Problem, Reciprocal, np.ndarray]:
+def fit_problem(subject: Subject, linear: Linear, offset: np.ndarray | None) -> tuple[Problem, FitVariables, np.ndarray]:
     """The stage's problem with `offset` (n,) taken off its residual, the map of its variables, and the optimum in these."""
     p = prepared(subject)
     problem, change = stage_problem(subject.study, p.settings, p.base, p.model)

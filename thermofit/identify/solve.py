@@ -25,7 +25,7 @@ from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Hooks, Settings
-from thermofit.identify.reciprocal import Reciprocal, reciprocal_of
+from thermofit.identify.variables import FitVariables, fit_variables
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.records.progress import Advance, progress
 from thermofit.records.staging import Job
@@ -41,7 +41,7 @@ _SHOWN = 4
 class Follower:
     """Tells `advance` of every evaluation of a fit of parameters `names`; the optimiser's variables become parameters by `change`."""
 
-    def __init__(self, advance: Advance, names: Sequence[str], change: Reciprocal) -> None:
+    def __init__(self, advance: Advance, names: Sequence[str], change: FitVariables) -> None:
         self.advance, self.names, self.change = advance, tuple(names), change
         self.before: np.ndarray | None = None
 
@@ -261,12 +261,12 @@ def at_rounding(y: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarr
 
 def stage_problem(
     study: Study, settings: StageSettings, base: Parameters, model: StageModel, jacobian: np.ndarray | None = None
-) -> tuple[Problem, Reciprocal]:
+) -> tuple[Problem, FitVariables]:
     """What the optimiser sees of a stage that starts at `base`, and the map from its variables to the parameters.
 
     `jacobian`: dr/dx (n, n_p) near `base` that a search without exact derivatives begins with.
     """
-    names, change = settings.free, reciprocal_of(settings.free)
+    names, change = settings.free, fit_variables(settings.free, base)
     bounds = np.array([study.bounds(name) for name in names])
     lower, upper = change.bounds(bounds[:, 0], bounds[:, 1])
 

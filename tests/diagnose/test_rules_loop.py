@@ -57,37 +57,52 @@ def turned(
     fitted: str = "",
     bounds: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
     adrift: str = "",
+    family: tuple[str, ...] = (),
+    leave: tuple[str, ...] = (),
+    vetoed: str = "",
 ) -> tuple[list[str], Trial | None]:
     """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart, by two
     standard errors, `near`: by one; `fitted`: those with one more parameter; `bounds`: what ends at a bound by candidate, "": before;
-    `adrift`: those with an exponent that no fit has settled."""
+    `adrift`: those with an exponent that no fit has settled; `family`: effects alike, of which the first alone is a candidate; `leave`: those
+    whose ends leave more than noise; `vetoed`: those that cannot be."""
+
+    def of_family(name: str) -> tuple[str, ...]:
+        return tuple(n for n in family if n != name) if name in family else ()
 
     def end(name: str) -> Any:
-        return SimpleNamespace(name=name, case=SimpleNamespace(parameters=SimpleNamespace(free=("E",) * (1 + (name in fitted)))))
+        return SimpleNamespace(
+            name=name,
+            excess=lambda f: f if name in leave else 0.0,
+            case=SimpleNamespace(parameters=SimpleNamespace(free=("E",) * (1 + (name in fitted)))),
+        )
 
     def refitted(here: Any, fit: Any, one: Score, means: Any) -> Any:
         gain = gains[one.effect]
         return (
             (trial(one.effect, 0.99, "no"), None)
             if gain is None
-            else (trial(one.effect, gain, adrift=("b",) * (one.effect in adrift)), (end(one.effect), "fit"))
+            else (
+                replace(trial(one.effect, gain, adrift=("b",) * (one.effect in adrift)), scores=(one,)),
+                (end(one.effect), SimpleNamespace(f=2.0)),
+            )
         )
 
     def pairs(*_: Any) -> Any:
         both = trial("p q", 0.0 if pair is None else pair)
-        return [both], None if pair is None else (both, (end("p q"), "fit"))
+        return [both], None if pair is None else (both, (end("p q"), SimpleNamespace(f=2.0)))
 
     def apart(one: Any, other: Any, sure: float = 2.0) -> bool:
         return not {one.name, other.name} <= set(near if sure == 1.0 else (*near, *same))
 
-    monkeypatch.setattr(module, "candidates", lambda _: [score(n) for n in gains])
+    scores = [score(n, family=of_family(n), vetoed="no" if n in vetoed.split() else "") for n in gains]
+    monkeypatch.setattr(module, "candidates", lambda _: [s for s in scores if s.effect not in family[1:]])
     monkeypatch.setattr(module, "tried", refitted)
     monkeypatch.setattr(module, "leaves_more_than_it_takes", lambda *_: left)
     monkeypatch.setattr(module, "best_pair", pairs)
     monkeypatch.setattr(module, "rivals", lambda *_: rivals)
     monkeypatch.setattr(module, "discriminated", apart)
     monkeypatch.setattr(module, "ends_of_fit", lambda t, _: dict.fromkeys(bounds.get(getattr(t, "name", ""), ()), "at its bound"))
-    here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap))
+    here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap), ranking=SimpleNamespace(scores=scores))
     trials, winner = next_round(here, FIT, MEANS, room)
     return [" ".join(t.effects) for t in trials], None if winner is None else winner[0]
 
@@ -118,6 +133,19 @@ def test_of_a_body_two_are_refitted_or_more_until_one_is_accepted(monkeypatch: p
     assert turned(monkeypatch, gains, cheap=False, left=False, rivals=False)[0] == ["a"], "no other could gain more"
     assert turned(monkeypatch, gains | {"a": None, "b": None}, cheap=False, left=False)[0] == ["a", "b", "c"]
     assert turned(monkeypatch, gains, cheap=True, left=False, rivals=False)[0] == list(gains), "of coupons all"
+
+
+def test_of_a_body_the_family_of_a_winner_that_leaves_more_than_noise_is_refitted_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of it wins where held-out data tell it from the first; what it leaves is then asked."""
+    gains: dict[str, float | None] = {"a": 0.4, "b": 0.5, "c": 0.6}
+    own: Any = {"cheap": False, "left": False, "family": ("a", "b", "c"), "leave": ("a",)}
+    tried, winner = turned(monkeypatch, gains, **own)
+    assert tried == ["a", "b"] and winner is not None and winner.effects == ("b",), "b leaves no more than noise"
+    assert turned(monkeypatch, gains, **own | {"leave": ()})[0] == ["a"], "nor does a"
+    assert won(monkeypatch, gains, **own | {"leave": ("a", "b")}) == "c"
+    assert won(monkeypatch, gains, **own | {"leave": ("a", "b"), "same": ("a", "b", "c")}) == "a", "nothing tells them"
+    assert won(monkeypatch, gains | {"b": None, "c": 0.3}, **own) == "a" and won(monkeypatch, gains, **own | {"vetoed": "b"}) == "c"
+    assert turned(monkeypatch, gains, **own | {"family": ("a",)}, rivals=False)[0] == ["a"]
 
 
 def test_the_winner_is_named_with_what_predicts_as_well(monkeypatch: pytest.MonkeyPatch) -> None:

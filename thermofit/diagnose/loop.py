@@ -189,6 +189,9 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
                 winner = trial, found
     if winner is not None and here.case.cheap:
         winner = _simplest(winner, passed, ends_of_fit(here, fit))
+    elif winner is not None:
+        of_family, winner = _of_its_family(here, fit, winner, [t.score.effect for t in trials], ends, means)
+        trials += of_family
     if room > 1 and leaves_more_than_it_takes(here, fit, trials):
         of_pairs, best = best_pair(here, fit, ends, means)
         trials += of_pairs
@@ -198,6 +201,30 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
         named = _with_its_like(winner[0], winner[1][0], ends)
         trials = [named if t is winner[0] else t for t in trials]
         winner = named, winner[1]
+    return trials, winner
+
+
+def _of_its_family(
+    here: Traced, fit: FitResult, winner: tuple[Trial, Accepted], before: Sequence[str], ends: dict[str, Traced], means: Means
+) -> tuple[list[Trial], tuple[Trial, Accepted]]:
+    """Trials of those of the family of a body's winner that were not tried `before`, and the best of all; none where the winner leaves no
+    more than noise.
+
+    One angle at the optimum without any of them makes a family (a logarithmic and a power law of the rate). What its first member leaves may
+    be what another explains by itself, and would be taken for a further effect. Another one wins where held-out data tell it from the first.
+    """
+    trials: list[Trial] = []
+    family = [s for s in here.ranking.scores if s.effect in winner[0].score.family and not s.vetoed and s.effect not in before]
+    for score in family[:TRIED_PER_ROUND]:
+        end, end_fit = winner[1]
+        if end.excess(end_fit.f) == 0.0:
+            break
+        trial, found = tried(here, fit, score, means)
+        trials.append(trial)
+        if found is not None:
+            ends[score.effect] = found[0]
+            if trial.gain > winner[0].gain and discriminated(end, found[0]):
+                winner = trial, found
     return trials, winner
 
 

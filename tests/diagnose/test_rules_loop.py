@@ -63,8 +63,8 @@ def turned(
 ) -> tuple[list[str], Trial | None]:
     """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart, by two
     standard errors, `near`: by one; `fitted`: those with one more parameter; `bounds`: what ends at a bound by candidate, "": before;
-    `adrift`: those with an exponent that no fit has settled; `family`: effects alike, of which the first alone is a candidate; `leave`: those
-    whose ends leave more than noise; `vetoed`: those that cannot be."""
+    `adrift`: those with an exponent that no fit has settled; `family`: effects alike, of which the first alone is a candidate; `leave`:
+    those whose ends leave more than noise; `vetoed`: those that cannot be."""
 
     def of_family(name: str) -> tuple[str, ...]:
         return tuple(n for n in family if n != name) if name in family else ()

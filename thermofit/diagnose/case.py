@@ -185,12 +185,12 @@ def rows_of(model: StageModel, spans: Sequence[Span]) -> Rows:
 def scans(effect: Effect, case: Case) -> tuple[dict[str, float], ...]:
     """Sets of values to try for the Params of an effect that cannot be felt while it is off: every combination, the neutral one first."""
     tried = [p for p in effect.params if p.scan]
-    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(_tried_of(p, case) for p in tried))]
+    sets = [dict(zip((p.name for p in tried), values, strict=True)) for values in itertools.product(*(tried_of(p, case) for p in tried))]
     neutral = {p.name: p.neutral for p in tried}
     return (neutral, *(s for s in sets if s != neutral))
 
 
-def _tried_of(p: Param, case: Case) -> tuple[float, ...]:
+def tried_of(p: Param, case: Case) -> tuple[float, ...]:
     """Values to try for one Param: those of its scan, or the shares of the test that they are."""
     if not p.scan_of:
         return p.scan

@@ -210,8 +210,9 @@ def _of_its_family(
     """Trials of those of the family of a body's winner that were not tried `before`, and the best of all; none where the winner leaves no
     more than noise.
 
-    One angle at the optimum without any of them makes a family (a logarithmic and a power law of the rate). What its first member leaves may
-    be what another explains by itself, and would be taken for a further effect. Another one wins where held-out data tell it from the first.
+    One angle at the optimum without any of them makes a family (a logarithmic and a power law of the rate). What its first member leaves
+    may be what another explains by itself, and would be taken for a further effect. Another one wins where held-out data tell it from the
+    first.
     """
     trials: list[Trial] = []
     family = [s for s in here.ranking.scores if s.effect in winner[0].score.family and not s.vetoed and s.effect not in before]

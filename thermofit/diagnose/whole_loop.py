@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from thermofit.diagnose.held_exponents import with_held_exponents
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.stand_ins import with_stand_ins
@@ -30,4 +31,4 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    return Looped(found, with_stand_ins(closed), missing)
+    return Looped(found, with_held_exponents(with_stand_ins(closed)), missing)

@@ -1,0 +1,90 @@
+"""What exponents that a fit holds add to the uncertainty of everything else: held is not known.
+
+An exponent of an added effect is held where the data do not determine it further, or where a fit with it free does not settle. Taken as exact
+it would make parameters beside it look far better known than they are. The yield stress at no rate is what a law of the rate extrapolates to,
+and hangs on the exponent by which it does. So before its data speak, a held exponent may be anywhere among the values that the loop tries:
+evenly, with a variance of a twelfth of the square of their range (JCGM 100, 4.3.7). With S its column, J those of the fitted parameters, and
+s what of S is beyond J,
+
+    G = -(J^T J)^+ J^T S,   L L^T = G (s^T s (s^T C s)^-1 s^T s + u^-2)^-1 G^T,
+
+with C the correlation of the noise: to the first order it is as if the exponent were fitted beside a prior of standard error u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import param
+from thermofit.diagnose.case import Case, tried_of
+from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.refit import VAGUE
+from thermofit.diagnose.trial import held_exponents
+from thermofit.fit.budget import moves
+from thermofit.fit.covariance import correlation
+from thermofit.fit.linear_model import LinearModel
+from thermofit.fit.result import FitResult
+
+WORTH_A_WORD = 2.0
+"""Times by which the standard error of a parameter has to grow for a remark."""
+
+
+def with_held_exponents(closed: Closed) -> Closed:
+    """The loop's result with standard errors that know of exponents which are held, and a remark on what they do; the same where none is.
+    Where the run of their columns fails, a remark says so."""
+    here, fit = closed.last, closed.fit
+    held = held_exponents(here) if closed.accepted else ()
+    if not held or fit.covariance is None or fit.jacobian is None:
+        return closed
+    try:
+        columns = here.case.model.linearised(here.case.parameters, held)[1]
+    except NumericsError as error:
+        return replace(
+            closed, remarks=(*closed.remarks, f"{', '.join(held)} count as exact: the run of their derivatives failed ({error})")
+        )
+    model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
+    doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, here.case) for name in held]))
+    return replace(closed, fit=doubtful, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
+
+
+def spread_of(name: str, case: Case) -> float:
+    """Standard error, in its unit, of an exponent that may be anywhere among the values that are tried for it; of one of which a single
+    value is tried, VAGUE of its size."""
+    p, value = param(name), case.parameters[name]
+    to, slope = (np.log, value) if p.logarithmic else (np.asarray, 1.0)
+    spread = float(np.ptp(to(np.array(tried_of(p, case))))) / np.sqrt(12.0)
+    return slope * spread if spread > 0.0 else VAGUE * max(abs(value), p.scale)
+
+
+def in_doubt(fit: FitResult, model: LinearModel, columns: np.ndarray) -> FitResult:
+    """The fit with what errors of unit variance, which make columns (n, k) of the residual, add to its covariance: as much of them as the
+    data leave."""
+    assert fit.covariance is not None
+    gone = moves(model, columns, fit.at_bound)
+    s = model.only(np.flatnonzero(~fit.at_bound)).projected(columns)
+    gram = s.T @ s
+    told = gram @ np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True) @ gram
+    added = gone @ np.linalg.solve(told + np.eye(len(told)), gone.T)
+    old = fit.covariance
+    known = np.isfinite(old.sigma)
+    added[~known, :] = added[:, ~known] = 0.0
+    matrix, unit = old.matrix + added, old.matrix_unit + added
+    sigma, sigma_unit = (np.sqrt(v**2 + np.diag(added)) for v in (old.sigma, old.sigma_unit))
+    wider = replace(old, matrix=matrix, matrix_unit=unit, sigma=sigma, sigma_unit=sigma_unit, correlation_parameters=correlation(unit))
+    return replace(fit, covariance=wider, sigma=sigma)
+
+
+def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> list[str]:
+    """Which intervals hang on exponents that are held."""
+    assert before.sigma is not None and after.sigma is not None
+    grown = [k for k in range(len(before.names)) if np.isfinite(before.sigma[k]) and after.sigma[k] > WORTH_A_WORD * before.sigma[k]]
+    if not grown:
+        return []
+    grown.sort(key=lambda k: -after.sigma[k] / before.sigma[k])
+    told = ", ".join(f"{before.names[k]} +- {after.sigma[k]:.2g} (else {before.sigma[k]:.2g})" for k in grown)
+    values = ", ".join(f"{n} = {case.parameters[n]:.3g}" for n in held)
+    return [f"held at {values}, which the data do not determine: intervals hold what other values of it would change: {told}"]

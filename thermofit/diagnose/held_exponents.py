@@ -1,10 +1,10 @@
 """What exponents that a fit holds add to the uncertainty of everything else: held is not known.
 
-An exponent of an added effect is held where the data do not determine it further, or where a fit with it free does not settle. Taken as exact
-it would make parameters beside it look far better known than they are. The yield stress at no rate is what a law of the rate extrapolates to,
-and hangs on the exponent by which it does. So before its data speak, a held exponent may be anywhere among the values that the loop tries:
-evenly, with a variance of a twelfth of the square of their range (JCGM 100, 4.3.7). With S its column, J those of the fitted parameters, and
-s what of S is beyond J,
+An exponent of an added effect is held where the data do not determine it further, or where a fit with it free does not settle. Taken as
+exact it would make parameters beside it look far better known than they are. The yield stress at no rate is what a law of the rate
+extrapolates to, and hangs on the exponent by which it does. So before its data speak, a held exponent may be anywhere among the values
+that the loop tries: evenly, with a variance of a twelfth of the square of their range (JCGM 100, 4.3.7). With S its column, J those of the
+fitted parameters, and s what of S is beyond J,
 
     G = -(J^T J)^+ J^T S,   L L^T = G (s^T s (s^T C s)^-1 s^T s + u^-2)^-1 G^T,
 
@@ -29,10 +29,6 @@ from thermofit.fit.covariance import correlation
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
-WORTH_A_WORD = 2.0
-"""Times by which the standard error of a parameter has to grow for a remark."""
-
-
 def with_held_exponents(closed: Closed) -> Closed:
     """The loop's result with standard errors that know of exponents which are held, and a remark on what they do; the same where none is.
     Where the run of their columns fails, a remark says so."""
@@ -48,7 +44,7 @@ def with_held_exponents(closed: Closed) -> Closed:
         )
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
     doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, here.case) for name in held]))
-    return replace(closed, fit=doubtful, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
+    return replace(closed, fit=doubtful, remarks=(*closed.remarks, _in_words(held, here.case, fit, doubtful)))
 
 
 def spread_of(name: str, case: Case) -> float:
@@ -78,13 +74,15 @@ def in_doubt(fit: FitResult, model: LinearModel, columns: np.ndarray) -> FitResu
     return replace(fit, covariance=wider, sigma=sigma)
 
 
-def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> list[str]:
-    """Which intervals hang on exponents that are held."""
-    assert before.sigma is not None and after.sigma is not None
-    grown = [k for k in range(len(before.names)) if np.isfinite(before.sigma[k]) and after.sigma[k] > WORTH_A_WORD * before.sigma[k]]
-    if not grown:
-        return []
-    grown.sort(key=lambda k: -after.sigma[k] / before.sigma[k])
-    told = ", ".join(f"{before.names[k]} +- {after.sigma[k]:.2g} (else {before.sigma[k]:.2g})" for k in grown)
+def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> str:
+    """Which intervals hang most on exponents that are held."""
+    told = [(name, float(old), float(new)) for name, old, new in zip(before.names, _sigma(before), _sigma(after), strict=True)]
+    known = sorted((one for one in told if np.isfinite(one[1])), key=lambda one: one[1] / one[2])
+    most = ", ".join(f"{name} +- {new:.2g} (else {old:.2g})" for name, old, new in known[:3])
     values = ", ".join(f"{n} = {case.parameters[n]:.3g}" for n in held)
-    return [f"held at {values}, which the data do not determine: intervals hold what other values of it would change: {told}"]
+    return f"{values}: held, for the data do not determine it; intervals hold what another value would change, most of all {most}"
+
+
+def _sigma(fit: FitResult) -> np.ndarray:
+    assert fit.sigma is not None
+    return fit.sigma

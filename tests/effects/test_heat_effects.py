@@ -90,12 +90,17 @@ def test_lamp_brings_its_power_from_its_start_on() -> None:
     assert inward(0.0) < 1e-15
 
 
-@pytest.mark.parametrize("drift", [air_drift, clamp_drift])
-def test_drift_is_linear_at_first_and_saturates(drift) -> None:  # type: ignore[no-untyped-def]
-    assert drift(Y, 0.0, 0.0, 0.01, 200.0) == pytest.approx(0.0)
-    assert drift(Y, 900.0, 300.0, 0.01, 1e7) == pytest.approx(3.0, rel=1e-4)
-    assert drift(Y, 900.0, 300.0, 0.01, 200.0) == pytest.approx(0.01 * 200.0 * (1.0 - np.exp(-1.5)))
-    assert drift(Y, 0.0, 1e5, 0.01, 200.0) == pytest.approx(2.0)
+@pytest.mark.parametrize(("drift", "of_both"), [(air_drift, ()), (clamp_drift, (0.0,))])
+def test_drift_is_linear_at_first_and_saturates(drift, of_both) -> None:  # type: ignore[no-untyped-def]
+    assert drift(Y, 0.0, 0.0, 0.01, *of_both, 200.0) == pytest.approx(0.0)
+    assert drift(Y, 900.0, 300.0, 0.01, *of_both, 1e7) == pytest.approx(3.0, rel=1e-4)
+    assert drift(Y, 900.0, 300.0, 0.01, *of_both, 200.0) == pytest.approx(0.01 * 200.0 * (1.0 - np.exp(-1.5)))
+    assert drift(Y, 0.0, 1e5, 0.01, *of_both, 200.0) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("apart", "moved"), [(0.02, (0.0, 3.0, 3.0)), (-0.02, (3.0, 0.0, 0.0))])
+def test_one_jaw_may_drift_alone(apart: float, moved: tuple[float, float, float]) -> None:
+    assert clamp_drift(Y, 0.0, 300.0, 0.01, apart, 1e9) == pytest.approx(2.0 * np.array(moved), rel=1e-4)
 
 
 def test_jaws_differ_by_the_difference() -> None:

@@ -29,6 +29,7 @@ from thermofit.fit.covariance import correlation
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
+
 def with_held_exponents(closed: Closed) -> Closed:
     """The loop's result with standard errors that know of exponents which are held, and a remark on what they do; the same where none is.
     Where the run of their columns fails, a remark says so."""

@@ -5,13 +5,14 @@ p_h - p_0 = (p_h - p_(h/r)) / (1 - 1/r^2). Half the steps tell theirs in the sam
 depend on the parameters. A coarse model is therefore compared with the data plus these errors (a deferred correction, Stetter 1978,
 Numerische Mathematik 29, 425-443): it fits and is judged as the extrapolated one would be, at the cost of the coarse one.
 
-C is smooth at the nodes alone. Inside an element bilinear values are off by up to h^2/8 of the second derivative, and zero at its nodes:
-these arcs of two meshes differ in length, so that no power of h takes one into the other. With S the values that are read off smoothly
-between the nodes (`observe.observation.smooth_operator`), the error is
+C is smooth from node to node. Inside an element a bilinear field is off by an arc, up to h^2/8 of its second derivative and zero at the
+nodes. Arcs of two meshes differ in length, so that no power of h takes one into the other, and their extrapolation is no error of anything.
+With S p the values of p that are read off smoothly between the nodes (`observe.observation.smooth_operator`), the error is
 
-    p_h - p_0 = (S p_h - S p_(h/r)) / (1 - 1/r^2)  +  (p_h - S p_h),
+    p_h - p_0 = (S p_h - S p_(h/r)) / (1 - 1/r^2)  +  (p_h - S p_h).
 
-and data of a virtual test, whose elements are about as large as those of the finer mesh, have arcs p_(h/r) - S p_(h/r) of their own.
+A specimen has no elements: its data hold both parts. Those of a virtual test on elements of size t hold 1 - (t/h)^2 of the first part, the
+second, and arcs of their own, which are taken off: S p_(h/r) - p_(h/r), if t is about h/r.
 """
 
 from __future__ import annotations
@@ -40,8 +41,7 @@ ORDER = {"sdirk2": 2, "backward-euler": 1}
 """Order of the error of the time steps, by `numerics.heat_integration`: heat is what they tell of."""
 MESH, STEPS = "mesh", "time steps"
 WITHIN, THEIRS = "mesh, inside its elements", "mesh of the data, inside its elements"
-"""Parts of the error of the mesh beside the smooth one, MESH: arcs of its own elements, and, taken off, those that data of a virtual test
-have of theirs."""
+"""Parts of the error of the mesh beside MESH, the smooth one: arcs of its own elements, and those of a virtual test, taken off."""
 _OF_MESH = (MESH, WITHIN, THEIRS)
 OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0}
 """Shares of the errors that data of a specimen hold: it has no elements."""
@@ -103,7 +103,7 @@ def finer_mesh(size: MeshSize) -> MeshSize:
 
 
 def numerical_errors(joint: Joint, parameters: Parameters, history: History, coarse: Errors) -> dict[str, Errors]:
-    """Errors of mesh and steps in the predicted fields of a joint problem, by cause and part; `history`, `coarse`: its run and error fields.
+    """Errors of mesh and steps in the predicted fields of a joint problem, by cause and part; `history`, `coarse`: its run and errors.
     NumericsError where a run fails."""
     finer, slower = replace(joint, size=finer_mesh(joint.size)), replace(joint, substeps=2 * joint.substeps)
     finer_history, fine = finer.shown(parameters)

@@ -8,7 +8,7 @@ import numpy as np
 from virtual_pulls import TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.discretisation import MESH, corrected, finer_mesh
+from thermofit.experiment.discretisation import FINER, MESH, STEPS, THEIRS, WITHIN, corrected, finer_mesh, on_mesh, shares_held
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -20,14 +20,15 @@ def _rms(a: np.ndarray) -> float:
     return float(np.sqrt(np.mean(a**2)))
 
 
-def joint(free: tuple[str, ...], parameters: Parameters) -> Joint:
-    """The pulled test on a coarse mesh, as a fine one shows it, with the noise of the cameras."""
+def joint(free: tuple[str, ...], parameters: Parameters, size: MeshSize = FINE, noise: float = 1.0) -> Joint:
+    """The pulled test on a coarse mesh, as another one shows it to cameras of `noise` times the usual noise."""
     plain = Joint(study(), data(), joint_settings(study(), free, data()), COARSE)
-    _, error = replace(plain, size=FINE).shown(parameters)
+    _, error = replace(plain, size=size).shown(parameters)
     random = np.random.default_rng(1)
 
     def seen(o: FieldObservation) -> FieldObservation:
-        return replace(o, value=o.value + error[o.name] + o.sigma * random.normal(size=o.value.shape))
+        sigma = noise * o.sigma
+        return replace(o, value=o.value + error[o.name] + sigma * random.normal(size=o.value.shape), sigma=sigma)
 
     assert plain.data.temperature is not None
     return replace(plain, data=replace(plain.data, displacement=seen(plain.data.displacement), temperature=seen(plain.data.temperature)))
@@ -47,9 +48,45 @@ def test_the_corrected_model_shows_what_a_fine_mesh_would() -> None:
         assert left < 0.65 * was, (c.channel, was, left)
         assert left < 1.3 * _rms(found.left[rows]), (c.channel, left, _rms(found.left[rows]))
         begin += c.n
-    assert found.shares[MESH] > 0.6
     assert not found.left[begin:].any(), "priors have no mesh"
     assert 0.02 < found.largest_strain < 0.06
+
+
+def test_shares_are_those_of_the_mesh_that_the_data_are_of() -> None:
+    """Of a far finer mesh they are nearly those of a specimen, of the one that tells the error those that make just their difference. The
+    cameras are better ones: with the usual noise, an error of five times its length tells its share to 0.2."""
+    parameters = Parameters.of(TRUTH, ("E",))
+    fine = corrected(joint(("E",), parameters, noise=0.1), parameters).shares
+    assert fine[MESH] > 0.6 and fine[WITHIN] > 0.7 and fine[THEIRS] < 0.3, fine
+    here = joint(("E",), parameters, finer_mesh(COARSE), noise=0.01)
+    found = corrected(here, parameters)
+    assert abs(found.shares[MESH] - (1.0 - FINER**-2)) < 0.02 and found.shares[STEPS] < 0.02, found.shares
+    assert abs(found.shares[WITHIN] - 1.0) < 0.05 and abs(found.shares[THEIRS] - 1.0) < 0.15, found.shares
+    was, left = here.model.residual(parameters), found.joint.model.residual(parameters)
+    assert _rms(was) > 5.0 and _rms(left) < 1.2, "the noise is left"
+
+
+def test_the_share_of_the_smooth_error_is_not_that_of_arcs() -> None:
+    """Zigzag arcs that are longer than the smooth part; what the parameters take up counts for nothing."""
+    n, random = 4000, np.random.default_rng(8)
+    place = np.arange(n)
+    fitted = np.column_stack([np.ones(n), place / n])
+    smooth, arcs = np.sin(place / 300.0) + 5.0 * fitted[:, 1], 1.5 * np.where(place % 2 == 0, 1.0, -1.0)
+    told = {MESH: smooth, WITHIN: arcs, THEIRS: np.roll(arcs, 1) * (place % 3 == 0), STEPS: 0.001 * smooth}
+    residual = 0.8 * smooth + arcs + random.normal(size=n)
+    found = shares_held(told, residual, fitted)
+    assert abs(found[MESH] - 0.8) < 0.05 and found[WITHIN] > 0.95 and found[THEIRS] < 0.05
+    assert found[STEPS] == 1.0, "too small to tell"
+    assert shares_held(told, -residual, fitted)[MESH] == 0.0
+    few = shares_held({part: 0.01 * rows for part, rows in told.items()}, residual, fitted)
+    assert few == {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0}, "as of a specimen"
+
+
+def test_arcs_stay_with_their_mesh() -> None:
+    fields = {part: {"u": np.array([k])} for part, k in ((MESH, 8.0), (WITHIN, 100.0), (THEIRS, 1000.0), (STEPS, 1.0))}
+    twice = MeshSize(n_x=6, n_y=40, n_z=2)
+    assert np.allclose(on_mesh(fields, COARSE, twice)["u"], 2.0 + 1000.0 + 1.0)
+    assert np.allclose(on_mesh(fields, COARSE, COARSE)["u"], 1109.0)
 
 
 def test_data_of_the_same_mesh_stay_as_they_are() -> None:
@@ -58,6 +95,7 @@ def test_data_of_the_same_mesh_stay_as_they_are() -> None:
     same = Joint(study(), data(), joint_settings(study(), parameters.free, data()), size)
     found = corrected(same, parameters)
     assert found.shares[MESH] < 0.05 and _rms(found.left) > 0.5
+    assert _rms(found.doubt(False)[MESH]) < 0.1 * _rms(found.causes[MESH]), "what the data do not hold is in no doubt"
     change = found.joint.model.residual(parameters) - same.model.residual(parameters)
     assert _rms(change) < 0.1 * _rms(found.left)
 

@@ -4,6 +4,15 @@ On elements of size h a prediction is p_h = p_0 + C h^2 + o(h^2), so that a mesh
 p_h - p_0 = (p_h - p_(h/r)) / (1 - 1/r^2). Half the steps tell theirs in the same way, by the order of the heat integration. Both hardly
 depend on the parameters. A coarse model is therefore compared with the data plus these errors (a deferred correction, Stetter 1978,
 Numerische Mathematik 29, 425-443): it fits and is judged as the extrapolated one would be, at the cost of the coarse one.
+
+C is smooth from node to node. Inside an element a bilinear field is off by an arc, up to h^2/8 of its second derivative and zero at the
+nodes. Arcs of two meshes differ in length, so that no power of h takes one into the other, and their extrapolation is no error of anything.
+With S p the values of p that are read off smoothly between the nodes (`observe.observation.smooth_operator`), the error is
+
+    p_h - p_0 = (S p_h - S p_(h/r)) / (1 - 1/r^2)  +  (p_h - S p_h).
+
+A specimen has no elements: its data hold both parts. Those of a virtual test on elements of size t hold 1 - (t/h)^2 of the first part, the
+second, and arcs of their own, which are taken off: S p_(h/r) - p_(h/r), if t is about h/r.
 """
 
 from __future__ import annotations
@@ -31,6 +40,11 @@ REMAINS = 0.5
 ORDER = {"sdirk2": 2, "backward-euler": 1}
 """Order of the error of the time steps, by `numerics.heat_integration`: heat is what they tell of."""
 MESH, STEPS = "mesh", "time steps"
+WITHIN, THEIRS = "mesh, inside its elements", "mesh of the data, inside its elements"
+"""Parts of the error of the mesh beside MESH, the smooth one: arcs of its own elements, and those of a virtual test, taken off."""
+_OF_MESH = (MESH, WITHIN, THEIRS)
+OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0}
+"""Shares of the errors that data of a specimen hold: it has no elements."""
 _PLAIN = 3.0
 """Length of an error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
 
@@ -46,9 +60,13 @@ class Discretised:
     joint: Joint
     causes: Parts
     causes_exact: Parts
+    doubts: Parts
+    doubts_exact: Parts
+    """What of the correction is in doubt, by cause: the part that may be left of what the data hold; the same of an exact force."""
     shares: Mapping[str, float]
+    """By cause; of the mesh by part: MESH, WITHIN and THEIRS."""
     fields: Mapping[str, Errors]
-    """The errors that the data hold, as fields, by cause."""
+    """The errors that the data hold, as fields, by cause and part."""
     known: Known
     """Error fields of the corrected problem at the given parameters, and their derivatives."""
     history: History
@@ -64,8 +82,8 @@ class Discretised:
         return summed(self.causes_exact)
 
     def doubt(self, exact: bool) -> Parts:
-        """What of the correction is in doubt, by cause: the part that may be left of the share that the data hold."""
-        return {cause: self.shares[cause] * rows for cause, rows in (self.causes_exact if exact else self.causes).items()}
+        """What of the correction is in doubt, by cause, where the force is taken as exact or not."""
+        return self.doubts_exact if exact else self.doubts
 
     @property
     def largest_strain(self) -> float:
@@ -84,18 +102,20 @@ def finer_mesh(size: MeshSize) -> MeshSize:
     return MeshSize(n_x=n_x, n_y=2 * int(np.ceil(0.5 * FINER * size.n_y)), n_z=n_z)
 
 
-def numerical_errors(joint: Joint, parameters: Parameters, coarse: Errors) -> dict[str, Errors]:
-    """Errors of mesh and steps in the predicted fields of a joint problem, whose error fields are `coarse`. NumericsError where a run
-    fails."""
-    finer = {
-        MESH: (replace(joint, size=finer_mesh(joint.size)), FINER**-2),
-        STEPS: (replace(joint, substeps=2 * joint.substeps), 0.5 ** ORDER[joint.study.numerics.heat_integration]),
+def numerical_errors(joint: Joint, parameters: Parameters, history: History, coarse: Errors) -> dict[str, Errors]:
+    """Errors of mesh and steps in the predicted fields of a joint problem, by cause and part; `history`, `coarse`: its run and errors.
+    NumericsError where a run fails."""
+    finer, slower = replace(joint, size=finer_mesh(joint.size)), replace(joint, substeps=2 * joint.substeps)
+    finer_history, fine = finer.shown(parameters)
+    slow = slower.shown(parameters)[1]
+    smooth, fine_smooth = joint.smoothed(history, parameters), finer.smoothed(finer_history, parameters)
+    kept = 0.5 ** ORDER[joint.study.numerics.heat_integration]
+    return {
+        MESH: {name: (smooth[name] - fine_smooth[name]) / (1.0 - FINER**-2) for name in coarse},
+        WITHIN: {name: coarse[name] - smooth[name] for name in coarse},
+        THEIRS: {name: fine_smooth[name] - fine[name] for name in coarse},
+        STEPS: {name: (coarse[name] - slow[name]) / (1.0 - kept) for name in coarse},
     }
-    found = {}
-    for cause, (other, kept) in finer.items():
-        shown = other.shown(parameters)[1]
-        found[cause] = {name: (coarse[name] - shown[name]) / (1.0 - kept) for name in coarse}
-    return found
 
 
 def corrected(joint: Joint, parameters: Parameters) -> Discretised:
@@ -106,29 +126,38 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
     """
     history, coarse = joint.shown(parameters)
     joint = with_force_error(joint, parameters)
-    errors = numerical_errors(joint, parameters, coarse)
+    errors = numerical_errors(joint, parameters, history, coarse)
     exact = joint.without_force_error().model
 
-    def told(model: StageModel, error: Errors) -> np.ndarray:
-        rows = model.assemble(coarse) - model.assemble({name: coarse[name] - error[name] for name in coarse})
-        return np.append(rows, np.zeros(len(model.priors)))
+    def told(model: StageModel) -> Parts:
+        at = model.assemble(coarse)
+        rows = {part: at - model.assemble({name: coarse[name] - error[name] for name in coarse}) for part, error in errors.items()}
+        return {part: np.append(row, np.zeros(len(model.priors))) for part, row in rows.items()}
 
-    own = {cause: told(joint.model, error) for cause, error in errors.items()}
+    own, own_exact = told(joint.model), told(exact)
     model, names = joint.model, parameters.free or joint.settings.free
     assert model.linearise is not None
     plain, slopes = model.linearise(parameters, names)
-    shares = _shares(own, *model.assembled(parameters, names, plain, slopes))
-    held = {cause: {name: shares[cause] * field for name, field in error.items()} for cause, error in errors.items()}
+    shares = shares_held(own, *model.assembled(parameters, names, plain, slopes))
+    held = {part: {name: shares[part] * field for name, field in error.items()} for part, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(
         replace(joint, data=_holding(joint.data, whole)),
-        {cause: REMAINS * rows for cause, rows in own.items()},
-        {cause: REMAINS * told(exact, error) for cause, error in errors.items()},
+        _left(own, OF_A_SPECIMEN),
+        _left(own_exact, OF_A_SPECIMEN),
+        _left(own, shares),
+        _left(own_exact, shares),
         shares,
         held,
         ({name: error - whole[name] for name, error in plain.items()}, slopes),
         history,
     )
+
+
+def _left(told: Parts, shares: Mapping[str, float]) -> Parts:
+    """What may be left (n,) of shares of errors, by cause: the parts of the mesh are one."""
+    held = {part: shares[part] * rows for part, rows in told.items()}
+    return {MESH: REMAINS * np.sum([held[part] for part in _OF_MESH], axis=0), STEPS: REMAINS * held[STEPS]}
 
 
 def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:
@@ -137,20 +166,22 @@ def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:
 
 
 def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Errors:
-    """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2."""
-    scales = {cause: on_mesh_ratio(size, other) if cause == MESH else 1.0 for cause in fields}
+    """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2, and the arcs of its
+    elements stay with it."""
+    scales = {MESH: on_mesh_ratio(size, other), WITHIN: 1.0 if size == other else 0.0}
+    scales = {cause: scales.get(cause, 1.0) for cause in fields}
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 
 
-def _shares(told: Parts, residual: np.ndarray, fitted: np.ndarray) -> dict[str, float]:
-    """Shares of errors (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, each 0 to 1; all of one that is
-    too small to tell."""
+def shares_held(told: Parts, residual: np.ndarray, fitted: np.ndarray) -> dict[str, float]:
+    """Shares of errors (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, each 0 to 1; of one that is too
+    small to tell, what data of a specimen hold."""
     own = {cause: LinearModel(rows, fitted).left for cause, rows in told.items()}
-    shares = dict.fromkeys(told, 1.0)
+    shares = {cause: OF_A_SPECIMEN[cause] for cause in told}
     plain = [cause for cause, rows in own.items() if float(rows @ rows) > _PLAIN**2]
     if plain:
         columns = np.stack([own[cause] for cause in plain], axis=1)
-        rest = residual - sum(own[cause] for cause in told if cause not in plain)
+        rest = residual - sum(shares[cause] * own[cause] for cause in told if cause not in plain)
         whole = np.zeros(len(plain)), np.ones(len(plain))
         found = LinearModel(-rest, columns, bounds=whole).step.d
         shares |= {cause: float(share) for cause, share in zip(plain, found, strict=True)}

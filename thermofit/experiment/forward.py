@@ -19,7 +19,7 @@ from thermofit.core.errors import DataError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import LoadSteps, Measured
 from thermofit.observe.end_motion import Gauge
-from thermofit.observe.observation import FaceOperator, FieldObservation, face_operator
+from thermofit.observe.observation import FaceOperator, FieldObservation, ReadsFace, face_operator
 from thermofit.study.section import MeshSize
 from thermofit.study.study import Study
 
@@ -141,7 +141,7 @@ class Sampler:
         return self.operator.temperature(rates.T).transpose(1, 2, 0)
 
 
-def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Sampler:
+def sampler(body: Body, observation: FieldObservation, steps: LoadSteps, operator: ReadsFace = face_operator) -> Sampler:
     """Sampler of an observation; StudyError where an observation time is not among the steps (an inconsistent artefact)."""
     index = np.searchsorted(steps.time, observation.time - 1e-7)
     index = np.minimum(index, len(steps.time) - 1)
@@ -150,4 +150,4 @@ def sampler(body: Body, observation: FieldObservation, steps: LoadSteps) -> Samp
         raise StudyError(
             f"steps: an observation time of {observation.name} is {worst:.3g} s off the load steps; run `thermofit interpolate` again"
         )
-    return Sampler(face_operator(body.mesh, observation.xy), index, 0)
+    return Sampler(operator(body.mesh, observation.xy), index, 0)

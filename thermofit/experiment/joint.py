@@ -30,7 +30,7 @@ from thermofit.experiment.priors import THERMOCOUPLE, priors_of
 from thermofit.experiment.shared_noise import Modes, shared
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.comparison import Comparison
-from thermofit.observe.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation, ReadsFace, face_operator, smooth_operator
 from thermofit.study.models import THERMOCOUPLES
 from thermofit.study.section import PRESETS, MeshSize, mesh_size
 from thermofit.study.stages import Channel, ChannelSettings, StageSettings
@@ -215,6 +215,10 @@ class Joint:
         history = whole(parameters)
         return history, self._looking_at(whole, whole, self._observations(heat=True)).of(history, parameters)
 
+    def smoothed(self, history: History, parameters: Parameters) -> Errors:
+        """Error fields of a history of the parameters, read off smoothly between the nodes of the mesh."""
+        return self._looking_at(self.run, self.run, self._observations(heat=True), smooth_operator).of(history, parameters)
+
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled run, with its points kept."""
         return (keeping_points(self.run)(parameters),)
@@ -250,10 +254,12 @@ class Joint:
     def _run(self, observations: Mapping[str, FieldObservation]) -> MechanicalRun:
         return run_of(self.study, self.data, self.size, self._steps(observations), march_settings(self.study, "full"))
 
-    def _looking_at(self, run: AnyRun, whole: MechanicalRun, observations: dict[str, FieldObservation]) -> JointPrediction:
+    def _looking_at(
+        self, run: AnyRun, whole: MechanicalRun, observations: dict[str, FieldObservation], operator: ReadsFace = face_operator
+    ) -> JointPrediction:
         """Instruments that look at a run, which goes through the steps of a whole one."""
         times = LoadSteps(whole.loading.time, whole.loading.value, np.zeros_like(whole.loading.time))
-        samplers = {name: sampler(whole.body, o, times) for name, o in observations.items()}
+        samplers = {name: sampler(whole.body, o, times, operator) for name, o in observations.items()}
         return JointPrediction(Instruments(run, samplers, observations, self.data.theta_air))
 
     def _model(self, prediction: JointPrediction, channels: tuple[Channel, ...]) -> StageModel:

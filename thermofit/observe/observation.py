@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from thermofit.body.mesh.mesh import Mesh
 from thermofit.core.errors import DataError
 from thermofit.observe.face import face_grid, is_face_grid, locate
 from thermofit.observe.face_quads import face_quads, quad_weights
 from thermofit.observe.interpolation import time_weights
-from thermofit.observe.patches import averaged
+from thermofit.observe.patches import MOMENTS, averaged, derivatives, terms
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class FieldObservation:
 
 @dataclass(frozen=True)
 class FaceOperator:
-    """Bilinear values at points of the measured face: nodes (n_s, 4), weights (n_s, 4), sign of x (n_s,).
+    """Values at points of the measured face: nodes (n_s, k), weights (n_s, k), sign of x (n_s,).
 
     A point at a node has weight one there, so that a prediction on the mesh of the observation points is the nodal value itself.
     """
@@ -84,6 +86,10 @@ class FaceOperator:
         return np.asarray(np.einsum("tsa,sa->ts", theta[:, self.node], self.weight))[:, :, None]
 
 
+ReadsFace = Callable[[Mesh, np.ndarray], FaceOperator]
+"""The operator for reference points (n_s, 2) mm on the face of a mesh."""
+
+
 def face_operator(mesh: Mesh, xy: np.ndarray) -> FaceOperator:
     """FaceOperator for reference points xy (n_s, 2) mm on the face of a mesh, by symmetry on its other half too.
 
@@ -99,3 +105,31 @@ def face_operator(mesh: Mesh, xy: np.ndarray) -> FaceOperator:
     xi, eta = place.xi, place.eta
     weight = np.stack([(1 - xi) * (1 - eta), xi * (1 - eta), (1 - xi) * eta, xi * eta], axis=1)
     return FaceOperator(face[corners], weight, place.sign)
+
+
+def smooth_operator(mesh: Mesh, xy: np.ndarray) -> FaceOperator:
+    """The same read off smoothly: the quadratics about the nodes of the element, each through its own value and as near as may be to those
+    around it, weighted by the bilinear functions. Exact where a field is quadratic; there bilinear values are off by up to h^2/8 of its
+    second derivative inside an element of length h."""
+    at, face = face_operator(mesh, xy), np.sort(mesh.node_sets["face"])
+    nodes, corner = mesh.nodes[face, :2], np.searchsorted(face, at.node)
+    n, by = len(face), derivatives(nodes)
+    points = xy * np.stack([at.sign, np.ones_like(at.sign)], axis=1)
+    factor = at.weight[..., None] * terms(points[:, None, :] - nodes[corner])
+    row = np.broadcast_to(np.arange(len(xy))[:, None], corner.shape)
+    found = csr_array((at.weight.ravel(), (row.ravel(), corner.ravel())), shape=(len(xy), n))
+    for k in range(MOMENTS):
+        found = found + csr_array((factor[..., k].ravel(), (row.ravel(), corner.ravel())), shape=(len(xy), n)) @ by[k * n : (k + 1) * n]
+    return _padded(csr_array(found), face, at.sign)
+
+
+def _padded(weights: csr_array, face: np.ndarray, sign: np.ndarray) -> FaceOperator:
+    """FaceOperator of weights (n_s, n) of the nodes of the face."""
+    weights.sum_duplicates()
+    counts = np.diff(weights.indptr)
+    node = np.zeros((len(counts), int(counts.max(initial=1))), dtype=int)
+    weight = np.zeros(node.shape)
+    row = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(weights.nnz) - np.repeat(weights.indptr[:-1], counts)
+    node[row, place], weight[row, place] = weights.indices, weights.data
+    return FaceOperator(face[node], weight, sign)

@@ -72,7 +72,7 @@ def contradicted(priors: Sequence[Prior], parameters: Parameters, before: Parame
 
 
 def improbable(priors: Sequence[Prior], parameters: Parameters, before: Parameters | None = None) -> str:
-    """Why parameters cannot be, where one is `contradicted` of what was declared; else empty."""
+    """Why parameters cannot be, where one is contradicted by what was declared (`contradicted`); else empty."""
     return next((in_words(prior, parameters[prior.name]) for prior in contradicted(priors, parameters, before)), "")
 
 

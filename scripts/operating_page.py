@@ -118,7 +118,7 @@ def as_planted(run: Run, name: str) -> bool:
     is what counts) or a factor of four, or times that are both far beyond the scale. Amplitudes of two forms of an effect cannot be
     compared."""
     others = [p for p in effect(name).params if p.name != effect(name).amplitude.name]
-    trios = [(p, run["estimates"][name][p.name], run["planted"].get(p.name, p.neutral)) for p in others]
+    trios = [(p, *(values.get(p.name, p.neutral) for values in (run["estimates"][name], run["planted"]))) for p in others]
     return all(
         (not p.logarithmic and abs(found - true) <= p.scale)
         or true <= 4.0 * found <= 16.0 * true

@@ -136,14 +136,15 @@ def test_of_a_body_two_are_refitted_or_more_until_one_is_accepted(monkeypatch: p
 
 
 def test_of_a_body_the_family_of_a_winner_that_leaves_more_than_noise_is_refitted_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of it wins where held-out data tell it from the first; what it leaves is then asked."""
+    """One of it wins where it predicts held-out data better by more than a standard error; what it leaves is then asked."""
     gains: dict[str, float | None] = {"a": 0.4, "b": 0.5, "c": 0.6}
     own: Any = {"cheap": False, "left": False, "family": ("a", "b", "c"), "leave": ("a",)}
     tried, winner = turned(monkeypatch, gains, **own)
     assert tried == ["a", "b"] and winner is not None and winner.effects == ("b",), "b leaves no more than noise"
     assert turned(monkeypatch, gains, **own | {"leave": ()})[0] == ["a"], "nor does a"
     assert won(monkeypatch, gains, **own | {"leave": ("a", "b")}) == "c"
-    assert won(monkeypatch, gains, **own | {"leave": ("a", "b"), "same": ("a", "b", "c")}) == "a", "nothing tells them"
+    assert won(monkeypatch, gains, **own | {"leave": ("a", "b"), "near": ("a", "b", "c")}) == "a", "within a standard error"
+    assert won(monkeypatch, gains, **own | {"leave": ("a", "b"), "same": ("a", "b", "c")}) == "c"
     assert won(monkeypatch, gains | {"b": None, "c": 0.3}, **own) == "a" and won(monkeypatch, gains, **own | {"vetoed": "b"}) == "c"
     assert turned(monkeypatch, gains, **own | {"family": ("a",)}, rivals=False)[0] == ["a"]
 

@@ -211,8 +211,8 @@ def _of_its_family(
     more than noise.
 
     One angle at the optimum without any of them makes a family (a logarithmic and a power law of the rate). What its first member leaves
-    may be what another explains by itself, and would be taken for a further effect. Another one wins where held-out data tell it from the
-    first.
+    may be what another explains by itself, and would be taken for a further effect. Another one wins where it predicts held-out data better
+    by more than a standard error, as of coupons.
     """
     trials: list[Trial] = []
     family = [s for s in here.ranking.scores if s.effect in winner[0].score.family and not s.vetoed and s.effect not in before]
@@ -224,7 +224,7 @@ def _of_its_family(
         trials.append(trial)
         if found is not None:
             ends[score.effect] = found[0]
-            if trial.gain > winner[0].gain and discriminated(end, found[0]):
+            if trial.gain > winner[0].gain and discriminated(end, found[0], NEAR):
                 winner = trial, found
     return trials, winner
 

@@ -17,7 +17,7 @@ from thermofit.core.errors import StudyError
 from thermofit.core.experiment import ForceRecord, MeasuredTest, Specimen
 from thermofit.core.parameters import LAW
 from thermofit.law.hardening.catalogue import Hardening, hardening_laws
-from thermofit.study.section import MeshSize
+from thermofit.study.section import PRESETS, MeshSize, SheetSize, recorded_mesh
 from thermofit.study.study import Study, json_schema, load_study
 from thermofit.study.template import template
 
@@ -147,7 +147,7 @@ STARTS = "parameters: {E: {start: 6e4, bounds: [3e4, 15e4], scale: 5e4}, nu: 0.3
 SENTENCES = [
     ("stages.elastic.fre=[E]", "key 'stages.elastic.fre' is not known; did you mean 'free'?"),
     ("Mesh=full", "did you mean 'mesh'?"),
-    ("mesh=coarze", "key 'mesh' is 'coarze'; expected 'coarse' or 'full'"),
+    ("mesh=coarze", "key 'mesh' is 'coarze'; expected 'coarse', 'full' or 'sheet'"),
     ("mesh=3", "expected coarse, full or {n_x"),
     ("mesh={n_x: 2, n_y: 0, n_z: 1}", "key 'mesh.n_y' is 0; expected at least 1"),
     ("model=3", "key 'model' is 3; expected 1 or 2"),
@@ -210,10 +210,28 @@ SENTENCES = [
     ("parameters.nu.start.x=1", "key 'parameters.nu' is 0.3 in the study, not a section"),
     ("mesh=[1", "line 1"),
     ("mesh={n_x: 100, n_y: 1000, n_z: 20}", "asks for 2123121 nodes; expected at most 200000"),
+    ("mesh={sheet: {n_x: 12, n_y: 80, n_z: 2}}", "key 'mesh.sheet.n_z' is 2; expected 1"),
+    ("mesh={sheet: {n_x: 12}}", "key 'mesh.sheet.n_y' is missing"),
+    ("mesh={sheet: {n_x: 12, n_y: 80}, n_z: 1}", "key 'mesh.n_z' is not known; known are sheet"),
+    ("mesh=3", "key 'mesh' is 3; expected coarse, full, sheet, {n_x: .., n_y: .., n_z: ..} or {sheet: {n_x: .., n_y: ..}}"),
     ("run_dir=~nobody-of-that-name/a", "key 'run_dir' is '~nobody-of-that-name/a', but the home folder of that user is not known"),
     ('run_dir="a\\0b"', "key 'run_dir' is 'a\\x00b', which holds a zero byte"),
     ("mesh=&a {n_x: *a}", "line 1: an alias stands for a section that holds it"),
 ]
+
+
+@pytest.mark.parametrize("key", ["mesh", "diagnosis.mesh", "evaluation.nodes"])
+def test_a_mesh_from_a_file_is_no_sheet(write, key: str) -> None:
+    text = message(write(SMALL + STARTS), "geometry={shape: file, file: a.inp, unit: mm}", f"{key}=sheet")
+    assert f"key '{key}' asks for a sheet, but the mesh of geometry.file stays as it is; leave the key out" in text
+
+
+def test_sheets_by_word_and_by_size(write) -> None:
+    sizes = [load_study(write(SMALL), [f"mesh={mesh}"]) for mesh in ("sheet", "{sheet: {n_x: 6, n_y: 40}}")]
+    assert [one.mesh_size for one in sizes] == [SheetSize(n_x=12, n_y=80), SheetSize(n_x=6, n_y=40)]
+    assert [one.mesh_size.body for one in sizes] == [PRESETS["full"], PRESETS["coarse"]]
+    assert all(recorded_mesh(one.config_of("mesh")["mesh"]) == one.mesh_size for one in sizes), "as a record keeps it"
+    assert PRESETS["sheet"] != MeshSize(n_x=12, n_y=80, n_z=1), "a body with one layer is refined through its thickness"
 
 
 @pytest.mark.parametrize(("override", "expected"), SENTENCES, ids=[o for o, _ in SENTENCES])

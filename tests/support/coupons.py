@@ -6,6 +6,7 @@ import numpy as np
 from small_bodies import bar_mesh
 
 from thermofit.body.body import tension_body
+from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.solve.march import History, Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.jit import set_threads
@@ -53,17 +54,18 @@ def bar(
     model: int | str | Slots,
     tolerance: float = 1e-10,
     control: str = "displacement",
+    mesh: Mesh | None = None,
 ) -> tuple[History, np.ndarray, np.ndarray]:
-    """A bar of 1 x 2 x 1 elements through a history of nominal strain, or of nominal stress in MPa where `control` is "force": its history,
-    nominal strain across (x, z)."""
+    """A bar of 1 x 2 x 1 elements, or another mesh of its edges, through a history of nominal strain, or of nominal stress in MPa where
+    `control` is "force": its history, nominal strain across (x, z)."""
     set_threads(1)
-    mesh = bar_mesh((1, 2, 1), SIZE, air=("x1", "z1"))
+    mesh = bar_mesh((1, 2, 1), SIZE, air=("x1", "z1")) if mesh is None else mesh
     body = tension_body(mesh, control=control, symmetry=1.0)
     pulled = control == "force"
     loading = Loading(time, value * (SIZE[0] * SIZE[2] if pulled else SIZE[1]), control, from_rest=not pulled)
     settings = MarchSettings(model=model, newton=NewtonSettings(tolerance=tolerance), coupling_tolerance=1e-9, max_cuts=0)
     history = march(body, parameters, loading, time, settings)
-    corner = mesh.nearest_node(SIZE)
+    corner = mesh.nearest_node(tuple(mesh.nodes.max(axis=0)))
     lateral = history.u[:, corner, :] / np.array(SIZE)
     return history, lateral[:, 0] - lateral[0, 0], lateral[:, 2] - lateral[0, 2]
 
@@ -75,6 +77,7 @@ def bar_and_point(
     model: int | str | Slots,
     control: str = "displacement",
     tolerance: float = 1e-11,
+    mesh: Mesh | None = None,
 ) -> None:
     """Assert that stress and strain, lateral strain, temperature and Lambda of the adiabatic bar are those of the point, to 1e-8. By
     "force" the bar takes the stress that the strain asks of the point."""
@@ -82,7 +85,7 @@ def bar_and_point(
     found = simulate(parameters, Programme.by_strain(time, strain), PointSettings(model=model, max_strain=1.0))
     if control == "force":
         found = simulate(parameters, Programme.under_stress(time, found.stress), PointSettings(model=model, max_strain=1.0))
-    history, across, through = bar(parameters, time, found.stress if control == "force" else strain, model, tolerance, control)
+    history, across, through = bar(parameters, time, found.stress if control == "force" else strain, model, tolerance, control, mesh)
     stress, along = history.force / (SIZE[0] * SIZE[2]), (history.u_top - history.u_top[0]) / SIZE[1]
     assert np.abs(found.stress - stress).max() < 1e-8 * np.abs(stress).max()
     assert np.abs(found.strain - along).max() < 1e-8 * np.abs(along).max()

@@ -253,5 +253,5 @@ def columns(joint: Joint, programme: OtherProgramme, parameters: Parameters, fam
 def _strip(joint: Joint, programme: OtherProgramme, free: tuple[str, ...]) -> Joint:
     """The joint problem of a programme on the coarse mesh."""
     plan = planned(joint.data, programme)
-    size = MeshSize(**{n: min(getattr(STRIP, n), getattr(joint.size, n)) for n in ("n_x", "n_y", "n_z")})
+    size = joint.size.with_counts({axis: min(getattr(STRIP, axis), n) for axis, n in joint.size.counts.items()})
     return Joint(joint.study, plan, joint_settings(joint.study, free, plan), size, beside=joint.beside)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,8 @@ from thermofit.records.staging import Note, sorted_out
 from thermofit.study.study import Study
 
 _SAME_TIME = 1e-6
+_NOTICED = 0.1
+"""Rms of the error of a sheet over the noise from which it is said as a remark; below, noise drowns it."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,10 @@ class Verification:
     observed: dict[str, FieldObservation]
     predicted: dict[str, np.ndarray]
     residuals: tuple[ResidualField, ...]
+    on_sheet: dict[str, np.ndarray] | None = None
+    """The fields that the sheet predicts on which the parameters were identified, where `predicted` are those of its body."""
+    sheet_error: Mapping[str, Mapping[str, Any]] | None = None
+    """By field the largest and rms difference of the sheet from its body, and the rms over the noise."""
 
     def residual(self, channel: str) -> ResidualField | None:
         """The residual of a channel, None where the experiment does not have it."""
@@ -57,7 +63,10 @@ def checked(
     off. NumericsError where the specimen cannot carry the force."""
     verified = verification(study, data, parameters, known or KnownErrors({}))
     spans = named_phases(data.phases)
-    summary = {**_summary(verified, spans, thermal, word), "evaluations": {"forward": 1, "failed": 0}}
+    summary = {
+        **_summary(verified, spans, thermal, word, _sheet_remark(study, verified)),
+        "evaluations": {"forward": 1 if verified.on_sheet is None else 2, "failed": 0},
+    }
     if known is not None:
         errors = {name: error for name, error in known.fields.items() if name in verified.observed}
         sizes = [f"{np.sqrt(np.nanmean(error**2)):.2g} {verified.observed[name].unit} in {name}" for name, error in errors.items()]
@@ -72,20 +81,50 @@ def checked(
 
 
 def verification(study: Study, data: Measured, parameters: Parameters, known: KnownErrors) -> Verification:
-    """One coupled run through all load steps, compared at all observations. NumericsError where the specimen cannot carry the force."""
+    """One coupled run through all load steps, compared at all observations; where the study has a sheet, on its body, and one on the sheet
+    beside it. NumericsError where the specimen cannot carry the force."""
     steps = data.steps["all"]
     if known.force is not None:
         steps = replace(steps, force=steps.force - known.force)
-    run = run_of(study, data, study.mesh_size, steps, march_settings(study, "full"))
-    with progress("verify", len(steps.time) - 1) as advance:
+    sizes = dict.fromkeys((study.mesh_size.body, study.mesh_size))
+    runs = [run_of(study, data, size, steps, march_settings(study, "full")) for size in sizes]
+    with progress("verify", len(runs) * (len(steps.time) - 1)) as advance:
         try:
-            history = run(parameters, Watch(step=lambda _: advance()))
+            histories = [run(parameters, Watch(step=lambda _: advance())) for run in runs]
         except NumericsError as error:
             text = f"coupled run with the parameters identified so far: {error}; run the missing identification stages first"
             raise NumericsError(text) from error
-    observed, predicted = _fields(study, data, run, history, parameters)
-    predicted = {name: field - known.fields.get(name, 0.0) for name, field in predicted.items()}
-    return Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
+    run, history = runs[0], histories[0]
+    observed, shown = _fields(study, data, run, history, parameters)
+    predicted = {name: field - known.fields.get(name, 0.0) for name, field in shown.items()}
+    found = Verification(run.body, steps, history, observed, predicted, _residuals(study, data, observed, predicted))
+    if len(runs) == 1:
+        return found
+    flat = _fields(study, data, runs[1], histories[1], parameters)[1]
+    return replace(found, on_sheet=flat, sheet_error={name: _sizes(flat[name] - shown[name], o) for name, o in observed.items()})
+
+
+def _sizes(error: np.ndarray, observation: FieldObservation) -> dict[str, Any]:
+    """Largest value and rms of an error (n_t, n_s, n_c) where there are data, in their unit, and its rms over their noise."""
+    seen = np.isfinite(error) & observation.mask[..., None]
+    if not seen.any():
+        return {"max": 0.0, "rms": 0.0, "over_noise": 0.0, "unit": observation.unit}
+    size, over = np.abs(error[seen]), error[seen] / np.broadcast_to(observation.sigma, error.shape)[seen]
+    rms = {"rms": float(np.sqrt(np.mean(size**2))), "over_noise": float(np.sqrt(np.mean(over**2)))}
+    return {"max": float(size.max()), **rms, "unit": observation.unit}
+
+
+def _sheet_remark(study: Study, verified: Verification) -> tuple[str, ...]:
+    """On which mesh the check was made where the study has a sheet, and by how much the sheet differs from it."""
+    if verified.sheet_error is None:
+        return ()
+    fields = [f"{name} {e['max']:.2g} {e['unit']} (rms {e['rms']:.2g})" for name, e in verified.sheet_error.items()]
+    size = study.mesh_size
+    text = (
+        f"identified on the {size.words}, checked on the body {size.body.words}; the sheet differs from it by at most {', '.join(fields)}"
+    )
+    large = any(e["over_noise"] > _NOTICED for e in verified.sheet_error.values())
+    return (f"{text}: more than a tenth of the noise, which the budget of the parameters holds",) if large else (Note(text),)
 
 
 def _fields(
@@ -131,7 +170,8 @@ def coupling_error(verified: Verification, thermal: Record | None) -> dict[str, 
     time = verified.observed["theta"].time
     index = np.minimum(np.searchsorted(time, stored.time - _SAME_TIME), len(time) - 1)
     same = np.abs(time[index] - stored.time) <= _SAME_TIME
-    difference = verified.predicted["theta"][index[same]] - thermal["theta/predicted"].value[same]
+    coupled = verified.predicted["theta"] if verified.on_sheet is None else verified.on_sheet["theta"]
+    difference = coupled[index[same]] - thermal["theta/predicted"].value[same]
     used = np.isfinite(difference)
     if not used.any():
         return None
@@ -145,12 +185,12 @@ def coupling_error(verified: Verification, thermal: Record | None) -> dict[str, 
     }
 
 
-def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | None, word: str) -> Summary:
+def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | None, word: str, said: tuple[str, ...]) -> Summary:
     channels = channel_table(verified.residuals)
     rows = phase_table(verified.residuals, spans)
     found = judge(verified.residuals, rows, word)
     energy, coupling = energy_totals(verified.history), coupling_error(verified, thermal)
-    remarks: list[str] = []
+    remarks: list[str] = [*said]
     shown = " and ".join(name for name in INFORMATION if name in channels)
     remarks.append(Note(f"rows {shown} are not fitted; they contain rigid-body motion and the camera's offset"))
     if coupling is not None:
@@ -163,6 +203,7 @@ def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | 
         "channels": channels,
         "phases": rows,
         "coupling_error": coupling,
+        "sheet_error": verified.sheet_error,
         "energy_mJ": {name: value for name, value in energy.items() if name != "smallest_dissipation"},
         "smallest_dissipation_mJ_mm3": energy["smallest_dissipation"],
         "solver": verified.history.counts,

@@ -1,9 +1,11 @@
 """The errors of mesh and time steps in what a run shows, by Richardson's extrapolation, and the data with these errors in them.
 
 On elements of size h a prediction is p_h = p_0 + C h^2 + o(h^2), so that a mesh finer by r tells its error:
-p_h - p_0 = (p_h - p_(h/r)) / (1 - 1/r^2). Half the steps tell theirs in the same way, by the order of the heat integration. Both hardly
-depend on the parameters. A coarse model is therefore compared with the data plus these errors (a deferred correction, Stetter 1978,
-Numerische Mathematik 29, 425-443): it fits and is judged as the extrapolated one would be, at the cost of the coarse one.
+p_h - p_0 = (p_h - p_(h/r)) / (1 - 1/r^2). Half the steps tell theirs in the same way, by the order of the heat integration. The one layer
+of a sheet is the coarsest division of the thickness: a body with n_z layers and the same elements in the plane tells what it misses, with
+r = n_z. All of them hardly depend on the parameters. A coarse model is therefore compared with the data plus these errors (a deferred
+correction, Stetter 1978, Numerische Mathematik 29, 425-443): it fits and is judged as the extrapolated one would be, at the cost of the
+coarse one.
 
 C is smooth from node to node. Inside an element a bilinear field is off by an arc, up to h^2/8 of its second derivative and zero at the
 nodes. Arcs of two meshes differ in length, so that no power of h takes one into the other, and their extrapolation is no error of anything.
@@ -31,7 +33,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation
-from thermofit.study.section import MeshSize
+from thermofit.study.section import MeshSize, SheetSize
 
 FINER = 1.5
 """Refinement r of the mesh that tells the error."""
@@ -39,11 +41,11 @@ REMAINS = 0.5
 """Part of the error that is not trusted to be gone: an order between 1 and infinity in place of 2 would leave or overdo about as much."""
 ORDER = {"sdirk2": 2, "backward-euler": 1}
 """Order of the error of the time steps, by `numerics.heat_integration`: heat is what they tell of."""
-MESH, STEPS = "mesh", "time steps"
+MESH, STEPS, SHEET = "mesh", "time steps", "sheet"
 WITHIN, THEIRS = "mesh, inside its elements", "mesh of the data, inside its elements"
 """Parts of the error of the mesh beside MESH, the smooth one: arcs of its own elements, and those of a virtual test, taken off."""
 _OF_MESH = (MESH, WITHIN, THEIRS)
-OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0}
+OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0, SHEET: 1.0}
 """Shares of the errors that data of a specimen hold: it has no elements."""
 _PLAIN = 3.0
 """Length of an error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
@@ -97,25 +99,31 @@ def summed(parts: Parts) -> np.ndarray:
 
 
 def finer_mesh(size: MeshSize) -> MeshSize:
-    """The mesh with FINER times as many elements along each axis, rounded up, along the load to an even number as dogbones need it."""
-    n_x, n_z = (int(np.ceil(FINER * n)) for n in (size.n_x, size.n_z))
-    return MeshSize(n_x=n_x, n_y=2 * int(np.ceil(0.5 * FINER * size.n_y)), n_z=n_z)
+    """The mesh with FINER times as many elements along each axis, rounded up, along the load to an even number as dogbones need it; of a
+    sheet in its plane."""
+    counts = {axis: int(np.ceil(FINER * n)) for axis, n in size.counts.items()}
+    return size.with_counts({**counts, "n_y": 2 * int(np.ceil(0.5 * FINER * size.n_y))})
 
 
 def numerical_errors(joint: Joint, parameters: Parameters, history: History, coarse: Errors) -> dict[str, Errors]:
-    """Errors of mesh and steps in the predicted fields of a joint problem, by cause and part; `history`, `coarse`: its run and errors.
-    NumericsError where a run fails."""
+    """Errors of mesh, steps and, of a sheet, its one layer in the predicted fields of a joint problem, by cause and part; `history`,
+    `coarse`: its run and errors. NumericsError where a run fails."""
     finer, slower = replace(joint, size=finer_mesh(joint.size)), replace(joint, substeps=2 * joint.substeps)
     finer_history, fine = finer.shown(parameters)
     slow = slower.shown(parameters)[1]
     smooth, fine_smooth = joint.smoothed(history, parameters), finer.smoothed(finer_history, parameters)
     kept = 0.5 ** ORDER[joint.study.numerics.heat_integration]
-    return {
+    found = {
         MESH: {name: (smooth[name] - fine_smooth[name]) / (1.0 - FINER**-2) for name in coarse},
         WITHIN: {name: coarse[name] - smooth[name] for name in coarse},
         THEIRS: {name: fine_smooth[name] - fine[name] for name in coarse},
         STEPS: {name: (coarse[name] - slow[name]) / (1.0 - kept) for name in coarse},
     }
+    if isinstance(joint.size, SheetSize):
+        # The elements in the plane are the same, and so are their arcs.
+        body = replace(joint, size=joint.size.body).shown(parameters)[1]
+        found[SHEET] = {name: (coarse[name] - body[name]) / (1.0 - sheet_on_mesh(joint.size.body)) for name in coarse}
+    return found
 
 
 def corrected(joint: Joint, parameters: Parameters) -> Discretised:
@@ -157,18 +165,27 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
 def _left(told: Parts, shares: Mapping[str, float]) -> Parts:
     """What may be left (n,) of shares of errors, by cause: the parts of the mesh are one."""
     held = {part: shares[part] * rows for part, rows in told.items()}
-    return {MESH: REMAINS * np.sum([held[part] for part in _OF_MESH], axis=0), STEPS: REMAINS * held[STEPS]}
+    whole = {MESH: np.sum([held[part] for part in _OF_MESH], axis=0), **{part: rows for part, rows in held.items() if part not in _OF_MESH}}
+    return {cause: REMAINS * rows for cause, rows in whole.items()}
 
 
 def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:
-    """Error of the other mesh over that of the first, h^2 of their elements."""
-    return float((size.n_x * size.n_y * size.n_z / (other.n_x * other.n_y * other.n_z)) ** (2.0 / 3.0))
+    """Error of the other mesh over that of the first, h^2 of their elements; in the plane where one of them is a sheet."""
+    axes = [axis for axis in size.counts if axis in other.counts]
+    share = np.prod([size.counts[axis] / other.counts[axis] for axis in axes])
+    return float(share ** (2.0 / len(axes)))
+
+
+def sheet_on_mesh(other: MeshSize) -> float:
+    """Error of the layers of another mesh over that of the one layer of a sheet: h^2 through the thickness."""
+    return float(other.n_z) ** -2
 
 
 def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Errors:
     """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2, and the arcs of its
     elements stay with it."""
-    scales = {MESH: on_mesh_ratio(size, other), WITHIN: 1.0 if size == other else 0.0}
+    same = size.body == other.body  # the elements of the face
+    scales = {MESH: on_mesh_ratio(size, other), WITHIN: 1.0 if same else 0.0, SHEET: sheet_on_mesh(other)}
     scales = {cause: scales.get(cause, 1.0) for cause in fields}
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 

@@ -32,7 +32,7 @@ from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation, ReadsFace, face_operator, smooth_operator
 from thermofit.study.models import THERMOCOUPLES
-from thermofit.study.section import PRESETS, MeshSize, mesh_size
+from thermofit.study.section import MeshSize, mesh_size
 from thermofit.study.stages import Channel, ChannelSettings, StageSettings
 from thermofit.study.study import Study
 
@@ -63,9 +63,9 @@ def diagnosis_mesh(study: Study) -> MeshSize:
 
 
 def coarse_mesh(study: Study) -> MeshSize:
-    """The mesh of the study, but not finer than the coarse preset."""
-    own, coarse = study.mesh_size, PRESETS["coarse"]
-    return own if own.n_x * own.n_y * own.n_z <= coarse.n_x * coarse.n_y * coarse.n_z else coarse
+    """The mesh of the study, but not finer than the coarse preset; of a sheet a sheet."""
+    own = study.mesh_size
+    return own if own.elements <= own.coarse.elements else own.coarse
 
 
 def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSettings:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.discretisation import MESH, STEPS, Parts, corrected, summed
+from thermofit.experiment.discretisation import Parts, corrected, summed
 from thermofit.experiment.joint import JointParts, Known
 from thermofit.experiment.prediction import Errors
 
@@ -45,7 +45,8 @@ def told(plain: JointParts, parameters: Parameters) -> JointWithErrors:
     parts = plain.rebuilt({name: one.joint for name, one in each.items()})
 
     def stacked(found: Mapping[str, Parts]) -> dict[str, np.ndarray]:
-        return {cause: parts.stacked({name: own[cause] for name, own in found.items()}) for cause in (MESH, STEPS)}
+        causes = next(iter(found.values()))  # on one kind of mesh, all tests have the same
+        return {cause: parts.stacked({name: own[cause] for name, own in found.items()}) for cause in causes}
 
     known = {name: one.known for name, one in each.items()}
     far = too_far(parts, parameters, known)

@@ -18,7 +18,7 @@ from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
-from thermofit.experiment.discretisation import MESH, STEPS
+from thermofit.experiment.discretisation import MESH, SHEET, STEPS
 from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
@@ -233,7 +233,7 @@ class SeveralExperiments:
             told = test.stage_errors(here, seen_by(parameters, test.name).with_free(free), own)
             slopes = np.zeros((len(told.slopes), len(earlier)))
             slopes[:, [k for k, n in enumerate(earlier) if n in acting_here]] = told.slopes
-            causes = {c if c in (MESH, STEPS) else f"{c}{AT}{test.name}": rows for c, rows in told.causes.items()}
+            causes = {c if c in (MESH, STEPS, SHEET) else f"{c}{AT}{test.name}": rows for c, rows in told.causes.items()}
             found.append((test.name, StageErrors(causes, slopes)))
         names = dict.fromkeys(c for _, told in found for c in told.causes)
         widths = {c: next(t.causes[c].shape[1] for _, t in found if c in t.causes) for c in names}

@@ -56,13 +56,14 @@ class Refinement:
 
 def coarser_mesh(size: MeshSize) -> MeshSize:
     """The mesh with 1/FINER as many elements along each axis, rounded down but at least one, along the load an even number."""
-    n_x, n_z = (max(int(n / FINER), 1) for n in (size.n_x, size.n_z))
-    return MeshSize(n_x=n_x, n_y=2 * max(int(0.5 * size.n_y / FINER), 1), n_z=n_z)
+    counts = {axis: max(int(n / FINER), 1) for axis, n in size.counts.items()}
+    return size.with_counts({**counts, "n_y": 2 * max(int(0.5 * size.n_y / FINER), 1)})
 
 
 def spacing(size: MeshSize) -> float:
-    """Representative size of an element, (n_x n_y n_z)^(-1/3)."""
-    return float(size.n_x * size.n_y * size.n_z) ** (-1.0 / 3.0)
+    """Representative size of an element, (n_x n_y n_z)^(-1/3), of a sheet (n_x n_y)^(-1/2)."""
+    counts = list(size.counts.values())
+    return float(np.prod(counts)) ** (-1.0 / len(counts))
 
 
 def observed_order(coarse: float, fine: float, h: tuple[float, float, float]) -> float:

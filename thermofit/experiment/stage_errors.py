@@ -13,13 +13,13 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.discretisation import FINER, MESH, ORDER, STEPS, finer_mesh, on_mesh_ratio
+from thermofit.experiment.discretisation import FINER, MESH, ORDER, SHEET, STEPS, finer_mesh, on_mesh_ratio, sheet_on_mesh
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.joint import FORCE_NOISE, Joint, coarse_mesh
 from thermofit.experiment.model import StageModel, steps_for
 from thermofit.experiment.prescribed import SCALE, Moved, acting, columns
-from thermofit.study.section import MeshSize
+from thermofit.study.section import MeshSize, SheetSize
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -72,11 +72,14 @@ def stage_errors(
 def _numerical(
     study: Study, data: Measured, settings: StageSettings, parameters: Parameters, size: MeshSize, model_of: ModelOf, warm: bool
 ) -> dict[str, np.ndarray]:
-    """Errors of the study's mesh and of the steps, (n, 1) each: wholly in the residual, for a stage does not correct them. Steps tell of
-    heat: where no temperatures are compared they are not asked."""
+    """Errors of the study's mesh, of the one layer of a sheet and of the steps, (n, 1) each: wholly in the residual, for a stage does not
+    correct them. Steps tell of heat: where no temperatures are compared they are not asked."""
     here = model_of(data, settings, parameters, size).residual(parameters)
     fine = model_of(data, settings, parameters, finer_mesh(size)).residual(parameters)
     found = {MESH: on_mesh_ratio(size, study.mesh_size) * (here - fine)[:, None] / (1.0 - FINER**-2)}
+    if isinstance(size, SheetSize):
+        body = model_of(data, settings, parameters, size.body).residual(parameters)
+        found[SHEET] = (here - body)[:, None] / (1.0 - sheet_on_mesh(size.body))
     if warm:
         halved = replace(data, steps={name: steps.divided(2) for name, steps in data.steps.items()})
         slow = model_of(halved, settings, parameters, size).residual(parameters)

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.parameters import AT, THERMOCOUPLES, units_of
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.discretisation import MESH, STEPS
+from thermofit.experiment.discretisation import MESH, SHEET, STEPS
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
 from thermofit.fit.budget import MISFIT, NOISE, Budget
@@ -29,6 +29,7 @@ _HELP = {
     SCALE: "the cameras' scale calibrated to less",
     MESH: "a finer mesh",
     STEPS: "smaller time steps",
+    SHEET: "the mesh of a body in place of the sheet",
     **dict.fromkeys(THERMOCOUPLES, "temperatures of air and jaws read to less than 0.1 K, or a longer cooling in the record"),
 }
 

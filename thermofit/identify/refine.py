@@ -207,7 +207,7 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
 
 
 def _known(study: Study, problem: JointProblem, parameters: Parameters) -> dict[str, Dataset]:
-    """What is known to be wrong with a prediction, by test: errors of mesh and steps in its fields as the study's own mesh has them, and
+    """What is known to be wrong with a prediction, by test: errors of mesh and steps in its fields as the mesh of `verify` has them, and
     what the data tell of the error of a prescribed force."""
     out, units = {}, {name.partition(AT)[0]: o.unit for name, o in problem.model.observations.items()}
     for test, fields in ({} if problem.errors is None else problem.errors.fields).items():
@@ -215,7 +215,7 @@ def _known(study: Study, problem: JointProblem, parameters: Parameters) -> dict[
         force = estimated_error(problem.parts.each[test], problem.parts.seen_by(parameters, test))
         if force is not None:
             out[known_place(FORCE_TOLD, test)] = Dataset(force, "N", ("step",))
-        for name, error in on_mesh(fields, problem.size, study.mesh_size).items():
+        for name, error in on_mesh(fields, problem.size, study.mesh_size.body).items():
             out[known_place(f"{NUMERICAL}/{name}", test)] = Dataset(error, units[name], ("time", "point", "component"))
     return out
 

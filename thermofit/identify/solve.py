@@ -29,7 +29,7 @@ from thermofit.identify.variables import FitVariables, fit_variables
 from thermofit.records.checkpoint import Checkpoint
 from thermofit.records.progress import Advance, progress
 from thermofit.records.staging import Job
-from thermofit.study.section import PRESETS, MeshSize, ParameterStart
+from thermofit.study.section import MeshSize, ParameterStart
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -139,10 +139,10 @@ def solve(
     where the forward model fails at every start; unless `to_the_end`, NotCarriedError where it keeps a fit from its minimum.
     """
     base = base.with_free(settings.free)
-    size, coarse_size = study.mesh_size, PRESETS["coarse"]
+    size, coarse_size = study.mesh_size, study.mesh_size.coarse
     fits: list[FitResult] = []
     said: list[str] = []
-    if scalable and _elements(size) > 2 * _elements(coarse_size) and study.numerics.coarse_start:
+    if scalable and size.elements > 2 * coarse_size.elements and study.numerics.coarse_start:
         _, coarse, remark = _begun(study, settings, base, (model_on, coarse_size, F_TOLERANCE), job, None, again)
         _refuse_edge(coarse[-1], to_the_end)
         fits, said = coarse, [remark]
@@ -176,8 +176,7 @@ def _begun(
             model, fits = _settled(study, settings, start, on, here)
         except NumericsError:
             continue
-        size = on[1]
-        return model, fits, f"the mesh {size.n_x} x {size.n_y} x {size.n_z} fails at its first start; started again {words}"
+        return model, fits, f"the mesh {on[1].words} fails at its first start; started again {words}"
     raise failed
 
 
@@ -222,10 +221,6 @@ def discard_checkpoints(job: Job) -> None:
         shutil.rmtree(folder, ignore_errors=True)
     for trial in job.path.parent.glob(f".{job.stage}.*.h5"):
         trial.unlink(missing_ok=True)
-
-
-def _elements(size: MeshSize) -> int:
-    return size.n_x * size.n_y * size.n_z
 
 
 def method_of(model: StageModel, settings: StageSettings) -> str:

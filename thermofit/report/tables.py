@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from thermofit.records.artefact import Record
-from thermofit.study.section import PRESETS, MeshSize
+from thermofit.study.section import recorded_mesh
 from thermofit.study.study import Study
 
 LEAST_SHARE = 0.01
@@ -63,10 +63,8 @@ def _mesh(config: Mapping[str, Any]) -> str:
     geometry = config.get("geometry", {})
     if geometry.get("shape") == "file":
         return f"hex8 of the file {geometry['file']}"
-    given = config["mesh"]
-    size = PRESETS[given] if isinstance(given, str) else MeshSize(**given)
     model = "whole body" if geometry.get("part") == "full" else "quarter model"
-    return f"{size.n_x} x {size.n_y} x {size.n_z} hex8 of the {model}"
+    return f"{recorded_mesh(config['mesh']).words} hex8 of the {model}"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -40,7 +40,7 @@ _WANTED: Mapping[str, str] = {
 _ALTERNATIVES: Mapping[str, str] = {
     TAG + "section": "a number or a section {start: ..., bounds: [.., ..], scale: ...}",
     TAG + "components": "a positive number, sigma, balanced, value, max or {x: ..., y: ...}",
-    TAG + "size": "coarse, full or {n_x: .., n_y: .., n_z: ..}",
+    TAG + "size": "coarse, full, sheet, {n_x: .., n_y: .., n_z: ..} or {sheet: {n_x: .., n_y: ..}}",
     TAG + "times": "a list of times in s, or the word of the commented study",
     TAG + "interval": "auto, all or [t0, t1] in s",
     TAG + "published": "a number, [low, high] or {value: ..., sigma: ..., source: ...}",

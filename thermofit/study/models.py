@@ -32,6 +32,7 @@ from thermofit.study.section import (
     ParameterStart,
     Positive,
     Section,
+    SheetSize,
     SpecimenOverride,
     SurfaceName,
     Times,
@@ -39,6 +40,7 @@ from thermofit.study.section import (
     check_law,
     expected,
     hardening_error,
+    mesh_size,
     no_repeats,
     physical_error,
     surface_error,
@@ -201,7 +203,8 @@ class Diagnosis(Section):
     free: Free | None = None
     """Parameters that take part; null: all that any stage identifies, and the thermocouples with their error."""
     mesh: Mesh | None = None
-    """Mesh of the joint model; null: that of the study, but not finer than `coarse`. The error of mesh and steps is measured and counts."""
+    """Mesh of the joint model; null: that of the study, but not finer than `coarse` (of a sheet: 6 x 40). The error of mesh and steps is
+    measured and counts."""
     held_out: Literal["blocks", "phases"] = "blocks"
     """What the fit does not see: buffered blocks of time and length, or whole load phases."""
     max_effects: Annotated[Whole, Field(ge=0, le=20)] = 3
@@ -359,6 +362,7 @@ class Sections(Section):
     yield_surface: SurfaceName = DEFAULT_SURFACE
     """Yield surface by its name."""
     mesh: Mesh = "full"
+    """A mesh of the body, or `sheet`: one layer for a thin specimen, which `verify` checks on the body."""
     geometry: Geometry = Geometry()
     specimen: SpecimenOverride = SpecimenOverride()
     static: StaticTest | None = None
@@ -433,6 +437,7 @@ class Sections(Section):
                 if not low <= value <= high:
                     raise content_error(f"is {value:g}; expected {low:g} to {high:g}, the bounds in parameters.{name}", f"{key}.{name}")
         _check_coupon(self)
+        _check_sheet(self)
         if self.sensitivity is not None and self.sensitivity.quantity in getattr(self.stages, self.sensitivity.stage).free:
             quantity, stage = self.sensitivity.quantity, self.sensitivity.stage
             raise content_error(f"is {quantity}, which stages.{stage}.free identifies; expected a prescribed one", "sensitivity.quantity")
@@ -503,6 +508,14 @@ def _check_coupon(sections: Sections) -> None:
     for key, free in {**freed, "diagnosis.free": sections.diagnosis.free or ()}.items():
         if "E" in free:
             raise content_error(f"holds E, but record {text}; leave it out", key)
+
+
+def _check_sheet(sections: Sections) -> None:
+    """A mesh from a file has the layers that it has."""
+    asked = {"mesh": sections.mesh, "diagnosis.mesh": sections.diagnosis.mesh, "evaluation.nodes": sections.evaluation.nodes}
+    for key, mesh in asked.items():
+        if sections.geometry.shape == "file" and mesh is not None and isinstance(mesh_size(mesh), SheetSize):
+            raise content_error("asks for a sheet, but the mesh of geometry.file stays as it is; leave the key out", key)
 
 
 def _check_several(sections: Sections) -> None:

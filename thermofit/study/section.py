@@ -15,6 +15,7 @@ from pydantic import (
     Field,
     Strict,
     Tag,
+    TypeAdapter,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -79,6 +80,13 @@ def number_or(other: str) -> Discriminator:
 def word_or(other: str) -> Discriminator:
     """Discriminator of `word | other`."""
     return Discriminator(lambda value: "~word" if isinstance(value, str) else other)
+
+
+def _mesh_form(value: Any) -> str:
+    """Union member of a mesh: word, sheet or size."""
+    if isinstance(value, str):
+        return "~word"
+    return "~sheet" if isinstance(value, Sheet) or (isinstance(value, Mapping) and "sheet" in value) else "~size"
 
 
 def section_or_number(value: Any) -> str:
@@ -240,19 +248,96 @@ class MeshSize(Section):
             raise content_error(f"asks for {nodes} nodes; expected at most {LARGEST_MESH}, `full` has 5265")
         return self
 
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Numbers of elements along the axes along which the mesh is refined."""
+        return {"n_x": self.n_x, "n_y": self.n_y, "n_z": self.n_z}
 
-PRESETS: Mapping[str, MeshSize] = {"coarse": MeshSize(n_x=6, n_y=40, n_z=2), "full": MeshSize(n_x=12, n_y=80, n_z=4)}
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return self.n_x * self.n_y * self.n_z
+
+    @property
+    def body(self) -> MeshSize:
+        """The mesh of the body that it stands for: itself."""
+        return self
+
+    @property
+    def coarse(self) -> MeshSize:
+        """The preset whose optimum is a good start on a finer mesh."""
+        return PRESETS["coarse"]
+
+    @property
+    def words(self) -> str:
+        """As a sentence names it."""
+        return f"{self.n_x} x {self.n_y} x {self.n_z}"
+
+    def with_counts(self, counts: Mapping[str, int]) -> Self:
+        """The mesh with other numbers of elements along the axes of `counts`."""
+        return self.model_copy(update=dict(counts))
+
+
+class SheetSize(MeshSize):
+    """Elements of a sheet: across half the width, along the length; one layer over half the thickness (plane stress)."""
+
+    n_z: Literal[1] = 1
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """A sheet is refined in its plane; what its one layer misses is told beside a body."""
+        return {"n_x": self.n_x, "n_y": self.n_y}
+
+    @property
+    def body(self) -> MeshSize:
+        """The body with as many elements in the plane, and so many layers as the presets have: `full` of 12 x 80, `coarse` of 6 x 40."""
+        return MeshSize(n_x=self.n_x, n_y=self.n_y, n_z=max(2, round(self.n_x / 3)))
+
+    @property
+    def coarse(self) -> MeshSize:
+        """A sheet with the elements of that preset in its plane."""
+        coarse = PRESETS["coarse"]
+        return SheetSize(n_x=coarse.n_x, n_y=coarse.n_y)
+
+    @property
+    def words(self) -> str:
+        """As a sentence names it."""
+        return f"sheet {self.n_x} x {self.n_y}"
+
+
+class Sheet(Section):
+    """A sheet of a given size."""
+
+    sheet: SheetSize
+
+
+PRESETS: Mapping[str, MeshSize] = {
+    "coarse": MeshSize(n_x=6, n_y=40, n_z=2),
+    "full": MeshSize(n_x=12, n_y=80, n_z=4),
+    "sheet": SheetSize(n_x=12, n_y=80),
+}
 
 Mesh = Annotated[
-    Annotated[Literal["coarse", "full"], Tag("~word")] | Annotated[MeshSize, Tag("~size")],
-    word_or("~size"),
+    Annotated[Literal["coarse", "full", "sheet"], Tag("~word")] | Annotated[MeshSize, Tag("~size")] | Annotated[Sheet, Tag("~sheet")],
+    Discriminator(_mesh_form),
 ]
-"""`coarse` (6 x 40 x 2), `full` (12 x 80 x 4, the thesis), or {n_x: ..., n_y: ..., n_z: ...}."""
+"""`coarse` (6 x 40 x 2), `full` (12 x 80 x 4, the thesis), {n_x: ..., n_y: ..., n_z: ...}; one layer for a thin specimen: `sheet`
+(12 x 80), {sheet: {n_x: ..., n_y: ...}}."""
 
 
-def mesh_size(mesh: Literal["coarse", "full"] | MeshSize) -> MeshSize:
+def mesh_size(mesh: Literal["coarse", "full", "sheet"] | MeshSize | Sheet) -> MeshSize:
     """Numbers of elements of a preset or of a given size."""
+    if isinstance(mesh, Sheet):
+        return mesh.sheet
     return PRESETS[mesh] if isinstance(mesh, str) else mesh
+
+
+def recorded_mesh(given: Any) -> MeshSize:
+    """Numbers of elements of the mesh in the configuration of a record."""
+    return mesh_size(_MESH.validate_python(given))
+
+
+_MESH: TypeAdapter[Literal["coarse", "full", "sheet"] | MeshSize | Sheet] = TypeAdapter(Mesh)
 
 
 class SpecimenOverride(Section):

@@ -30,6 +30,7 @@ from thermofit.report.html.content import (
     Verdict,
 )
 from thermofit.report.html.run_folder import IDENTIFY, NEEDED, REFINE, RunFolder
+from thermofit.study.section import recorded_mesh
 from thermofit.study.study import Study
 
 LOOP, DIAGNOSE, VERIFY = "close-loop", "diagnose", "verify"
@@ -51,7 +52,7 @@ _WORDS = {
     "stress": "stress",
     "lateral": "lateral strain",
 }
-_MESHES = {"full": "the fine mesh", "coarse": "the coarse mesh"}
+_MESHES = {"full": "the fine mesh", "coarse": "the coarse mesh", "sheet": "the sheet"}
 
 
 def channel_words(channel: str) -> str:
@@ -525,8 +526,7 @@ def _facts(run: RunFolder) -> list[tuple[str, str]]:
     last = next((run.records[stage] for stage in (VERIFY, *reversed(IDENTIFY)) if run.has(stage)), None)
     if last is not None and "mesh" in last.config:
         mesh = last.config["mesh"]
-        size = mesh if isinstance(mesh, str) else " x ".join(str(n) for n in mesh.values()) if isinstance(mesh, Mapping) else str(mesh)
-        rows.append(("mesh", _MESHES.get(size, size)))
+        rows.append(("mesh", _MESHES[mesh] if isinstance(mesh, str) else recorded_mesh(mesh).words))
     return rows
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 from thermofit import __version__
 from thermofit.core.errors import StudyError
@@ -13,6 +12,7 @@ from thermofit.effects.catalogue import effect
 from thermofit.law.surface.catalogue import surface
 from thermofit.report.html.gather import LOOP, VERIFY, channel_words
 from thermofit.report.html.run_folder import IDENTIFY, REFINE, Records, RunFolder
+from thermofit.study.section import MeshSize, SheetSize, recorded_mesh
 
 _ENTRY = re.compile(r"^@\w+\{(?P<key>\w+),.*?^\}$", re.MULTILINE | re.DOTALL)
 _CITED = re.compile(r"@(\w+)")
@@ -76,14 +76,17 @@ def _model(records: Records, run: RunFolder) -> Iterator[str]:
     if config.get("coupon"):
         yield "Every record was followed by a material point under uniaxial stress with a lumped balance of heat."
     else:
-        mesh = config.get("mesh")
-        size = f"{mesh} mesh" if isinstance(mesh, str) else f"mesh of {' x '.join(map(str, _sizes(mesh)))} elements"
-        yield f"The specimen was modelled by eight-node hexahedra on a {size}."
+        yield _meshed(recorded_mesh(config.get("mesh", "full")))
         yield "Heat was integrated in time by a two-stage scheme [@alexander1977]."
 
 
-def _sizes(mesh: Any) -> Sequence[Any]:
-    return list(mesh.values()) if isinstance(mesh, Mapping) else [mesh]
+def _meshed(size: MeshSize) -> str:
+    if not isinstance(size, SheetSize):
+        return f"The specimen was modelled by eight-node hexahedra on a mesh of {size.words} elements."
+    return (
+        f"The specimen was modelled as a sheet, by one layer of {size.n_x} x {size.n_y} eight-node hexahedra over half its thickness; what "
+        f"it misses was told by a body of {size.body.words} elements."
+    )
 
 
 def _fit(records: Records, run: RunFolder) -> Iterator[str]:

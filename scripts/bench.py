@@ -32,6 +32,7 @@ import bench_machine
 import bench_peers
 import bench_point
 import bench_runs
+import bench_sheet
 import bench_start
 from bench_document import Measured, document, load, save, show
 from bench_measure import ROOT, Limits, Options, Part
@@ -43,6 +44,7 @@ SECTIONS: dict[str, Callable[[Options, Limits], Part]] = {
     "machine": bench_machine.measure,
     "kernel": bench_kernel.measure,
     "runs": bench_runs.measure,
+    "sheet": bench_sheet.measure,
     "growth": bench_growth.measure,
     "point": bench_point.measure,
     "diagnosis": bench_diagnosis.measure,

@@ -111,7 +111,7 @@ def measure(options: Options, limits: Limits) -> Part:
     chain.prepare()
     compiled(options)
     runs = [chain.identify(stage) for stage in STAGES]
-    rows = [Row(f"identify-{run.stage} (wall)", run.wall, _note(run)) for run in runs]
+    rows = [Row(f"identify-{run.stage} (wall)", run.wall, stage_note(run)) for run in runs]
     wall, peak = sum(run.wall for run in runs), max(run.peak for run in runs)
     rows.append(Row("all three (wall)", wall, f"CPU {sum(run.cpu for run in runs):.1f} s"))
     targets = (
@@ -136,7 +136,7 @@ def measure_nelder_mead(options: Options, limits: Limits) -> Part:
             limit = ("stages." + stage + ".max_evaluations=200",) if options.quick and method == NELDER_MEAD else ()
             run = chain.identify(stage, method=method, extra=limit)
             runs.append(run)
-            rows.append(Row(f"identify-{stage}, {method} (wall)", run.wall, _note(run)))
+            rows.append(Row(f"identify-{stage}, {method} (wall)", run.wall, stage_note(run)))
     simplex, squares = (sum(run.forward for run in runs) for runs in by_method.values())
     factors = [f"{stage} {a.forward / max(b.forward, 1):.1f}" for stage, a, b in zip(STAGES, *by_method.values(), strict=True)]
     unfinished = [run.stage for run in by_method[NELDER_MEAD] if not run.trustworthy]
@@ -163,7 +163,7 @@ def measure_search(options: Options, limits: Limits) -> Part:
     starts, counts = len(found["starts"]), found["evaluations"]
     note = f"CPU {search.cpu:.1f} s, {search.cpu / one.cpu:.2f} identifications; {counts['forward']} forward runs"
     rows = (
-        Row("identify-thermal (wall)", one.wall, _note(one)),
+        Row("identify-thermal (wall)", one.wall, stage_note(one)),
         Row(f"gridsearch of {starts} starts, two processes (wall)", search.wall, note),
     )
     targets = (
@@ -174,6 +174,7 @@ def measure_search(options: Options, limits: Limits) -> Part:
     return Part(f"Grid search of experiment 3, {mesh}", rows, targets, (f"gridsearch: {found['verdict']}.",))
 
 
-def _note(run: StageRun) -> str:
+def stage_note(run: StageRun) -> str:
+    """What a stage cost besides wall time, in one line."""
     counts = ", ".join(f"{value:.4g} {name}" for name, value in run.counts.items())
     return f"CPU {run.cpu:.1f} s, {run.peak / 1e6:.0f} MB; evaluations: {counts}"

@@ -10,7 +10,7 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.refinement import coarser_mesh, error_of, observed_order, refinement, spacing
-from thermofit.study.section import MeshSize
+from thermofit.study.section import MeshSize, SheetSize
 
 SIZE = MeshSize(n_x=12, n_y=36, n_z=6)
 X = np.linspace(0.0, 1.0, 40)
@@ -37,7 +37,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Model:
-    """r = (E x / 2e5 + nu x^2 + mesh h^2 + step parts^-order - its limit) / sigma, for two channels."""
+    """r = (E x / 2e5 + nu x^2 + mesh h^2 + layer + step parts^-order - its limit) / sigma, for two channels."""
 
     h: float
     parts: int
@@ -45,6 +45,7 @@ class Model:
     mesh: float = 3.0
     step: float = 0.02
     order: float = 1.0
+    layer: float = 0.0
     linearise: Any = True
 
     @property
@@ -57,7 +58,7 @@ class Model:
 
     def residual(self, p: Parameters) -> np.ndarray:
         own = (p["E"] / TRUE["E"] - 1.0) * X + (p["nu"] - TRUE["nu"]) * X**2
-        off = self.mesh * self.h**2 * X + self.step * self.parts**-self.order
+        off = (self.mesh * self.h**2 + self.layer) * X + self.step * self.parts**-self.order
         return np.concatenate([(own + off) / 0.01, (own + self.step / self.parts) / 0.1])
 
     def linearised(self, p: Parameters, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -73,19 +74,22 @@ class Experiment:
     parts: int = 1
     scalable: bool = True
     own: tuple[tuple[str, float], ...] = ()
+    layer: float = 0.0
+    """Error of one layer of elements over the thickness."""
 
     def joint_settings(self) -> Any:
         return type("Settings", (), {"free": ("E", "nu")})
 
     def with_steps(self, parts: int) -> Experiment:
-        return Experiment(parts, self.scalable, self.own)
+        return Experiment(parts, self.scalable, self.own, self.layer)
 
     def joint(self, settings: Any, base: Parameters, size: MeshSize) -> Any:
-        return type("Problem", (), {"model": Model(spacing(size), self.parts, base.free, **dict(self.own))})
+        h = spacing(size if self.layer == 0.0 else SheetSize(n_x=size.n_x, n_y=size.n_y))
+        return type("Problem", (), {"model": Model(h, self.parts, base.free, layer=self.layer / size.n_z**2, **dict(self.own))})
 
 
-def found(experiment: Experiment) -> Any:
-    return refinement(experiment, Parameters.of(TRUE), SIZE, {"E": 100.0, "nu": None})  # type: ignore[arg-type]
+def found(experiment: Experiment, size: MeshSize = SIZE) -> Any:
+    return refinement(experiment, Parameters.of(TRUE), size, {"E": 100.0, "nu": None})  # type: ignore[arg-type]
 
 
 def test_errors_that_are_powers_are_found_exactly() -> None:
@@ -107,6 +111,15 @@ def test_errors_that_are_powers_are_found_exactly() -> None:
     assert rows["E"]["mesh_index"] == pytest.approx(3.0 * shift[0], rel=1e-9), "dtheta shows no order, so that the factor is 3"
     assert rows["E"]["over_sigma"] == pytest.approx(np.hypot(rows["E"]["mesh_index"], rows["E"]["steps_index"]) / 100.0)
     assert rows["nu"]["over_sigma"] is None
+
+
+def test_the_layer_of_a_sheet_is_told_beside_its_mesh() -> None:
+    result = found(Experiment(layer=0.04), SheetSize(n_x=12, n_y=36))
+    du, rms = result.channels[0], float(np.sqrt(np.mean(X**2)))
+    assert du["sheet_error"] == pytest.approx(0.04 * rms) and du["sheet_order"] == pytest.approx(2.0)
+    assert du["mesh_error"] == pytest.approx(3.0 / (12 * 36) * rms) and result.forward == 8
+    row = result.parameters[0]
+    assert row["over_sigma"] == pytest.approx(np.linalg.norm([row[f"{kind}_index"] for kind in ("mesh", "steps", "sheet")]) / 100.0)
 
 
 def test_orders_that_are_not_seen_make_the_factor_large() -> None:

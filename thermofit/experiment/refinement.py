@@ -3,7 +3,8 @@
 On elements of size h a prediction is p_h = p_0 + C h^p + o(h^p). Three meshes tell the order p and the error of the middle one, which is
 that of the study (Richardson); of the steps likewise with the study's own, halved and quartered, on the coarsest of these meshes. The grid
 convergence index is the error times a factor of safety: 1.25 where the observed order is near the one of the method, else 3 (Roache 1994,
-J. Fluids Eng. 116, 405-413; ASME V&V 20-2009). Sizes are rms over all compared values.
+J. Fluids Eng. 116, 405-413; ASME V&V 20-2009). Sizes are rms over all compared values. A sheet is refined in its plane. Two and four layers
+in place of its one tell the error of that, on the coarsest of the meshes too.
 
 The error e of the residual draws fitted parameters off by -J^+ e: by that much all identified parameters, fitted together, would move.
 """
@@ -23,12 +24,14 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Experiment
 from thermofit.fit.linear_model import LinearModel
 from thermofit.records.progress import progress
-from thermofit.study.section import MeshSize
+from thermofit.study.section import MeshSize, SheetSize
 
 MESH_ORDER = 2.0
 """Order of the elements in displacements and temperatures."""
 STEP_ORDER = 1.0
 """Order of the backward Euler steps of plasticity and heat."""
+LAYERS = (2, 4)
+"""Layers of elements over half the thickness that tell the error of a sheet."""
 _NEAR = 0.5
 """An observed order within this part of the expected one is near it."""
 _LOWEST = 0.5
@@ -84,7 +87,7 @@ def error_of(difference: np.ndarray, h: float, finer: float, order: float) -> np
 
 
 def refinement(experiment: Experiment, parameters: Parameters, size: MeshSize, sigmas: Mapping[str, float | None]) -> Refinement:
-    """Errors of mesh and steps at given parameters, on the mesh of the study; `sigmas`: standard errors of what was identified.
+    """Errors of mesh, steps and layer at given parameters, on the mesh of the study; `sigmas`: standard errors of what was identified.
 
     NumericsError where a run fails.
     """
@@ -97,6 +100,9 @@ def refinement(experiment: Experiment, parameters: Parameters, size: MeshSize, s
     meshes = (coarser_mesh(size), size, finer_mesh(size)) if experiment.scalable else ()
     least = meshes[0] if meshes else size
     runs = [(least, 1), (least, 2), (least, 4), *((mesh, 1) for mesh in meshes[1:])]
+    layered = len(runs)
+    if isinstance(least, SheetSize):
+        runs += [(MeshSize(n_x=least.n_x, n_y=least.n_y, n_z=n), 1) for n in LAYERS]
     own = model(least, 1)
     with progress("refinement", len(runs) + 1) as advance:
         found = []
@@ -109,6 +115,8 @@ def refinement(experiment: Experiment, parameters: Parameters, size: MeshSize, s
     if meshes:
         h = (spacing(meshes[0]), spacing(meshes[1]), spacing(meshes[2]))
         errors["mesh"] = _error(own, [found[0], found[3], found[4]], h, MESH_ORDER, of=1)
+    if layers := found[layered:]:
+        errors["sheet"] = _error(own, [found[0], *layers], (1.0, 1.0 / LAYERS[0], 1.0 / LAYERS[1]), MESH_ORDER, of=0)
     shifts = {}
     if columns is not None:
         shifts = {kind: LinearModel(e.residual, columns).free_step * max(e.safety.values()) for kind, e in errors.items()}
@@ -156,6 +164,6 @@ def _parameter_rows(
         sigma = sigmas.get(name)
         row: dict[str, Any] = {"parameter": name, "unit": param(name).unit, "value": parameters[name], "sigma": sigma}
         row |= {f"{kind}_index": float(abs(shift[k])) for kind, shift in shifts.items()}
-        total = float(np.hypot(*([row[f"{kind}_index"] for kind in shifts] + [0.0] * (2 - len(shifts)))))
+        total = float(np.linalg.norm([row[f"{kind}_index"] for kind in shifts]))
         rows.append({**row, "over_sigma": total / sigma if sigma else None})
     return rows

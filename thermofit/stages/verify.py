@@ -105,7 +105,7 @@ def run(study: Study, *, force: bool = False, refine: bool = False) -> Outcome:
 
 def _said(found: Refinement) -> str:
     """Errors of the channels over their noise, in one line."""
-    kinds = [kind for kind in ("mesh", "steps") if f"{kind}_over_noise" in found.channels[0]]
+    kinds = [kind for kind in ("mesh", "steps", "sheet") if f"{kind}_over_noise" in found.channels[0]]
     rows = [f"{row['channel']} " + " + ".join(f"{row[f'{kind}_over_noise']:.2g}" for kind in kinds) for row in found.channels]
     return f"error of {' + '.join(kinds)}: {', '.join(rows)} times the noise"
 
@@ -114,6 +114,8 @@ def _large(found: Refinement) -> list[str]:
     """Parameters that mesh and steps draw off by more than half of their standard error, and a missing mesh."""
     large = [f"{row['parameter']} by {row['over_sigma']:.2g}" for row in found.parameters if (row["over_sigma"] or 0.0) > _LARGE]
     out = [f"mesh and steps may draw parameters off, in their standard errors: {', '.join(large)}; take a finer mesh"] if large else []
+    if any(row.get("sheet_over_noise", 0.0) > row["mesh_over_noise"] for row in found.channels):
+        out.append("the error of the one layer of the sheet is larger than that of its mesh in the plane; take the mesh of a body")
     if "mesh_error" not in found.channels[0]:
         out.append("no error of a mesh: there is none, or it is that of a file, which is not refined")
     return out

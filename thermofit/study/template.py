@@ -28,7 +28,7 @@ experiment: my-experiment            # raw folder, relative to this file; may ho
 # model: 2                           # 1: associated, linear and exponential hardening; 2: non-associated
 @HARDENING@
 @SURFACE@
-# mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}
+# mesh: full                         # coarse (6 x 40 x 2), full (12 x 80 x 4) or {n_x: 12, n_y: 80, n_z: 4}; one layer: sheet (12 x 80)
 # geometry: {shape: dogbone}         # bar, plate-with-hole, cruciform-arm, or file with unit and sets; look at it: `thermofit mesh`
 # static: null                       # a full-field test of one load step instead of a history: field, load_axis, centre, force
 # specimen: {thickness: 1.2}         # lengths in mm that replace those of experiment.yaml
@@ -113,7 +113,7 @@ stages:
 # diagnosis:                                   # diagnose and close-loop
 #   held_out: blocks                           # or phases
 #   max_effects: 3
-#   mesh: null                                 # null: not finer than coarse
+#   mesh: null                                 # null: not finer than coarse (of a sheet: 6 x 40)
 #   channels: null                             # of the joint model; null: all
 #   free: null                                 # its parameters; null: all that the stages identify
 

@@ -85,7 +85,7 @@ def _meshed(size: MeshSize) -> str:
         return f"The specimen was modelled by eight-node hexahedra on a mesh of {size.words} elements."
     return (
         f"The specimen was modelled as a sheet, by one layer of {size.n_x} x {size.n_y} eight-node hexahedra over half its thickness; what "
-        f"it misses was told by a body of {size.body.words} elements."
+        f"it misses was estimated from a body of {size.body.words} elements."
     )
 
 

@@ -24,6 +24,7 @@ from thermofit.experiment.joint import Joint, coarse_mesh, diagnosis_mesh, joint
 from thermofit.experiment.joint_errors import told
 from thermofit.experiment.refinement import coarser_mesh, spacing
 from thermofit.experiment.stage_errors import stage_errors
+from thermofit.fit.linear_model import LinearModel
 from thermofit.law.composition import law_effects
 from thermofit.law.page import law_of
 from thermofit.study.geometry import Geometry
@@ -111,6 +112,9 @@ def test_the_joint_fit_sees_a_sheet_as_its_body() -> None:
     for name in ("u", "theta"):
         whole = here.shown(PARAMETERS)[1][name]
         assert np.linalg.norm(whole - held[name]) < 0.2 * np.linalg.norm(whole), name
+    residual, columns = found.parts.model.linearised(PARAMETERS, PARAMETERS.free)
+    corrected, plain = (LinearModel(r, columns).free_step for r in (residual, here.model.residual(PARAMETERS)))
+    assert (np.abs(corrected) < 0.25 * np.abs(plain)).all(), "the step of the fit leads to the optimum of the body"
 
 
 def test_a_stage_reckons_with_its_sheet() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name
 from thermofit.experiment.channels import FIELDS
-from thermofit.experiment.discretisation import on_mesh
+from thermofit.experiment.discretisation import SHEET, on_mesh
 from thermofit.experiment.force_error import estimated_error
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -32,7 +32,7 @@ from thermofit.identify.combined import groups_above_noise
 from thermofit.identify.outcome import MISFIT, channel_table, made
 from thermofit.identify.solve import F_TOLERANCE, Solved, covariance_of, minimised
 from thermofit.records.artefact import Dataset, ParameterResult, Record
-from thermofit.records.staging import Job, Made
+from thermofit.records.staging import Job, Made, Note
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
@@ -188,6 +188,7 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
     remarks = [*off_declared(model.priors, solved.parameters, READING)]
     if problem.errors is not None and problem.errors.far:
         remarks.append("the force is taken as exact: the model misses more than its error could explain")
+    remarks += _beside_body(problem)
     record = made(study, problem.base, solved, tuple(remarks))
     results = {
         name: replace(p, start=staged[name].start) if name in staged else p for name, p in record.parameters.items()
@@ -204,6 +205,19 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
         "staged": {name: {"value": p.value, "sigma": p.sigma} for name, p in staged.items()},
     }
     return replace(record, datasets=datasets, parameters=results, summary=summary)
+
+
+def _beside_body(problem: JointProblem) -> list[str]:
+    """What a fit on a sheet has taken into its data so that its optimum is that of the body, by test."""
+    said: list[str] = []
+    units = {name.partition(AT)[0]: o.unit for name, o in problem.model.observations.items()}
+    for test, fields in ({} if problem.errors is None else problem.errors.fields).items():
+        if SHEET in fields:
+            sizes = [f"{np.sqrt(np.nanmean(error**2)):.2g} {units[name]} in {name}" for name, error in fields[SHEET].items()]
+            where = f"{test}: " if test else ""
+            size = problem.size
+            said.append(Note(f"{where}the {size.words} is fitted with its difference from the body in the data, rms {', '.join(sizes)}"))
+    return said
 
 
 def _known(study: Study, problem: JointProblem, parameters: Parameters) -> dict[str, Dataset]:

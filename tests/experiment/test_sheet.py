@@ -17,7 +17,7 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.body_check import checked
-from thermofit.experiment.discretisation import MESH, SHEET, STEPS, finer_mesh, numerical_errors, on_mesh, on_mesh_ratio
+from thermofit.experiment.discretisation import MESH, SHEET, STEPS, THEIRS, WITHIN, finer_mesh, numerical_errors, on_mesh, on_mesh_ratio
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.forward import march_settings, run_of
 from thermofit.experiment.joint import Joint, coarse_mesh, diagnosis_mesh, joint_settings
@@ -86,17 +86,18 @@ def test_a_thin_sheet_is_free_of_stress_across_and_near_its_body() -> None:
 def test_a_body_tells_the_error_of_a_sheet() -> None:
     """In a thick specimen, where it can be seen: that of a body with many layers, to a tenth; and the mesh error is one in the plane."""
     here = joint(SMALL)
-    coarse = here.shown(PARAMETERS)[1]
-    found = numerical_errors(here, PARAMETERS, coarse)
-    assert list(found) == [MESH, STEPS, SHEET]
+    history, coarse = here.shown(PARAMETERS)
+    found = numerical_errors(here, PARAMETERS, history, coarse)
+    assert set(found) == {MESH, WITHIN, THEIRS, STEPS, SHEET}
     many = joint(MeshSize(n_x=3, n_y=20, n_z=6)).shown(PARAMETERS)[1]
-    finer = joint(SheetSize(n_x=5, n_y=30)).shown(PARAMETERS)[1]
+    finer = joint(SheetSize(n_x=5, n_y=30))
+    smooth, fine = here.smoothed(history, PARAMETERS), finer.smoothed(finer.shown(PARAMETERS)[0], PARAMETERS)
     for name in ("u", "theta"):
         exact = (coarse[name] - many[name]) / (1.0 - 1.0 / 36.0)
         assert np.linalg.norm(found[SHEET][name] - exact) < 0.1 * np.linalg.norm(exact), name
-        assert np.allclose(found[MESH][name], (coarse[name] - finer[name]) / (1.0 - 1.5**-2)), name
+        assert np.allclose(found[MESH][name], (smooth[name] - fine[name]) / (1.0 - 1.5**-2)), name
     body = joint(MeshSize(n_x=3, n_y=20, n_z=1))
-    assert list(numerical_errors(body, PARAMETERS, body.shown(PARAMETERS)[1])) == [MESH, STEPS], "a body with one layer is refined"
+    assert SHEET not in numerical_errors(body, PARAMETERS, *body.shown(PARAMETERS)), "a body with one layer is refined"
 
 
 def test_the_joint_fit_sees_a_sheet_as_its_body() -> None:
@@ -140,9 +141,10 @@ def test_meshes_made_from_a_sheet_are_sheets() -> None:
     assert on_mesh_ratio(PRESETS["coarse"], body) == pytest.approx(0.25)
     case = study().model_copy(update={"mesh": "sheet"})
     assert coarse_mesh(case) == diagnosis_mesh(case) == big.coarse == SheetSize(n_x=6, n_y=40)
-    fields = {MESH: {"u": np.ones(1)}, STEPS: {"u": np.full(1, 10.0)}, SHEET: {"u": np.full(1, 160.0)}}
+    fields = {MESH: {"u": np.ones(1)}, STEPS: {"u": np.full(1, 10.0)}, SHEET: {"u": np.full(1, 160.0)}, WITHIN: {"u": np.full(1, 1e3)}}
     assert on_mesh(fields, big.coarse, big)["u"] == pytest.approx(0.25 + 10.0 + 160.0)
     assert on_mesh(fields, big.coarse, body)["u"] == pytest.approx(0.25 + 10.0 + 10.0), "four layers leave a sixteenth"
+    assert on_mesh(fields, big, body)["u"] == pytest.approx(1.0 + 10.0 + 10.0 + 1e3), "a body has the elements of its sheet in the plane"
 
 
 def test_a_check_is_made_on_the_body() -> None:

@@ -20,6 +20,8 @@ MKDOCS = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
+# Tests start dozens of interpreters: each would read all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 # Idle OpenMP threads would spin and slow down everything that runs beside them.
 export OMP_WAIT_POLICY = PASSIVE
 

@@ -103,7 +103,8 @@ def _link(module: Any, library: Any) -> None:
     """Link into a module the code of all that the library calls, directly or not, each function once and after all that call it: of code
     that nothing in the module asks for yet, LLVM takes nothing."""
     for other in reversed(_callees(library, [], {library})):
-        library._reload_init.update(other._reload_init)
+        if hasattr(library, "_reload_init"):  # numba 0.60 has none
+            library._reload_init.update(other._reload_init)
         module.link_in(other._final_module if isinstance(other, _CalledLibrary) else other._get_module_for_linking(), preserve=True)
 
 

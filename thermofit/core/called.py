@@ -30,7 +30,8 @@ _LAST_BEFORE_LOWERING: Any = typed_passes.AnnotateTypes
 
 KNOWN = ((0, 60), (0, 68))
 """First and last version of numba that these classes were tried with."""
-_EXTERNAL: Any = codegen.ll.Linkage.external
+_codegen: Any = codegen
+_EXTERNAL: Any = _codegen.ll.Linkage.external
 _ENVIRONMENT = "_ZN08NumbaEnv"
 """Beginning of the name under which the code of a function looks for its environment."""
 
@@ -50,6 +51,8 @@ class _NoEnvironment:
 
 class _CalledLibrary(_Library):
     """LLVM code of one function, to be linked into that of an entered one together with the code of what it calls itself."""
+
+    _shared_module: Any
 
     @property
     def codegen(self) -> Any:

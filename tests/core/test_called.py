@@ -46,7 +46,7 @@ def test_python_calls_it_as_well() -> None:
     assert polynomial(2.0) == 14.0
 
 
-def test_a_kernel_is_optimised_once_with_all_that_it_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_is_made_machine_code_once_with_all_that_it_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with the bodies of its parallel loops and with numba's own functions."""
 
     @kernel(cache=False, parallel=True)
@@ -57,11 +57,16 @@ def test_a_kernel_is_optimised_once_with_all_that_it_calls(monkeypatch: pytest.M
                 found[i] += polynomial(x)
         return found
 
-    optimised, one = [], codegen.CPUCodeLibrary._optimize_final_module
-    monkeypatch.setattr(codegen.CPUCodeLibrary, "_optimize_final_module", lambda self: (optimised.append(self.name), one(self)))
+    made, address = set(), codegen.JITCodeLibrary.get_pointer_to_function
+
+    def told(library: codegen.JITCodeLibrary, name: str) -> int:
+        made.add(library)
+        return int(address(library, name))
+
+    monkeypatch.setattr(codegen.JITCodeLibrary, "get_pointer_to_function", told)
     a = np.arange(6.0).reshape(2, 3)
     assert sums(a).tolist() == [(a[i] + a[i] ** 2 + a[i] ** 3).sum() for i in range(2)]
-    assert len(optimised) == 1, optimised
+    assert len(made) == 1, made
 
 
 def test_functions_that_numba_compiles_call_kernels_with_all_that_these_call() -> None:

@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.installed-to-run
 MESH ?= full
 # Drawn experiments of each of exp1 and exp3.
 DRAWS ?= 40
-# Test processes that run side by side; with nothing compiled two took 4 min 45 s on two cores, 8 min 46 s of CPU in all. 0: one process.
+# Test processes that run side by side; with nothing compiled two took 10 min on two cores, 19 min of CPU in all (docs/tests.md). 0: one process.
 JOBS ?= 2
 
 # Strict: a link or an anchor that leads nowhere is an error. The theme's note on its successor is no news in every build.
@@ -20,6 +20,8 @@ MKDOCS = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
+# Tests start dozens of interpreters: each would read all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 # Idle OpenMP threads would spin and slow down everything that runs beside them.
 export OMP_WAIT_POLICY = PASSIVE
 

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 import pytest
+from numba.core import codegen
 
 from thermofit.core.called import Kernel
 from thermofit.core.jit import kernel
@@ -43,6 +44,37 @@ def test_python_calls_it_as_well() -> None:
     assert polynomial(3.0) == 39.0
     assert power(2.0, 5) == 32.0
     assert polynomial(2.0) == 14.0
+
+
+def test_a_kernel_is_made_machine_code_once_with_all_that_it_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with the bodies of its parallel loops and with numba's own functions."""
+
+    @kernel(cache=False, parallel=True)
+    def sums(a: np.ndarray) -> np.ndarray:
+        found = np.zeros(len(a)).reshape(-1)
+        for i in numba.prange(len(a)):
+            for x in a[i]:
+                found[i] += polynomial(x)
+        return found
+
+    made, address = set(), codegen.JITCodeLibrary.get_pointer_to_function
+
+    def told(library: codegen.JITCodeLibrary, name: str) -> int:
+        made.add(library)
+        return int(address(library, name))
+
+    monkeypatch.setattr(codegen.JITCodeLibrary, "get_pointer_to_function", told)
+    a = np.arange(6.0).reshape(2, 3)
+    assert sums(a).tolist() == [(a[i] + a[i] ** 2 + a[i] ** 3).sum() for i in range(2)]
+    assert len(made) == 1, made
+
+
+def test_functions_that_numba_compiles_call_kernels_with_all_that_these_call() -> None:
+    @numba.njit
+    def shifted(x: float) -> float:
+        return float(np.zeros(1)[0] + polynomial(x + 1.0))
+
+    assert shifted(1.0) == 14.0
 
 
 def test_garbage_is_collected_after_a_compilation() -> None:
@@ -112,8 +144,6 @@ def test_an_error_in_a_called_kernel_says_what_it_says(said: list[list[str]]) ->
 
 def test_the_same_bits_as_numba() -> None:
     """Called or compiled alone: the formula rounds alike."""
-    import numba
-
     x = np.random.default_rng(3).standard_normal(1000)
     plain = numba.njit(power.py_func)
     assert [polynomial(float(v)) for v in x] == [plain(v, 1) + plain(v, 2) + plain(v, 3) for v in x]

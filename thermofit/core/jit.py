@@ -16,10 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
+# The sentences on all that numba tries in vain are made for every call that it compiles, and take a tenth less of that time without colour.
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 # Idle threads of OpenMP spin by default, which takes the processor away from whatever else runs; set before numba loads OpenMP.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numba
+import numba.extending
 
 from thermofit.core.called import KNOWN, Kernel
 from thermofit.core.digest import kernel_digest
@@ -30,6 +33,7 @@ KEEP_DAYS = 30.0
 """Caches that no process has used for so long are removed."""
 
 _settings: Any = numba.config
+_overload: Any = numba.extending.overload
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -62,6 +66,14 @@ def _compiled(function: Any, *, cache: bool, **choices: Any) -> Any:
     if cache:
         made.enable_caching()
     return made
+
+
+def by_type(function: Callable[..., Any]) -> Callable[[Any], Any]:
+    """Decorate what chooses the code of `function` in kernels: it takes numba's types of the arguments, and returns a function of the same
+    arguments. `@by_type(surface_gradient)`; outside kernels `function` is called as it stands."""
+    options = {"error_model": "numpy", "fastmath": False, "forceinline": True, "no_cfunc_wrapper": True}
+    chosen: Callable[[Any], Any] = _overload(function, jit_options=options, strict=False)
+    return chosen
 
 
 def set_threads(n: int) -> int:

@@ -37,12 +37,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numba.extending
-
 # Lanes come with the room, before any of its kernels: those that a body compiled name lanes, so that reading them from the cache would
 # otherwise import the module in the midst of type inference, whose np.exp is then no longer the np.exp of its beginning.
 import thermofit.core.lanes  # noqa: F401
-from thermofit.core.jit import CACHE_FOLDER
+from thermofit.core.jit import CACHE_FOLDER, by_type
 from thermofit.effects import curve
 from thermofit.effects.catalogue import Effect, effects
 from thermofit.law.hardening.catalogue import SHARED, Hardening, hardening, hardening_laws
@@ -263,8 +261,6 @@ no_effects = _module.no_effects
 asymmetry_factor = _module.asymmetry_factor
 capacity_factor = _module.capacity_factor
 hardening_numbers = _module.hardening_numbers
-_overload: Any = numba.extending.overload
-_AS_KERNELS = {"error_model": "numpy", "fastmath": False, "forceinline": True}
 
 
 def _by_type(name: str) -> Callable[..., Any]:
@@ -275,7 +271,7 @@ def _by_type(name: str) -> Callable[..., Any]:
     def function(*arguments: Any) -> Any:
         return (of_any if hasattr(arguments[-1], SHARED[0]) else short)(*arguments)
 
-    _overload(function, jit_options=_AS_KERNELS, strict=False)(getattr(_module, f"kind_of_{name}"))
+    by_type(function)(getattr(_module, f"kind_of_{name}"))
     return function
 
 
@@ -293,6 +289,4 @@ def _along(accumulated: Any, law: Any) -> Any:
 
 
 curve.give(_along)
-_overload(curve.hardening, jit_options=_AS_KERNELS, strict=False)(
-    lambda accumulated, law: lambda accumulated, law: hardening_along(accumulated, law)[0]
-)
+by_type(curve.hardening)(lambda accumulated, law: lambda accumulated, law: hardening_along(accumulated, law)[0])

@@ -20,11 +20,10 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numba.extending
 import numpy as np
 
 from thermofit.core.errors import StudyError
-from thermofit.core.jit import kernel
+from thermofit.core.jit import by_type, kernel
 from thermofit.core.parameters import Parameters, param
 from thermofit.core.slots import Slots
 from thermofit.effects.linear_hardening import yield_stress as linear_hardening
@@ -47,9 +46,6 @@ from thermofit.law.surface.catalogue import DEFAULT, HILL, surface
 from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
 from thermofit.law.tensor import Symmetric
 from thermofit.law.transformed import axial_gradient
-
-_overload: Any = numba.extending.overload
-_AS_KERNELS = {"error_model": "numpy", "fastmath": False, "forceinline": True}
 
 
 class BaseLaw(NamedTuple):
@@ -284,7 +280,7 @@ def transformed(law: Any) -> bool:
     return OF_SURFACE[0] in law.fields
 
 
-@_overload(surface_gradient, jit_options=_AS_KERNELS, strict=False)
+@by_type(surface_gradient)
 def _surface_gradient(a11: Any, a22: Any, a33: Any, law: Any) -> Any:
     if transformed(law):
         return lambda a11, a22, a33, law: axial_gradient(a11, a22, a33, law)
@@ -297,7 +293,7 @@ def relative(law: Law) -> bool:
     return is_transformed(law) or bool(law.effective == 1 and restructured(law))
 
 
-@_overload(relative, jit_options=_AS_KERNELS, strict=False)
+@by_type(relative)
 def _relative(law: Any) -> Any:
     if transformed(law):
         return lambda law: True

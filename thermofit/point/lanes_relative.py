@@ -26,10 +26,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba.extending
 import numpy as np
 
-from thermofit.core.jit import kernel
+from thermofit.core.jit import by_type, kernel
 from thermofit.core.lanes import Lanes, all_lanes, any_lane, spread, where
 from thermofit.law.backstress import decay_series
 from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor
@@ -97,7 +96,6 @@ from thermofit.point.state import (
     YIELD_TOLERANCE,
 )
 
-_overload: Any = numba.extending.overload
 _LODE = 1.5 * math.sqrt(3.0)
 _NEAR = 1e-8
 """Reach of the differences that give Newton the slopes of m over Lambda and of f over xi."""
@@ -373,7 +371,7 @@ def _return_map(c_trial: Symmetric, theta: Lanes, excess_at_start: Lanes, law: L
     raise NotImplementedError
 
 
-@_overload(_return_map, jit_options={"error_model": "numpy", "fastmath": False, "forceinline": True}, strict=False)
+@by_type(_return_map)
 def _return_map_of(c_trial: Any, theta: Any, excess_at_start: Any, law: Any, w: Any) -> Any:
     if transformed(law):
         return lambda c_trial, theta, excess_at_start, law, w: _searched_map(c_trial, theta, excess_at_start, law, w)

@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba.extending
 import numpy as np
 
-from thermofit.core.jit import kernel
+from thermofit.core.jit import by_type, kernel
 from thermofit.core.lanes import Lanes, spread
 from thermofit.law.page import Law, hill, transformed
 from thermofit.law.tensor import Symmetric, added, deviator, double_contraction
 from thermofit.law.transformed import flow_and_curvature, flow_of
 from thermofit.point.lanes_memory import number, row, set_row
 from thermofit.point.lanes_rows import FLOW_ACCURACY, flow_direction
-
-_overload: Any = numba.extending.overload
-_IN_KERNELS: dict[str, Any] = {"jit_options": {"error_model": "numpy", "fastmath": False, "forceinline": True}, "strict": False}
 
 
 @kernel(forceinline=True)
@@ -79,7 +75,7 @@ def surface_flow(t: Symmetric, law: Law) -> tuple[Symmetric, Lanes]:
     raise NotImplementedError
 
 
-@_overload(surface_flow, **_IN_KERNELS)
+@by_type(surface_flow)
 def _surface_flow(t: Any, law: Any) -> Any:
     return (lambda t, law: flow_of(t, law)) if transformed(law) else (lambda t, law: flow_direction(t, law))
 
@@ -89,7 +85,7 @@ def surface_flow_and_curvature(t: Symmetric, law: Law, w: np.ndarray, at: int) -
     raise NotImplementedError
 
 
-@_overload(surface_flow_and_curvature, **_IN_KERNELS)
+@by_type(surface_flow_and_curvature)
 def _surface_flow_and_curvature(t: Any, law: Any, w: Any, at: Any) -> Any:
     if transformed(law):
         return lambda t, law, w, at: _flow_and_rows(t, law, w, at)
@@ -102,7 +98,7 @@ def flow_accuracy(law: Law) -> float:
     raise NotImplementedError
 
 
-@_overload(flow_accuracy, **_IN_KERNELS)
+@by_type(flow_accuracy)
 def _flow_accuracy(law: Any) -> Any:
     return (lambda law: FLOW_ACCURACY * law.surface_a) if transformed(law) else (lambda law: FLOW_ACCURACY)
 
@@ -112,7 +108,7 @@ def projected(a: Symmetric, flow: Symmetric, law: Law, w: np.ndarray, at: int) -
     raise NotImplementedError
 
 
-@_overload(projected, **_IN_KERNELS)
+@by_type(projected)
 def _projected_of(a: Any, flow: Any, law: Any, w: Any, at: Any) -> Any:
     if transformed(law):
         return lambda a, flow, law, w, at: _curved(w, at, a)
@@ -124,7 +120,7 @@ def projected_at(a: Symmetric, flow: Symmetric, law: Law, c: np.ndarray, at: int
     raise NotImplementedError
 
 
-@_overload(projected_at, **_IN_KERNELS)
+@by_type(projected_at)
 def _projected_at_of(a: Any, flow: Any, law: Any, c: Any, at: Any, q: Any) -> Any:
     if transformed(law):
         return lambda a, flow, law, c, at, q: _curved_at(c, q, at, a)

@@ -20,10 +20,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba.extending
 import numpy as np
 
-from thermofit.core.jit import kernel
+from thermofit.core.jit import by_type, kernel
 from thermofit.core.lanes import Lanes, any_lane, multiply_add, spread, where
 from thermofit.law.backstress import decay_share, gain_share
 from thermofit.law.page import Law, is_transformed, transformed
@@ -85,9 +84,6 @@ from thermofit.point.rates import (
     summed,
 )
 from thermofit.point.state import BACK, LAMBDA, N_BACK, SENSE
-
-_overload: Any = numba.extending.overload
-_IN_KERNELS: dict[str, Any] = {"jit_options": {"error_model": "numpy", "fastmath": False, "forceinline": True}, "strict": False}
 
 # Rows of a response, after those of `point.rates`.
 STIFF, FACTOR, BY_SENSE, FLOWN = range(4)
@@ -413,7 +409,7 @@ def _surface_rates(
     raise NotImplementedError
 
 
-@_overload(_surface_rates, **_IN_KERNELS)
+@by_type(_surface_rates)
 def _surface_rates_of(t: Any, flow: Any, law: Any, c: Any, at: Any, q: Any, in_surface: Any, w: Any) -> Any:
     if transformed(law):
         return lambda t, flow, law, c, at, q, in_surface, w: _number_rates(c, at + N_CURVATURE, q, in_surface, w)
@@ -425,7 +421,7 @@ def _set_number_slopes(t: Symmetric, law: Law, in_surface: np.ndarray, out: np.n
     raise NotImplementedError
 
 
-@_overload(_set_number_slopes, **_IN_KERNELS)
+@by_type(_set_number_slopes)
 def _set_number_slopes_of(t: Any, law: Any, in_surface: Any, out: Any, at: Any) -> Any:
     if transformed(law):
         return lambda t, law, in_surface, out, at: _all_number_slopes(t, law, in_surface, out, at)

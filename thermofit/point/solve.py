@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba.extending
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from thermofit.core.jit import kernel
+from thermofit.core.jit import by_type, kernel
 from thermofit.law.composition import EFFECT_NUMBERS, effect_numbers, hardening_numbers, no_effects
 from thermofit.law.hardening.catalogue import SHARED
 from thermofit.law.page import AnyLaw, AnySurfaceLaw, Law, SurfaceLaw
@@ -46,7 +45,6 @@ _new_law: Any = Law
 _new_any_law: Any = AnyLaw
 _new_surface_law: Any = SurfaceLaw
 _new_any_surface_law: Any = AnySurfaceLaw
-_overload: Any = numba.extending.overload
 N_OF_EFFECTS = len(EFFECT_NUMBERS)
 OF_EFFECTS = N_NUMBERS - N_OF_EFFECTS
 """Place of the first number of an effect."""
@@ -187,7 +185,7 @@ def law_for(flags: Flags, numbers: np.ndarray, rest: tuple[Any, ...], of_effects
     raise NotImplementedError
 
 
-@_overload(law_for, jit_options={"forceinline": True}, strict=False)
+@by_type(law_for)
 def _law_for(flags: Any, numbers: Any, rest: Any, of_effects: Any) -> Any:
     make = _MAKERS[flags.instance_class]
     return lambda flags, numbers, rest, of_effects: make(flags, numbers, rest, of_effects)
@@ -198,7 +196,7 @@ def switched(flags: Flags, effective: int) -> Flags:
     raise NotImplementedError
 
 
-@_overload(switched, jit_options={"forceinline": True}, strict=False)
+@by_type(switched)
 def _switched(flags: Any, effective: Any) -> Any:
     kind: Any = flags.instance_class
     return lambda flags, effective: kind(flags.model, flags.closed_form, flags.plastic, effective)

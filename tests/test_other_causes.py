@@ -30,8 +30,8 @@ def test_every_cause_is_an_effect_file_that_loads(study: Any, tmp_path: Path) ->
 
 
 def test_causes_of_cameras_change_what_they_wrote(study: Any, tmp_path: Path) -> None:
-    """Temperatures by time and place, displacements and no places; heads of files stay."""
-    (tmp_path / "experiment.yaml").write_text("ir: {landmarks: {length: [[0, 1], [4, 1]], length_mm: 20.0}}", encoding="utf-8")
+    """Temperatures by time and place, displacements and no places; heads of files stay. Landmarks as the laboratory writes them."""
+    (tmp_path / "experiment.yaml").write_text("ir: {landmarks: {length: {p1: [4, 1], p2: [0, 1], length_mm: 20.0}}}", encoding="utf-8")
     for name in ("ir", "dic"):
         (tmp_path / name).mkdir()
     (tmp_path / "ir" / "frame_0001.csv").write_text("# time_s: 200.000\n" + "20.000,21.000\n" * 5, encoding="ascii")

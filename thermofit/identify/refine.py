@@ -188,7 +188,7 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
     remarks = [*off_declared(model.priors, solved.parameters, READING)]
     if problem.errors is not None and problem.errors.far:
         remarks.append("the force is taken as exact: the model misses more than its error could explain")
-    remarks += _beside_body(problem)
+    remarks += _layer_in_words(problem)
     record = made(study, problem.base, solved, tuple(remarks))
     results = {
         name: replace(p, start=staged[name].start) if name in staged else p for name, p in record.parameters.items()
@@ -207,7 +207,7 @@ def _made(study: Study, experiment: Experiment, problem: JointProblem, solved: S
     return replace(record, datasets=datasets, parameters=results, summary=summary)
 
 
-def _beside_body(problem: JointProblem) -> list[str]:
+def _layer_in_words(problem: JointProblem) -> list[str]:
     """What a fit on a sheet has taken into its data so that its optimum is that of the body, by test."""
     said: list[str] = []
     units = {name.partition(AT)[0]: o.unit for name, o in problem.model.observations.items()}

@@ -11,17 +11,7 @@ from thermofit.core.parameters import Param
 SLOT = "free_energy"
 PARAMS = (
     Param("elastic_degradation.amount", "1", 0.0, 0.0, 0.9, 0.05, "part of the moduli that is lost in the end", probe=0.1),
-    Param(
-        "elastic_degradation.scale",
-        "1",
-        0.02,
-        1e-4,
-        10.0,
-        0.02,
-        "plastic strain in which it is lost",
-        scan=(0.005, 0.02, 0.1),
-        logarithmic=True,
-    ),
+    Param("elastic_degradation.scale", "1", 0.02, 1e-4, 10.0, 0.02, "plastic strain in which it is lost", scan=(0.005, 0.02, 0.1)),
 )
 FORMULA = "E, K, mu *= 1 - amount (1 - exp(-Lambda / scale))"
 SOURCE = "Yoshida, Uemori and Fujiwara 2002, International Journal of Plasticity 18; Lemaitre 1985"

@@ -4,10 +4,9 @@ The contact coefficient is fitted as a contact resistance: temperatures are near
 start at isothermal contact (4e5 W/(m^2 K), Table 5.18) the temperatures do not respond to alpha at all; to 1/alpha they respond at once and
 almost linearly, so that a Gauss-Newton step lands near the answer.
 
-A Param that is known by its order of magnitude (`logarithmic`: a reference rate, the exponent of a power law) is fitted by its logarithm.
-So is the amplitude of its effect beside it, where that has one sign. Data often tell little more than a product of both: of
-K ((1 + z)^m - 1) with a small m it is K m, of C / gamma (1 - exp(-gamma Lambda)) with a large gamma it is C / gamma. The valley
-K m = const is bent, and a straight step in K and m leaves it at once; in ln K and ln m it is a straight line.
+A Param that is known by its order of magnitude (`logarithmic`: a reference rate, the exponent of a power law of the rate) is fitted by its
+logarithm. So is the amplitude of its effect beside it, where that has one sign. Of K ((1 + z)^m - 1) with a small m data tell little more
+than the product K m. The valley K m = const is bent, and a straight step in K and m leaves it at once; in ln K and ln m it is a straight line.
 """
 
 from __future__ import annotations

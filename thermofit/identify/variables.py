@@ -6,7 +6,7 @@ almost linearly, so that a Gauss-Newton step lands near the answer.
 
 A Param that is known by its order of magnitude (`logarithmic`: a reference rate, the exponent of a power law of the rate) is fitted by its
 logarithm. So is the amplitude of its effect beside it, where that has one sign. Of K ((1 + z)^m - 1) with a small m data tell little more
-than the product K m. The valley K m = const is bent, and a straight step in K and m leaves it at once; in ln K and ln m it is a straight line.
+than the product K m. The valley K m = const is bent, and a straight step in K and m leaves it at once; in ln K and ln m it is straight.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import heat_conditions, heat_step, steady_temperature
-from thermofit.body.heat.effects import HeatEffects
+from thermofit.body.heat.effects import HeatEffects, heat_effects
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities
@@ -102,6 +102,26 @@ def test_ends_follow_jaws_that_drift_without_delay() -> None:
         for name, half in (("bottom", -1.5), ("top", 1.5)):
             wanted = 400.0 + half + 0.02 * np.linspace(0.0, 100.0, 11)
             assert theta[:, mesh.node_sets[name]] == pytest.approx(np.tile(wanted, (len(mesh.node_sets[name]), 1)).T, abs=2e-3)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.02])
+def test_jaws_that_drift_apart_need_no_drift_of_both(rate: float) -> None:
+    """The upper jaw warms by rate + apart / 2, the lower one by rate - apart / 2."""
+    p = STIFF.replace(**{"alpha_clamp": 1e8, "clamp_drift.rate": rate, "clamp_drift.apart": 0.03, "clamp_drift.time": 1e7})
+    mesh = bar().mesh
+    history, one_way = resting(p, np.linspace(10.0, 110.0, 11))
+    for theta in (history.theta, one_way):
+        for name, own in (("bottom", rate - 0.015), ("top", rate + 0.015)):
+            wanted = 400.0 + own * np.linspace(0.0, 100.0, 11)
+            assert theta[:, mesh.node_sets[name]] == pytest.approx(np.tile(wanted, (len(mesh.node_sets[name]), 1)).T, abs=2e-3)
+
+
+def test_every_amplitude_of_an_effect_acts_alone() -> None:
+    """An effect is off where all of its amplitudes are neutral, not where the first one is."""
+    for e in effects(HEAT):
+        assert heat_effects(BASE) is None
+        for p in e.amplitudes:
+            assert heat_effects(BASE.replace(**{p.name: p.neutral + 0.1 * e.amplitude.probe})) is not None, p.name
 
 
 def test_lamp_heats_at_its_rate_from_its_start_on() -> None:
@@ -192,14 +212,14 @@ def test_effects_without_a_time_are_told() -> None:
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
 ON = {
     **{"radiation.emissivity": 0.8, "lamp.absorbed": 0.3, "lamp.start": 20.0, "clamp_difference.difference": 1.5},
-    **{"clamp_drift.rate": 0.02, "clamp_drift.time": 40.0, "air_drift.rate": -0.03, "air_drift.time": 100.0},
+    **{"clamp_drift.rate": 0.02, "clamp_drift.apart": -0.03, "clamp_drift.time": 40.0, "air_drift.rate": -0.03, "air_drift.time": 100.0},
     **{"latent_heat.heat": 40.0, "latent_heat.centre": 0.01, "latent_heat.width": 0.008},
     **{"local_source.power": 3.0, "local_source.place": 4.0, "local_source.width": 6.0, "local_source.start": 20.0},
     **{"capacity_by_temperature.slope": 4e-3, "conductivity_by_temperature.slope": -6e-3},
     **{"initial_gradient.amplitude": 1.3, "initial_gradient.tilt": 0.6},
 }
 NAMES = tuple(name for name in ON)
-AMPLITUDES = tuple(e.amplitude.name for e in effects(HEAT))
+AMPLITUDES = tuple(p.name for e in effects(HEAT) for p in e.amplitudes)
 BESIDES = ("theta_air", "theta_clamp", "theta_ref", "kappa", "c0", "alpha_air", "alpha_clamp")
 FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
 TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])

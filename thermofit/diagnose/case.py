@@ -156,7 +156,7 @@ class Case:
     def dormant(self) -> tuple[Effect, ...]:
         """Effects that are off: none of their Params is free and the amplitude is neutral."""
         free = set(self.parameters.free)
-        return tuple(e for e in self.known if not free & set(e.names) and all(self.parameters[p.name] == p.neutral for p in e.amplitudes))
+        return tuple(e for e in self.known if not free & set(e.names) and not e.is_on(self.parameters))
 
     def not_asked(self) -> tuple[str, ...]:
         """Effects of the catalogue that the driver at hand, or its channels, do not have: no data of this test speak of them."""
@@ -274,7 +274,7 @@ def not_identifiable(known: Sequence[Effect], parameters: Parameters, there: Flo
     the plastic strain, an overstress is hardening by another name, and so is a softening where the temperature is one, a function of the
     strain, or only computed; where no record unloads after flow its elasticity is not seen again, and where no elastic ranges lie apart in
     temperature one E says the same. An effect that the study switches on or frees stays."""
-    dormant = [e for e in known if not set(parameters.free) & set(e.names) and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
+    dormant = [e for e in known if not set(parameters.free) & set(e.names) and not e.is_on(parameters)]
     narrow = [e for e in dormant if feels_temperature(e, parameters) and not there.tells(e.span)]
     steady = [e for e in dormant if there.one_rate and e not in narrow and feels_rate(e, parameters)]
     said = []

@@ -217,7 +217,7 @@ def columns(
     `noise` = (MPa, K).
     """
     free = tuple(n for n in parameters.free if n not in _OF_FIELDS)
-    off = [e for e in wanted if e.slot not in SENSOR and all(parameters[p.name] == p.neutral for p in e.amplitudes)]
+    off = [e for e in wanted if e.slot not in SENSOR and not e.is_on(parameters)]
     tiny = {e.amplitude.name: e.amplitude.neutral + TINY * float(e.amplitude.probe or 0.0) for e in off}
     felt = {e.name: tuple(p.name for p in e.amplitudes) for e in wanted}
     names = (*free, *(n for group in felt.values() for n in group))

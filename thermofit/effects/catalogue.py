@@ -19,7 +19,7 @@ from typing import Any
 
 from thermofit.core.digest import effect_files
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import AT, Param, bare_name, declare
+from thermofit.core.parameters import AT, Param, Parameters, bare_name, declare
 from thermofit.effects.base import BASE as BASE_EFFECTS
 
 MATERIAL = ("free_energy", "elasticity", "yield_stress", "yield_factor", "backstress", "asymmetry", "dissipation")
@@ -77,6 +77,10 @@ class Effect:
     def amplitudes(self) -> tuple[Param, ...]:
         """Params that switch the effect: all without `scan`. It is off where all of them are neutral."""
         return tuple(p for p in self.params if not p.scan)
+
+    def is_on(self, parameters: Parameters) -> bool:
+        """Whether any of its amplitudes is not neutral."""
+        return any(parameters[p.name] != p.neutral for p in self.amplitudes)
 
     @property
     def exponents(self) -> tuple[Param, ...]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.body.heat.conduction import at_constant_stress, heat_conditions
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters
 from thermofit.core.slots import Slots
 from thermofit.effects.catalogue import FILE_SLOTS, effects
 from thermofit.law.composition import FACTORS, SUMS, modulus_factor, warm_moduli
@@ -246,7 +246,7 @@ def heat_share(parameters: Parameters, which: Which, visited: Visited) -> float:
 
 def _acting(parameters: Parameters) -> tuple[ActingEffect, ...]:
     """Effects whose amplitude is not neutral, beside the base law."""
-    acting = [e for e in effects(FILE_SLOTS) if any(parameters[p.name] != param(p.name).neutral for p in e.amplitudes)]
+    acting = [e for e in effects(FILE_SLOTS) if e.is_on(parameters)]
     held = (*IN_TABLE, *IN_HEAT)
     return tuple(ActingEffect(e.name, e.formula, {p.name: parameters[p.name] for p in e.params}, e.slot in held) for e in acting)
 

@@ -32,7 +32,7 @@ def chain(slots: tuple[str, ...], parameters: Parameters) -> tuple[Effect, ...]:
     An effect may have several amplitudes (shifts, rotation, scale): all Params without `scan`.
     """
     on = set(parameters.free)
-    return tuple(e for e in effects(slots) if on & set(e.names) or any(parameters[p.name] != p.neutral for p in e.params if not p.scan))
+    return tuple(e for e in effects(slots) if on & set(e.names) or e.is_on(parameters))
 
 
 def seen(field: np.ndarray, scene: Scene, links: Sequence[Effect], parameters: Parameters) -> np.ndarray:

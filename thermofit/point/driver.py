@@ -164,7 +164,7 @@ def warmer_air(parameters: Parameters, names: Sequence[str], time: np.ndarray) -
     warmer, along = np.zeros(len(time)), np.zeros((len(time), len(names)))
     for e in air_effects():
         values = [parameters[name] for name in e.names]
-        if any(parameters[p.name] != p.neutral for p in e.amplitudes):
+        if e.is_on(parameters):
             warmer += np.real(_of_air(e, time, values))
         for k, name in enumerate(names):
             if name in e.names:

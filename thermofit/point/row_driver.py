@@ -37,7 +37,7 @@ def axial_temperatures(parameters: Parameters, names: Sequence[str], place: np.n
     theta, along = np.full(len(place), declared), np.zeros((len(place), len(names)))
     for e in effects(AXIAL):
         values = [parameters[name] for name in e.names]
-        if any(parameters[p.name] != p.neutral for p in e.amplitudes):
+        if e.is_on(parameters):
             theta = theta + np.real(e.act(place, excess, *values))
         for k, name in enumerate(names):
             if name in e.names:

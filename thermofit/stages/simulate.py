@@ -98,7 +98,7 @@ def refuse_unseen(study: Study) -> None:
     """StudyError where the truth holds an effect that nothing of a virtual experiment would show: the instruments and what is between them
     and the specimen have settings of their own, and of the machine only what changes its force acts on the specimen."""
     truth = study.truth_parameters()
-    on = [e for e in effects((*LOAD, *KINEMATICS, *MEASUREMENT)) if any(truth[p.name] != p.neutral for p in e.amplitudes)]
+    on = [e for e in effects((*LOAD, *KINEMATICS, *MEASUREMENT)) if e.is_on(truth)]
     for e in on:
         alone = Parameters.of({name: truth[name] for name in e.names})
         if e.slot not in LOAD or np.array_equal(acting_force(_FORCES, alone), _FORCES):

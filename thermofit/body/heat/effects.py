@@ -94,10 +94,10 @@ class HeatEffects:
 
 
 def heat_effects(parameters: Parameters) -> HeatEffects | None:
-    """The effects of the heat problem whose amplitude is not neutral; None where there are none."""
+    """The effects of the heat problem that are on; None where there are none."""
     found: dict[str, tuple[Acting, ...]] = {}
     for e in effects(HEAT):
-        if parameters[e.amplitude.name] != e.amplitude.neutral:
+        if e.is_on(parameters):
             acting = Acting(e.name, e.act, e.on, tuple(parameters[name] for name in e.names))
             found[e.slot] = (*found.get(e.slot, ()), acting)
     return HeatEffects(found, parameters["theta_ref"]) if found else None

@@ -56,7 +56,7 @@ class Loading:
 
     def acting(self, parameters: Parameters) -> Loading:
         """The loading of the specimen itself: this one after the effects of the machine that are not neutral."""
-        links = [e for e in effects(LOAD) if parameters[e.amplitude.name] != e.amplitude.neutral]
+        links = [e for e in effects(LOAD) if e.is_on(parameters)]
         return replace(self, value=self._acting(links, parameters)) if links and self.of_machine else self
 
     def rates(self, parameters: Parameters, names: Sequence[str]) -> np.ndarray:
@@ -75,7 +75,7 @@ class Loading:
         """Derivative (n_t,) of the acting value along a mode of a prescribed force."""
         if self.modes is None or self.control != "force":
             raise StudyError(f"march: a derivative along mode {mode} of the loading was asked for; expected a prescribed force with modes")
-        links = [e for e in effects(LOAD) if parameters[e.amplitude.name] != e.amplitude.neutral]
+        links = [e for e in effects(LOAD) if e.is_on(parameters)]
         moved = self.value + 1j * _STEP * self.modes[:, mode]
         return np.asarray(np.imag(_through(links, moved, np.zeros_like(moved), (parameters, ""))[0]) / _STEP)
 
@@ -110,7 +110,7 @@ def _links(parameters: Parameters, name: str) -> list[Effect]:
     """Effects of the machine that are not neutral, and that of `name`; none if `name` is not of such an effect."""
     if not any(name in e.names for e in effects(LOAD)):
         return []
-    return [e for e in effects(LOAD) if name in e.names or parameters[e.amplitude.name] != e.amplitude.neutral]
+    return [e for e in effects(LOAD) if name in e.names or e.is_on(parameters)]
 
 
 def _through(links: Sequence[Effect], force: np.ndarray, end: np.ndarray, at: tuple[Parameters, str]) -> tuple[np.ndarray, np.ndarray]:
@@ -123,7 +123,7 @@ def _through(links: Sequence[Effect], force: np.ndarray, end: np.ndarray, at: tu
 
 def acting_force(force: np.ndarray, parameters: Parameters) -> np.ndarray:
     """Force (n_t,) N on the specimen where the load cell recorded `force`; exactly that where all effects are neutral."""
-    links = [e for e in effects(LOAD) if parameters[e.amplitude.name] != e.amplitude.neutral]
+    links = [e for e in effects(LOAD) if e.is_on(parameters)]
     return np.asarray(_through(links, force, np.zeros_like(force), (parameters, ""))[0])
 
 

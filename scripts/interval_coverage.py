@@ -1,7 +1,6 @@
 """Do the intervals hold the truth? Virtual experiments are drawn, each goes through the chain, and the intervals are counted.
 
     python scripts/interval_coverage.py --draws 40            # goes on where it stopped; rows in docs/coverage.jsonl
-    python scripts/interval_coverage.py --joint               # the joint fit alone, from where the stages of earlier rows ended
     python scripts/interval_coverage.py --page                # docs/coverage.md and its figure from the rows
 
 The material of exp1 and exp3 is computed once on a mesh of its own. Every draw then has its own noise of both cameras and of the load cell,
@@ -18,7 +17,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from scipy.stats import binom
 from thermofit.core.errors import ThermofitError
 from thermofit.experiment.forms import experiment_of
 from thermofit.identify.refine import refined
-from thermofit.records.artefact import ParameterResult, open_record
+from thermofit.records.artefact import open_record
 from thermofit.records.staging import artefact_path, job
 from thermofit.stages import stage_function
 from thermofit.stages.simulate import virtual_fields
@@ -49,10 +48,10 @@ INSTRUMENTS = {"coarse": {"dic": 40, "ir": 40}, "full": {"dic": 160, "ir": 130}}
 THERMOCOUPLE, CLASS, THICKNESS, WIDTH, SCALE = 0.1, 0.5, 0.005, 0.02, 2e-4
 STATED = {"force_class": CLASS, "thickness": THICKNESS, "width": WIDTH, "camera_scale": SCALE}
 LEVEL, NORMAL = 0.95, 1.96
-COUNT = 2
-"""Number of the count that rows belong to: one more where what is counted has changed. Rows without it are of the first; the page shows the
-latest of every experiment and mesh."""
 TRUTH_MESH, FINER_STEPS = MeshSize(n_x=18, n_y=144, n_z=5), 16
+COUNT, FIRST_SEED = 2, 101
+"""Number of the count that rows belong to: one more, with fresh seeds, where what is counted has changed. Rows without it are of the first,
+which began at 1."""
 
 
 def study_of(name: str, mesh: str, folder: Path, raw: Path | None = None) -> Study:
@@ -93,32 +92,18 @@ def drawn(fields: VirtualFields, settings: Simulate, seed: int, raw: Path) -> di
     return {"gain": gain, "thickness_mm": thickness, "width_mm": width, "scale": scale, "roll_deg": camera.roll_deg}
 
 
-@dataclass(frozen=True)
-class Ended:
-    """Where the stages of an earlier row ended, as far as the joint fit asks their records."""
-
-    parameters: Mapping[str, ParameterResult]
-    summary: Mapping[str, Any] = field(default_factory=dict)
-
-
-def ended(row: Mapping[str, Any]) -> Ended:
-    """The stages of a row."""
-    found = {key: p["staged"] for key, p in row["parameters"].items() if p["staged"]}
-    return Ended({key: ParameterResult(p["value"], p["sigma"], "", True, False, p["value"], -np.inf, np.inf) for key, p in found.items()})
-
-
-def row_of(name: str, mesh: str, seed: int, truth: tuple[VirtualFields, Simulate], stages: Ended | None = None) -> dict[str, Any]:
-    """One experiment through the chain, or through the joint fit alone."""
+def row_of(name: str, mesh: str, seed: int, truth: tuple[VirtualFields, Simulate]) -> dict[str, Any]:
+    """One experiment through the chain."""
     begin = time.process_time()
     folder = Path(tempfile.mkdtemp(prefix="coverage-"))
     try:
         errors = drawn(*truth, seed, folder / "raw")
         study = study_of(name, mesh, folder / "run", folder / "raw")
-        head = {"experiment": name, "mesh": mesh, "seed": seed, "count": COUNT, "joint": stages is not None, "drawn": errors}
+        head = {"experiment": name, "mesh": mesh, "seed": seed, "count": COUNT, "drawn": errors}
         try:
-            for stage in (*READING, *(() if stages else IDENTIFYING)):
+            for stage in (*READING, *IDENTIFYING):
                 stage_function(stage)(study)
-            found: Any = {"stages": stages} if stages else {s: open_record(artefact_path(study.run_dir, s)) for s in IDENTIFYING}
+            found = {stage: open_record(artefact_path(study.run_dir, stage)) for stage in IDENTIFYING}
             experiment = experiment_of(study)
             told = {key: p.value for record in found.values() for key, p in record.parameters.items() if p.free}
             task = job(study.run_dir, "refine", {}, {})
@@ -143,26 +128,16 @@ def rows_there() -> list[dict[str, Any]]:
     return [json.loads(line) for line in ROWS.read_text(encoding="ascii").splitlines()] if ROWS.exists() else []
 
 
-def latest(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of the latest count of each experiment and mesh."""
-    last: dict[tuple[str, str], int] = {}
-    for r in rows:
-        key = (r["experiment"], r["mesh"])
-        last[key] = max(last.get(key, 1), r.get("count", 1))
-    return [r for r in rows if r.get("count", 1) == last[r["experiment"], r["mesh"]]]
-
-
-def run(names: Sequence[str], mesh: str, draws: int, *, joint: bool) -> None:
+def run(names: Sequence[str], mesh: str, draws: int) -> None:
     """Draw what is missing, the experiments in turn."""
-    done = {(r["experiment"], r["mesh"], r["seed"]) for r in rows_there() if r.get("count", 1) == COUNT}
-    stages = {(r["experiment"], r["mesh"], r["seed"]): ended(r) for r in rows_there() if joint and "failed" not in r}
+    done = {(r["experiment"], r["mesh"], r["seed"]) for r in rows_there() if r.get("count") == COUNT}
     truth: dict[str, tuple[VirtualFields, Simulate]] = {}
-    for seed, name in ((seed, name) for seed in range(1, draws + 1) for name in names):
+    for seed, name in ((seed, name) for seed in range(FIRST_SEED, FIRST_SEED + draws) for name in names):
         if (name, mesh, seed) in done:
             continue
         if name not in truth:
             truth[name] = truth_of(study_of(name, mesh, Path(tempfile.gettempdir()) / "coverage-truth"))
-        row = row_of(name, mesh, seed, truth[name], stages.get((name, mesh, seed)))
+        row = row_of(name, mesh, seed, truth[name])
         with ROWS.open("a", encoding="ascii") as out:
             out.write(json.dumps(row) + "\n")
         print(name, mesh, seed, row.get("failed") or row["verdict"], row.get("cpu_s"), flush=True)
@@ -200,22 +175,20 @@ def statistics(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 def page() -> None:
     """docs/coverage.md and its figure."""
-    every = [r for r in latest(rows_there()) if "failed" not in r]
-    failed = [r for r in latest(rows_there()) if "failed" in r]
-    groups = {(r["experiment"], r["mesh"]): [] for r in every}
+    every = [r for r in rows_there() if "failed" not in r]
+    failed = [r for r in rows_there() if "failed" in r]
+    groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
     for r in every:
-        groups[r["experiment"], r["mesh"]].append(r)
+        groups.setdefault((r["experiment"], r["mesh"], r.get("count", 1)), []).append(r)
     lines = ["# Do the intervals hold the truth?", "", *_words(), ""]
     matplotlib.use("Agg")
     figure, axes = plt.subplots(1, max(len(groups), 1), figsize=(5.5 * max(len(groups), 1), 4.5), squeeze=False)
-    for axis, ((name, mesh), rows) in zip(axes[0], sorted(groups.items()), strict=False):
-        earlier = "" if rows[0].get("count", 1) == COUNT else ", an earlier count"
+    for axis, ((name, mesh, count), rows) in zip(axes[0], sorted(groups.items()), strict=False):
+        earlier = "" if count == COUNT else ", an earlier count"
         lines += [f"## {name}, {mesh} mesh: {len(rows)} experiments{earlier}", "", *_table(rows), ""]
-        if alone := sum(r.get("joint", False) for r in rows):
-            lines += [f"Of {alone} of them the joint fit alone was made anew, from where the stages of the earlier count ended.", ""]
         if staged := sum(not r["refined"] for r in rows):
             lines += [f"{staged} of them were not refined: their parameters and intervals are those of the stages.", ""]
-        _draw(axis, rows, f"{name}, {mesh} mesh, {len(rows)} draws")
+        _draw(axis, rows, f"{name}, {mesh} mesh, {len(rows)} draws{earlier}")
     figure.tight_layout()
     figure.savefig(FIGURE, dpi=110)
     lines += [
@@ -244,7 +217,7 @@ def _words() -> list[str]:
         "",
         "Draws of the same number share what was drawn of thickness, width and calibrations. These decide E, the yield stresses and c0.",
         "",
-        "An earlier count came before the share of the mesh's error in the data was known by its parts ([uncertainty](uncertainty.md)).",
+        "The earlier count is older than the shares of the mesh's error by its parts ([uncertainty](uncertainty.md)).",
     ]
 
 
@@ -276,11 +249,10 @@ def main() -> None:
     parser.add_argument("--experiments", nargs="+", default=["exp3", "exp1"])
     parser.add_argument("--mesh", default="coarse", choices=tuple(INSTRUMENTS))
     parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--joint", action="store_true", help="the joint fit alone, where there is an earlier row: a third of the time")
     parser.add_argument("--page", action="store_true", help="write the page from the rows that are there, draw nothing")
     options = parser.parse_args()
     if not options.page:
-        run(options.experiments, options.mesh, options.draws, joint=options.joint)
+        run(options.experiments, options.mesh, options.draws)
     page()
 
 

@@ -86,7 +86,7 @@ def _mesh_form(value: Any) -> str:
     """Union member of a mesh: word, sheet or size."""
     if isinstance(value, str):
         return "~word"
-    return "~sheet" if isinstance(value, Sheet) or (isinstance(value, Mapping) and "sheet" in value) else "~size"
+    return "~sheet" if isinstance(value, GivenSheet) or (isinstance(value, Mapping) and "sheet" in value) else "~size"
 
 
 def section_or_number(value: Any) -> str:
@@ -305,7 +305,7 @@ class SheetSize(MeshSize):
         return f"sheet {self.n_x} x {self.n_y}"
 
 
-class Sheet(Section):
+class GivenSheet(Section):
     """A sheet of a given size."""
 
     sheet: SheetSize
@@ -318,16 +318,16 @@ PRESETS: Mapping[str, MeshSize] = {
 }
 
 Mesh = Annotated[
-    Annotated[Literal["coarse", "full", "sheet"], Tag("~word")] | Annotated[MeshSize, Tag("~size")] | Annotated[Sheet, Tag("~sheet")],
+    Annotated[Literal["coarse", "full", "sheet"], Tag("~word")] | Annotated[MeshSize, Tag("~size")] | Annotated[GivenSheet, Tag("~sheet")],
     Discriminator(_mesh_form),
 ]
 """`coarse` (6 x 40 x 2), `full` (12 x 80 x 4, the thesis), {n_x: ..., n_y: ..., n_z: ...}; one layer for a thin specimen: `sheet`
 (12 x 80), {sheet: {n_x: ..., n_y: ...}}."""
 
 
-def mesh_size(mesh: Literal["coarse", "full", "sheet"] | MeshSize | Sheet) -> MeshSize:
+def mesh_size(mesh: Literal["coarse", "full", "sheet"] | MeshSize | GivenSheet) -> MeshSize:
     """Numbers of elements of a preset or of a given size."""
-    if isinstance(mesh, Sheet):
+    if isinstance(mesh, GivenSheet):
         return mesh.sheet
     return PRESETS[mesh] if isinstance(mesh, str) else mesh
 
@@ -337,7 +337,7 @@ def recorded_mesh(given: Any) -> MeshSize:
     return mesh_size(_MESH.validate_python(given))
 
 
-_MESH: TypeAdapter[Literal["coarse", "full", "sheet"] | MeshSize | Sheet] = TypeAdapter(Mesh)
+_MESH: TypeAdapter[Literal["coarse", "full", "sheet"] | MeshSize | GivenSheet] = TypeAdapter(Mesh)
 
 
 class SpecimenOverride(Section):

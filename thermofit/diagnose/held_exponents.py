@@ -45,7 +45,7 @@ def with_held_exponents(closed: Closed) -> Closed:
         )
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
     doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, here.case) for name in held]))
-    return replace(closed, fit=doubtful, remarks=(*closed.remarks, _in_words(held, here.case, fit, doubtful)))
+    return replace(closed, fit=doubtful, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
 
 
 def spread_of(name: str, case: Case) -> float:
@@ -75,13 +75,15 @@ def in_doubt(fit: FitResult, model: LinearModel, columns: np.ndarray) -> FitResu
     return replace(fit, covariance=wider, sigma=sigma)
 
 
-def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> str:
-    """Which intervals hang most on exponents that are held."""
+def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> tuple[str, ...]:
+    """Which intervals hang most on exponents that are held; nothing where none does in the two digits that are shown."""
     told = [(name, float(old), float(new)) for name, old, new in zip(before.names, _sigma(before), _sigma(after), strict=True)]
-    known = sorted((one for one in told if np.isfinite(one[1])), key=lambda one: one[1] / one[2])
-    most = ", ".join(f"{name} +- {new:.2g} (else {old:.2g})" for name, old, new in known[:3])
+    moved = sorted((one for one in told if np.isfinite(one[1]) and f"{one[1]:.2g}" != f"{one[2]:.2g}"), key=lambda one: one[1] / one[2])
+    if not moved:
+        return ()
+    most = ", ".join(f"{name} +- {new:.2g} (else {old:.2g})" for name, old, new in moved[:3])
     values = ", ".join(f"{n} = {case.parameters[n]:.3g}" for n in held)
-    return f"{values}: held, for the data do not determine it; intervals hold what another value would change, most of all {most}"
+    return (f"{values}: held, for the data do not determine it; intervals hold what another value would change, most of all {most}",)
 
 
 def _sigma(fit: FitResult) -> np.ndarray:

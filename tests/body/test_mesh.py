@@ -10,19 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
-from small_bodies import SPECIMEN, bar_mesh
+from small_bodies import SPECIMEN, area_vectors, bar_mesh
 
 from thermofit.body.element.hex8 import reference_gradients
 from thermofit.body.mesh.dogbone import dogbone_mesh, half_width, plane_positions, shoulder_length
 from thermofit.body.mesh.mesh import HEX_FACES, Mesh, boundary_facets, check_mesh, structured_hexes
+from thermofit.body.mesh.planes import split_at
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.experiment import Specimen
-
-
-def area_vectors(nodes: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Outward area vectors of plane quadrilaterals, half the cross product of the diagonals."""
-    x = nodes[facets]
-    return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
 
 
 @given(st.tuples(*[st.integers(1, 4)] * 3))
@@ -111,6 +106,33 @@ def test_planes_are_symmetric_increasing_and_hold_the_ends_of_gauge_and_shoulder
     assert y == pytest.approx(-y[::-1])
     for mark in (0.0, 50.0, 65.0, 75.0):
         assert np.abs(y - mark).min() < 1e-12
+
+
+@given(st.floats(135.0, 220.0), st.floats(1.0, 60.0), st.integers(5, 60))
+def test_jaws_hold_the_area_that_they_hold_on_every_mesh(total: float, gripped: float, half: int) -> None:
+    """A node plane lies at the mouth of the jaws; in the straight grip the held area is then exact: faces, edges and end faces."""
+    specimen = dataclasses.replace(SPECIMEN, total_length=total, gripped_length=gripped)
+    mouth = 0.5 * total - gripped
+    y = plane_positions(specimen, 2 * half)
+    assert len(y) == 2 * half + 1 and np.all(np.diff(y) > 0.0) and y == pytest.approx(-y[::-1])
+    for mark in (0.0, 50.0, 65.0, 0.5 * total, mouth):
+        assert np.abs(y - mark).min() < 1e-6
+    mesh = dogbone_mesh(specimen, 2, 2 * half, 1)
+    held = mesh.nodes[mesh.facets["clamp"]][:, :, 1]
+    free = mesh.nodes[mesh.facets["air"]][:, :, 1]
+    assert np.abs(held).min() >= mouth - 1e-6 and np.abs(free).max() <= mouth + 1e-6
+    if mouth >= 65.0:
+        area = np.linalg.norm(area_vectors(mesh.nodes, mesh.facets["clamp"]), axis=1).sum()
+        assert area == pytest.approx(2 * (gripped * 17.5 + gripped * 0.6 + 17.5 * 0.6), rel=1e-6)
+
+
+def test_planes_that_cannot_hold_the_jaws() -> None:
+    assert split_at((0.0, 50.0, 65.0, 75.0), (7, 5, 2), 65.0) == ([0.0, 50.0, 65.0, 75.0], [7, 5, 2])
+    assert split_at((0.0, 50.0, 65.0, 95.0), (7, 5, 1), 70.0) == ([0.0, 50.0, 65.0, 70.0, 95.0], [6, 5, 1, 1])
+    with pytest.raises(StudyError, match=r"mesh\.n_y: too few elements"):
+        split_at((0.0, 50.0, 65.0, 95.0), (1, 1, 1), 70.0)
+    with pytest.raises(StudyError, match=r"gripped_length .* expected between 0 and 75 mm"):
+        dogbone_mesh(dataclasses.replace(SPECIMEN, gripped_length=80.0), 2, 20, 1)
 
 
 @pytest.mark.parametrize("n_y", [6, 7, 41, 0, -8])

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from small_bodies import MISES, patch_error
+from small_bodies import MISES, area_vectors, patch_error
 
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.mesh import Mesh, boundary_facets
@@ -58,6 +58,23 @@ def test_bar_has_its_volume_and_its_sets(full: bool) -> None:
     assert np.abs(clamp[:, 1]).min() >= 30.0 and np.abs(air[:, 1]).max() <= 30.0
     n_symmetric = 0 if full else 2 * 8 + 8
     assert len(mesh.facets["clamp"]) + len(mesh.facets["air"]) == len(boundary_facets(mesh.hexes)) - n_symmetric
+
+
+@pytest.mark.parametrize("n_y", [12, 14, 23, 40])
+def test_jaws_hold_the_area_that_they_hold_in_every_shape(n_y: int) -> None:
+    """7.3 mm at the ends of a bar, a plate and the arm of a cruciform, which no even spacing meets."""
+    held, counts = 7.3, MeshSize(n_x=2, n_y=n_y, n_z=1)
+    plate, cross = (dataclasses.replace(s, gripped_length=held) for s in (PLATE, CROSS))
+    for mesh, specimen, ends in (
+        (bar_mesh(plate, counts), plate, 2),
+        (plate_with_hole_mesh(plate, HOLE, counts), plate, 2),
+        (cruciform_arm_mesh(cross, FILLET, counts), cross, 1),
+    ):
+        a, b = 0.5 * specimen.gauge_width, 0.5 * specimen.thickness
+        area = np.linalg.norm(area_vectors(mesh.nodes, mesh.facets["clamp"]), axis=1).sum()
+        assert area == pytest.approx(ends * (held * (a + b) + a * b), rel=1e-9)
+    with pytest.raises(StudyError, match="at least 3 are needed for a bar"):
+        bar_mesh(plate, MeshSize(n_x=2, n_y=2, n_z=1))
 
 
 def test_clamp_of_a_cruciform_is_its_loaded_end_only() -> None:

@@ -29,6 +29,12 @@ LOADING = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0
 """The specimen of the reference solution."""
 
 
+def area_vectors(nodes: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Outward area vectors of plane quadrilaterals, half the cross product of the diagonals."""
+    x = nodes[facets]
+    return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+
+
 def bar_mesh(
     counts: tuple[int, int, int],
     size: tuple[float, float, float],

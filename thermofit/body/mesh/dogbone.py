@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.body.mesh.mesh import Mesh, boundary_facets, check_mesh, structured_hexes
+from thermofit.body.mesh.planes import planes, split_at
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
 
@@ -32,7 +33,8 @@ def shoulder_length(specimen: Specimen) -> float:
 
 
 def plane_positions(specimen: Specimen, n_y: int) -> np.ndarray:
-    """y in mm of the n_y + 1 node planes: uniform in the gauge, finer in the shoulders, uniform in the grips; symmetric."""
+    """y in mm of the n_y + 1 node planes: uniform in the gauge, finer in the shoulders, uniform in the grips, one at the mouth of the jaws;
+    symmetric. StudyError for impossible dimensions or counts."""
     if n_y < 8 or n_y % 2:
         raise StudyError(f"mesh.n_y: {n_y} found; an even number of at least 8 is needed (gauge, shoulders and grips)")
     half = n_y // 2
@@ -46,13 +48,8 @@ def plane_positions(specimen: Specimen, n_y: int) -> np.ndarray:
     n_gauge = max(1, round(_GAUGE_SHARE * half))
     n_grip = max(1, round(_GRIP_SHARE * half))
     n_shoulder = max(1, half - n_gauge - n_grip)
-    upper = np.concatenate(
-        [
-            np.linspace(0.0, gauge_end, n_gauge + 1),
-            np.linspace(gauge_end, gauge_end + shoulder, n_shoulder + 1)[1:],
-            np.linspace(gauge_end + shoulder, end, half - n_gauge - n_shoulder + 1)[1:],
-        ]
-    )
+    counts = (n_gauge, n_shoulder, half - n_gauge - n_shoulder)
+    upper = planes(*split_at((0.0, gauge_end, gauge_end + shoulder, end), counts, end - specimen.gripped_length))
     return np.concatenate([-upper[:0:-1], upper])
 
 

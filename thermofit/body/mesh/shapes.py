@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.body.mesh.mesh import Mesh, structured_hexes
+from thermofit.body.mesh.planes import planes, split_at
 from thermofit.body.mesh.sets import mirrored, tension_sets
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import Specimen
@@ -17,11 +18,22 @@ _GRADING = 1.4
 def bar_mesh(specimen: Specimen, size: MeshSize, *, full: bool = False) -> Mesh:
     """Straight bar of gauge_width x thickness x total_length: quarter model, or the whole one with n_x, n_z elements on either side."""
     width, thickness, length = 0.5 * specimen.gauge_width, 0.5 * specimen.thickness, specimen.total_length
-    y = np.linspace(-0.5 * length, 0.5 * length, size.n_y + 1)
+    y = _with_jaws(length, specimen.gripped_length, size.n_y)
     nodes, hexes = _swept(y, np.full(len(y), width), thickness, size)
     if full:
         nodes, hexes = mirrored(*mirrored(nodes, hexes, 0), 2)
     return tension_sets(nodes, hexes, specimen.gripped_length)
+
+
+def _with_jaws(length: float, gripped: float, n_y: int) -> np.ndarray:
+    """Node planes (n_y + 1,) of a bar from end to end, evenly spaced in the jaws and between them. StudyError where they are too few."""
+    end = 0.5 * length
+    in_jaw = min(max(round(n_y * gripped / length), 1), (n_y - 1) // 2)
+    if not 0.0 < gripped < end:
+        return planes((-end, end), (n_y,))
+    if in_jaw < 1:
+        raise StudyError(f"mesh.n_y: {n_y} found; at least 3 are needed for a bar of which jaws hold {gripped:g} mm at either end")
+    return planes((-end, gripped - end, end - gripped, end), (in_jaw, n_y - 2 * in_jaw, in_jaw))
 
 
 def cruciform_arm_mesh(specimen: Specimen, fillet_radius: float, size: MeshSize) -> Mesh:
@@ -42,13 +54,8 @@ def cruciform_arm_mesh(specimen: Specimen, fillet_radius: float, size: MeshSize)
     n_fillet = max(1, round(size.n_y * 0.4))
     n_centre = min(n_centre, size.n_y - n_fillet - 1)
     angle = np.linspace(0.0, 0.5 * np.pi, n_fillet + 1)
-    y = np.concatenate(
-        [
-            np.linspace(0.0, half, n_centre + 1),
-            half + fillet_radius * (1.0 - np.cos(angle[1:])),
-            np.linspace(half + fillet_radius, end, size.n_y - n_centre - n_fillet + 1)[1:],
-        ]
-    )
+    arm = planes(*split_at((half + fillet_radius, end), (size.n_y - n_centre - n_fillet,), end - specimen.gripped_length))
+    y = np.concatenate([np.linspace(0.0, half, n_centre + 1), half + fillet_radius * (1.0 - np.cos(angle[1:])), arm[1:]])
     width = np.full(len(y), half)
     width[: n_centre + 1] = half + fillet_radius
     width[n_centre : n_centre + n_fillet + 1] = half + fillet_radius * (1.0 - np.sin(angle))
@@ -89,7 +96,7 @@ def plate_with_hole_mesh(specimen: Specimen, radius: float, size: MeshSize, *, f
     ring[:, [0, -1], 0] = 0.0
     plane, quads = _grid(ring)
     for sign in (1.0, -1.0):
-        y = np.linspace(half, end, n_strip + 1)
+        y = planes(*split_at((half, end), (n_strip,), end - specimen.gripped_length))
         strip = np.empty((n_strip + 1, size.n_x + 1, 2))
         strip[..., 0] = np.linspace(0.0, half, size.n_x + 1)
         strip[..., 1] = sign * y[:, None]

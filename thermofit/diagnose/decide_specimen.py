@@ -203,7 +203,7 @@ def planned(data: Measured, programme: OtherProgramme) -> Measured:
     noise = float(np.median(data.force.sigma))
     return replace(
         data,
-        displacement=_blank(data.displacement, course, own),
+        displacement=None if data.displacement is None else _blank(data.displacement, course, own),
         temperature=None if data.temperature is None else _blank(data.temperature, course, own),
         force=force_observation(course.time, steps, noise),
         steps=dict.fromkeys(data.steps, steps),

@@ -15,19 +15,29 @@ from thermofit.core.parameters import AT, Parameters, bare_name
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.body_check import checked
 from thermofit.experiment.compiling import compiled
+from thermofit.experiment.computed_motion import refuse_identified, told_by_temperatures
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
-from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
+from thermofit.experiment.fields import (
+    INTERPOLATE,
+    LoadSteps,
+    Measured,
+    displacement_of,
+    measured,
+    refined,
+    start_parameters,
+    temperature_of,
+)
 from thermofit.experiment.forward import nodal_gauge
 from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
-from thermofit.experiment.known_effects import effects_of_fields
+from thermofit.experiment.known_effects import effects_of_data
 from thermofit.experiment.model import StageModel, needs_drive, stage_model
 from thermofit.experiment.planned import planned, simulated
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors, pose_bounds
 from thermofit.experiment.programmes import NAMES, OWN, programme_named
-from thermofit.experiment.protocol import Carried, JointProblem, PlannedMotion, PlannedTest
+from thermofit.experiment.protocol import Carried, JointProblem, Kept, PlannedMotion, PlannedTest
 from thermofit.experiment.residuals import Span, named_phases
 from thermofit.experiment.several import own_names
 from thermofit.experiment.stage_errors import StageErrors, stage_errors
@@ -148,7 +158,7 @@ class BodyExperiment:
         """The virtual test of that programme, with the declared noise and nothing drawn."""
         assumed = self.study.truth_parameters().with_free(settings.free)
         test = planned(self.study, programme_named(programme, simulated(self.study)), assumed)
-        motion = PlannedMotion(test.data.displacement.time, test.motion)
+        motion = PlannedMotion(displacement_of(test.data).time, test.motion)
         return PlannedTest(replace(self, given=test.data), assumed, motion, f"{test.duration:.4g} s, at most {test.force:.4g} N")
 
     @property
@@ -156,9 +166,10 @@ class BodyExperiment:
         """A mesh of a file is as it is."""
         return self.study.geometry.shape != "file"
 
-    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
-        """Settings as the study gives them."""
-        return self.study.stage(key), ()
+    def stage(self, key: str) -> tuple[StageSettings, Kept]:
+        """Settings as the study gives them; without displacements nothing mechanical is free."""
+        settings = self.study.stage(key)
+        return (settings, Kept()) if self.data.displacement is not None else told_by_temperatures(self.study, settings, key)
 
     def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """None: a stage on fields tells what it frees."""
@@ -230,6 +241,8 @@ class BodyExperiment:
     def joint_settings(self, free: Sequence[str] = ()) -> StageSettings:
         """du, the force where it does not drive the model, dtheta where there are frames."""
         own = free or self.study.diagnosis.free or joint_free(self.study, [self.data])
+        if self.data.displacement is None:
+            refuse_identified(self.study, own, "diagnosis.free")
         return self.joint_settings_of(tuple(own))
 
     def joint_settings_of(self, free: Sequence[str]) -> StageSettings:
@@ -268,7 +281,7 @@ class BodyExperiment:
             spans=named_phases(self.data.phases),
             size=size,
             parts=parts,
-            known=effects_of_fields(infrared=self.data.temperature is not None, yields=self.study.yield_surface),
+            known=effects_of_data(self.data, self.study.yield_surface),
             correlation_length=self.data.correlation_length,
         )
 
@@ -424,7 +437,7 @@ def planted(study: Study, data: Measured, settings: StageSettings, before: Param
     def changed(observation: FieldObservation) -> FieldObservation:
         return replace(observation, value=observation.value + (shown[0][observation.name] - shown[1][observation.name]))
 
-    out = replace(data, displacement=changed(data.displacement))
+    out = data if data.displacement is None else replace(data, displacement=changed(data.displacement))
     if data.temperature is not None:
         out = replace(out, temperature=changed(data.temperature))
     if "force" in shown[0]:

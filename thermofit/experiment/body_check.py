@@ -13,7 +13,7 @@ from thermofit.body.solve.march import Balance, History, Watch
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.channels import reference_times
-from thermofit.experiment.fields import LoadSteps, Measured, field_datasets, read_field
+from thermofit.experiment.fields import LoadSteps, Measured, displacement_of, field_datasets, read_field
 from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings, run_of, sampler
 from thermofit.experiment.instruments import Instruments
 from thermofit.experiment.residuals import ResidualField, Span, named_phases, node_rms, residual_field, time_rms
@@ -132,12 +132,12 @@ def _fields(
 ) -> tuple[dict[str, FieldObservation], dict[str, np.ndarray]]:
     """Observed and predicted fields, as the instruments show them; the force is one of them where the crosshead drives."""
     steps = data.steps["all"]
-    observed = {"u": data.displacement}
+    observed = {} if data.displacement is None else {"u": data.displacement}
     if data.temperature is not None:
         observed["theta"] = data.temperature
     if study.force.drives != "force":
         observed["force"] = data.force
-    samplers = {name: sampler(run.body, data.displacement if name == "force" else o, steps) for name, o in observed.items()}
+    samplers = {name: sampler(run.body, displacement_of(data) if name == "force" else o, steps) for name, o in observed.items()}
     instruments = Instruments(run, samplers, observed, data.theta_air)
     return observed, {name: instruments.predicted(name, history, parameters) for name in observed}
 
@@ -146,9 +146,11 @@ def _residuals(
     study: Study, data: Measured, observed: dict[str, FieldObservation], predicted: dict[str, np.ndarray]
 ) -> tuple[ResidualField, ...]:
     errors = {name: predicted[name] - observed[name].value for name in observed}
-    u, theta = observed["u"], observed.get("theta")
-    du = residual_field(rigid_free(u), errors["u"], u)
-    fields = [du, du.component(0), du.component(1)]
+    u, theta = observed.get("u"), observed.get("theta")
+    fields = []
+    if u is not None:
+        du = residual_field(rigid_free(u), errors["u"], u)
+        fields += [du, du.component(0), du.component(1)]
     if theta is not None:
         change = temperature_change(theta, reference_times(theta, study, data.load_start))
         fields.append(residual_field(change, errors["theta"], theta))
@@ -192,7 +194,8 @@ def _summary(verified: Verification, spans: tuple[Span, ...], thermal: Record | 
     energy, coupling = energy_totals(verified.history), coupling_error(verified, thermal)
     remarks: list[str] = [*said]
     shown = " and ".join(name for name in INFORMATION if name in channels)
-    remarks.append(Note(f"rows {shown} are not fitted; they contain rigid-body motion and the camera's offset"))
+    held = "rigid-body motion and the camera's offset" if "u" in channels else "the camera's offset"
+    remarks.append(Note(f"rows {shown} are not fitted; they contain {held}"))
     if coupling is not None:
         remarks.append(Note(f"error of one-way coupling: {1e3 * coupling['max_K']:.2g} mK at most, {1e3 * coupling['rms_K']:.2g} mK rms"))
     if energy["smallest_dissipation"] < 0.0:
@@ -234,21 +237,32 @@ def _datasets(verified: Verification, data: Measured, spans: tuple[Span, ...]) -
 def stress_stretch(verified: Verification, data: Measured) -> dict[str, Dataset]:
     """Nominal stress P = F/(w t) in MPa over the mean axial stretch 1 + du_y/dy of the window, at the stages and at the load steps.
 
-    The stretch is the slope of u_y over y by least squares, for the prediction as for the measurement.
+    The stretch is the slope of u_y over y by least squares, for the prediction as for the measurement. Without displacements it is that of
+    the prediction alone, at the load steps and the points whose temperature is compared.
     """
     area = data.specimen.gauge_width * data.specimen.thickness
-    observation, steps = verified.observed["u"], verified.steps
+    observation, steps = verified.observed.get("u"), verified.steps
+    if observation is None:
+        return _of_steps(verified, verified.observed["theta"].xy, area)
     strain, error = axial_strain(observation)
     model, _ = axial_strain(replace(observation, value=verified.predicted["u"]))
-    everywhere, _ = axial_strain(_at_steps(observation, verified))
-    dims, at_steps = ("time",), ("step",)
+    dims = ("time",)
     return {
         "curves/stress_stretch/time": Dataset(observation.time, "s", dims),
         "curves/stress_stretch/stress": Dataset(np.interp(observation.time, steps.time, steps.force) / area, "MPa", dims),
         "curves/stress_stretch/stretch": Dataset(1.0 + strain, "1", dims),
         "curves/stress_stretch/stretch_sigma": Dataset(error, "1", dims),
         "curves/stress_stretch/stretch_model": Dataset(1.0 + model, "1", dims),
-        "curves/stress_stretch/step_time": Dataset(steps.time, "s", at_steps),
+        **_of_steps(verified, observation.xy, area),
+    }
+
+
+def _of_steps(verified: Verification, xy: np.ndarray, area: float) -> dict[str, Dataset]:
+    """The predicted curve at the load steps, of points xy (n_s, 2) mm and a cross-section of `area` mm^2."""
+    everywhere, _ = axial_strain(_at_steps(xy, verified))
+    at_steps = ("step",)
+    return {
+        "curves/stress_stretch/step_time": Dataset(verified.steps.time, "s", at_steps),
         "curves/stress_stretch/step_stress": Dataset(verified.history.force / area, "MPa", at_steps),
         "curves/stress_stretch/step_stretch": Dataset(1.0 + everywhere, "1", at_steps),
     }
@@ -259,11 +273,11 @@ def _steps_sampler(verified: Verification, xy: np.ndarray) -> Sampler:
     return Sampler(face_operator(mesh, xy), np.arange(len(verified.steps.time)), 0)
 
 
-def _at_steps(observation: FieldObservation, verified: Verification) -> FieldObservation:
-    """The predicted displacements at every load step, in the form of an observation at all points themselves."""
-    value = _steps_sampler(verified, observation.xy).displacement(verified.history)
+def _at_steps(xy: np.ndarray, verified: Verification) -> FieldObservation:
+    """The predicted displacements at every load step, in the form of an observation at all points xy (n_s, 2) mm themselves."""
+    value = _steps_sampler(verified, xy).displacement(verified.history)
     whole = np.ones(value.shape[:2], dtype=bool)
-    return FieldObservation("u", verified.steps.time, observation.xy, value, np.ones_like(value), whole, "mm")
+    return FieldObservation("u", verified.steps.time, xy, value, np.ones_like(value), whole, "mm")
 
 
 _NAMES = ("lower end", "centre", "upper end")

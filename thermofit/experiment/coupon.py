@@ -25,7 +25,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.prescribed import Moved, acting, columns, of_records
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
-from thermofit.experiment.protocol import Carried, JointProblem, PlannedTest
+from thermofit.experiment.protocol import Carried, JointProblem, Kept, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.stage_errors import StageErrors
 from thermofit.experiment.verification import Checked, KnownErrors
@@ -144,9 +144,11 @@ class CouponExperiment:
         """A point has no mesh."""
         return False
 
-    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
+    def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings without the elastic constants where no record has an elastic range that tells them, and these."""
-        settings, kept = answerable(self.study.stage(key), self.data)
+        settings, names = answerable(self.study.stage(key), self.data)
+        why = "no record begins with an elastic range (a straight line from rest through five samples)"
+        kept = Kept(names, why, "give what is known, or the window as [t0, t1] in s") if names else Kept()
         return settings.model_copy(update={"beside": ()}) if key == "elastic" else settings, kept
 
     def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.fields import Measured, temperature_of
+from thermofit.experiment.fields import Measured, displacement_of, temperature_of
 from thermofit.experiment.force_error import with_force_error
 from thermofit.experiment.joint import Joint, Known
 from thermofit.experiment.model import StageModel
@@ -211,7 +211,7 @@ def _holding(data: Measured, error: Errors) -> Measured:
     def seen(observation: FieldObservation) -> FieldObservation:
         return replace(observation, value=observation.value + error[observation.name])
 
-    held = replace(data, displacement=seen(data.displacement))
+    held = replace(data, displacement=seen(displacement_of(data))) if "u" in error else data
     if "theta" in error:
         held = replace(held, temperature=seen(temperature_of(data)))
     return replace(held, force=seen(data.force)) if "force" in error else held

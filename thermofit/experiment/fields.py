@@ -88,7 +88,8 @@ class Measured:
     specimen: Specimen
     theta_air: float
     theta_clamp: float
-    displacement: FieldObservation
+    displacement: FieldObservation | None
+    """None: no DIC; the motion was computed, and is no datum."""
     temperature: FieldObservation | None
     force: FieldObservation
     steps: dict[str, LoadSteps]
@@ -141,14 +142,16 @@ def measured_of(record: Record) -> Measured:
     """Measured from an open record of `interpolate`."""
     summary = record.summary
     steps = {name: _read_steps(record, f"steps/{name}") for name in ("displacement", "temperature", "all")}
-    displacement = read_field(record, "u")
+    displacement, temperature = (read_field(record, name) if record.has(f"{name}/value") else None for name in ("u", "theta"))
+    seen = displacement or temperature
+    assert seen is not None
     return Measured(
         specimen=Specimen(**summary["specimen"]),
         theta_air=float(summary["temperatures"]["theta_air"]),
         theta_clamp=float(summary["temperatures"]["theta_clamp"]),
         displacement=displacement,
-        temperature=read_field(record, "theta") if record.has("theta/value") else None,
-        force=force_observation(displacement.time, steps["displacement"], float(summary["force"]["noise_N"])),
+        temperature=temperature,
+        force=force_observation(seen.time, steps["displacement"], float(summary["force"]["noise_N"])),
         steps=steps,
         load_start=float(summary["load_start_s"]),
         phases=tuple(TestPhase(float(p["t0"]), float(p["t1"]), str(p["label"])) for p in summary["phases"]),
@@ -174,7 +177,7 @@ def _read_steps(record: Record, name: str) -> LoadSteps:
 
 
 def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> FieldObservation:
-    """The force at the observation times of the displacements as a field of one point; sigma is the noise of the load cell."""
+    """The force at observation times as a field of one point; sigma is the noise of the load cell."""
     value = np.interp(time, steps.time, steps.force)[:, None, None]
     return FieldObservation("force", time, np.zeros((1, 2)), value, np.full(value.shape, noise), np.ones(value.shape[:2], dtype=bool), "N")
 
@@ -186,6 +189,16 @@ def temperature_of(data: Measured) -> FieldObservation:
             "experiment: no infrared frames were interpolated; add the ir section to experiment.yaml and run calibrate-ir and interpolate"
         )
     return data.temperature
+
+
+def displacement_of(data: Measured) -> FieldObservation:
+    """The displacement field; DataError where the experiment has none."""
+    if data.displacement is None:
+        raise DataError(
+            "experiment: it has no displacements, and what is computed from the force is no datum; compare theta or dtheta, or add the dic "
+            "section to experiment.yaml"
+        )
+    return data.displacement
 
 
 class SurroundingTemperatures(Protocol):

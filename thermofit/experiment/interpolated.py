@@ -16,7 +16,17 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField, InfraredSequence, MeasuredTest, Specimen
-from thermofit.experiment.fields import TestPhase, field_datasets, refined, specimen_dict
+from thermofit.experiment.computed_motion import computed_motion, in_words, refuse_unknown_mechanics, used_parameters
+from thermofit.experiment.fields import (
+    LoadSteps,
+    Measured,
+    TestPhase,
+    field_datasets,
+    force_observation,
+    refined,
+    specimen_dict,
+    start_parameters,
+)
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import end_motion, sections_inside
@@ -102,27 +112,33 @@ def raw_fields(study: Study) -> RawData:
 
 def _make(study: Study, calibrated: Path | None) -> Made:
     experiment = read_experiment(study.experiment, ("force", "dic"))
+    if experiment.dic is None and calibrated is None:
+        raise DataError(
+            f"{study.experiment}: experiment.yaml declares neither displacements nor infrared frames; add its dic or ir section"
+        )
     if experiment.dic is None:
-        raise DataError(f"{study.experiment}: experiment.yaml declares no displacements; add its dic section")
+        refuse_unknown_mechanics(study)
     specimen, size = study.specimen_of(experiment.specimen), mesh_size(study.evaluation.nodes)
     frames = None if calibrated is None else lambda: read_current(calibrated, CALIBRATE, study.source.name)
     remarks = _asked(replace(experiment, specimen=specimen), frames)
     mesh = specimen_mesh(study.geometry, specimen, size, study.mesh_file)
-    window = observed_window(study.evaluation.window, specimen, study.geometry.shape in STRAIGHT, reach_of(experiment.dic))
+    reach = _image_reach(frames) if experiment.dic is None else reach_of(experiment.dic)
+    window = observed_window(study.evaluation.window, specimen, study.geometry.shape in STRAIGHT, reach)
     points = observation_points(mesh.nodes, mesh.node_sets["face"], *window)
     smooth = smooth_force(experiment.force, study.force.noise, study.force.smoothing)
     phases = label_phases(smooth)
     load_start = next((p.t0 for p in phases if p.label in ("elastic", "loading")), float(smooth.time[0]))
     summary: dict[str, Any] = {"load_start_s": load_start, "window_mm": list(window), "remarks": list(remarks), "notes": []}
-    mask = study.evaluation.mask
-    tried = _three_point if study.evaluation.interpolation == "three-point" else _projected
-    fields = [
-        masked(field, mask, "evaluation.mask") for field in tried(study, experiment.dic, frames, Face(mesh, specimen, points), summary)
-    ]
-    displacement, temperature = fields[0], fields[1] if len(fields) > 1 else None
-    datasets = _force_datasets(study, experiment, smooth, displacement, temperature)
+    face, three_point = Face(mesh, specimen, points), study.evaluation.interpolation == "three-point"
+    if experiment.dic is None:
+        fields = _on_computed_motion(study, experiment, frames, face, smooth, phases, summary)
+    else:
+        fields = (_three_point if three_point else _projected)(study, experiment.dic, frames, face, summary)
+    fields = [masked(field, study.evaluation.mask, "evaluation.mask") for field in fields]
+    datasets = _force_datasets(study, experiment, smooth, {field.name: field.time for field in fields})
     ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
-    datasets |= _elongation(study, experiment.dic, ends, smooth, datasets, summary)
+    if experiment.dic is not None:
+        datasets |= _elongation(study, experiment.dic, ends, smooth, datasets, summary)
     for field in fields:
         datasets.update(field_datasets(field))
     datasets["points/node"] = Dataset(points.node, "1", ("point",))
@@ -145,6 +161,13 @@ def _asked(experiment: MeasuredTest, frames: Frames | None) -> tuple[str, ...]:
         return remarks
     infrared, camera = _infrared(frames())
     return asked(replace(experiment, ir=infrared), camera)
+
+
+def _image_reach(frames: Frames | None) -> tuple[float, float]:
+    """Largest |x| and |y| in mm of the resting specimen's frame that the camera sees."""
+    assert frames is not None
+    x, y = np.abs(frames()["coordinates"].value).reshape(-1, 2).max(axis=0)
+    return float(x), float(y)
 
 
 @dataclass(frozen=True)
@@ -180,6 +203,51 @@ def _projected(study: Study, dic: DicField, frames: Frames | None, face: Face, s
     if frames is not None:
         fields.append(_projected_temperature(study, frames(), dic, good, face, patches, summary))
     return fields
+
+
+def _on_computed_motion(
+    study: Study,
+    experiment: MeasuredTest,
+    frames: Frames | None,
+    face: Face,
+    smooth: SmoothForce,
+    phases: tuple[TestPhase, ...],
+    summary: dict[str, Any],
+) -> Fields:
+    """Temperatures of a test without displacements: the material moves past the pixels as a run with the study's parameters says. Nothing
+    of that motion is kept but its size."""
+    assert frames is not None
+    record, parameters = frames(), start_parameters(study, experiment)
+    infrared, camera = _infrared(record)
+    times = infrared.time[(infrared.time >= smooth.time[0]) & (infrared.time <= smooth.time[-1])]
+    steps = _step_times(study, smooth, np.union1d(times, _frame_times(study, infrared, smooth.time)))
+    loading = LoadSteps(steps, smooth.evaluate(steps))
+    rest = force_observation(steps[:1], loading, smooth.noise)
+    seen = (experiment.theta_air, experiment.theta_clamp)
+    data = Measured(face.specimen, *seen, None, None, rest, {"all": loading}, summary["load_start_s"], phases)
+    moved, patches = computed_motion(study, data, face.mesh, parameters), face_patches(face.mesh, face.points)
+    summary["nodal_values"] = []
+    if study.evaluation.interpolation == "three-point":
+        theta = _three_pixel(study, record, interpolate_displacements(moved, face.points.xy), face, summary)
+    else:
+        whole = np.ones(moved.displacement.shape[:2], dtype=bool)
+        theta = _projected_temperature(study, record, moved, whole, face, patches, summary)
+    inside = patches.of(moved.reference[:, :2]) >= 0
+    size = float(np.linalg.norm(moved.displacement[:, inside], axis=2).max())
+    over = (size / camera.scale, size / patches.spacing)
+    summary["elongation"] = {"missing": "the experiment has no displacements"}
+    summary["motion"] = {
+        "computed": True,
+        "parameters": used_parameters(study, parameters),
+        "largest_mm": size,
+        "largest_px": over[0],
+        "largest_patches": over[1],
+    }
+    summary["remarks"].append(
+        f"no displacements were measured: the motion is computed under the measured force with {in_words(study, parameters)}; points move "
+        f"by up to {size:.2g} mm, {over[0]:.2g} pixels or {over[1]:.2g} times the distance of two nodes; slip in the jaws is not in it"
+    )
+    return [theta]
 
 
 def _projected_temperature(
@@ -434,22 +502,27 @@ def _on_specimen(record: Record, specimen: Specimen, margin: float) -> np.ndarra
     return np.asarray(inside.reshape(place.shape[:2]))
 
 
-def _force_datasets(
-    study: Study, experiment: MeasuredTest, smooth: SmoothForce, displacement: FieldObservation, temperature: FieldObservation | None
-) -> dict[str, Dataset]:
-    """Raw and smoothed force, and the load steps for each set of observation times."""
-    theta_time = displacement.time if temperature is None else temperature.time
-    required = {"displacement": displacement.time, "temperature": theta_time, "all": np.union1d(displacement.time, theta_time)}
+def _step_times(study: Study, smooth: SmoothForce, times: np.ndarray) -> np.ndarray:
+    """Times (n,) s of the load steps that hit the given ones."""
+    numerics = study.numerics
+    steps = step_times(smooth, times, numerics.force_tolerance, numerics.max_time_step)
+    return refined(_merged(steps, times), numerics.steps_per_interval)
+
+
+def _force_datasets(study: Study, experiment: MeasuredTest, smooth: SmoothForce, observed: Mapping[str, np.ndarray]) -> dict[str, Dataset]:
+    """Raw and smoothed force, and the load steps for each set of observation times; `observed`: the times of the fields "u" and "theta", or
+    of the one that there is."""
+    u_time, theta_time = (observed.get(name, observed.get(other)) for name, other in (("u", "theta"), ("theta", "u")))
+    assert u_time is not None and theta_time is not None
+    required = {"displacement": u_time, "temperature": theta_time, "all": np.union1d(u_time, theta_time)}
     datasets = {
         "force/time": Dataset(experiment.force.time, "s", ("sample",)),
         "force/raw": Dataset(experiment.force.force, "N", ("sample",)),
         "force/smooth": Dataset(smooth.evaluate(experiment.force.time), "N", ("sample",)),
         "force/sigma": Dataset(smooth.sigma(experiment.force.time), "N", ("sample",)),
     }
-    numerics = study.numerics
     for name, times in required.items():
-        steps = step_times(smooth, times, numerics.force_tolerance, numerics.max_time_step)
-        steps = refined(_merged(steps, times), numerics.steps_per_interval)
+        steps = _step_times(study, smooth, times)
         datasets[f"steps/{name}/time"] = Dataset(steps, "s", ("step",))
         datasets[f"steps/{name}/force"] = Dataset(smooth.evaluate(steps), "N", ("step",))
         datasets[f"steps/{name}/force_error"] = Dataset(smooth.error_modes(steps), "N", ("step", "mode"))
@@ -549,14 +622,16 @@ def _force_summary(smooth: SmoothForce) -> dict[str, Any]:
 
 
 def _verdict(summary: dict[str, Any], fields: list[FieldObservation]) -> str:
-    u = summary["displacement"]
-    parts = [f"{fields[0].mask.shape[1]} points; u at {len(fields[0].time)} times, noise {1e3 * float(np.mean(u['noise_mm'])):.2f} um"]
-    if len(fields) > 1:
-        parts.append(f"theta at {len(fields[1].time)} times, noise {1e3 * summary['temperature']['noise_K']:.1f} mK")
+    said = {"u": "motion computed, not measured"}
+    for field in fields:
+        noise = summary["displacement" if field.name == "u" else "temperature"]
+        size = f"{1e3 * float(np.mean(noise['noise_mm'])):.2f} um" if field.name == "u" else f"{1e3 * noise['noise_K']:.1f} mK"
+        said[field.name] = f"{field.name} at {len(field.time)} times, noise {size}"
+    parts = [f"{fields[0].mask.shape[1]} points; {said.pop('u')}", *said.values()]
     force = summary["force"]
     parts.append(f"force smoothed to {force['residual_rms_N']:.2f} N (noise {force['noise_N']:.2f} N)")
-    size = {"mm": (1e3, "um"), "K": (1e3, "mK")}
-    each = [f"{size[f.unit][0] * float(np.nanmedian(f.sigma)):.2f} {size[f.unit][1]}" for f in fields]
+    small = {"mm": "um", "K": "mK"}
+    each = [f"{1e3 * float(np.nanmedian(f.sigma)):.2f} {small[f.unit]}" for f in fields]
     out, of = sum(int((~f.mask).sum()) for f in fields), sum(f.mask.size for f in fields)
     lost = [f"standard error of a nodal value {', '.join(each)}", f"{out} of {of} nodal values left out ({100.0 * out / of:.1f} %)"]
     return "; ".join(parts + lost)

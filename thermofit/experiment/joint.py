@@ -48,11 +48,12 @@ Kept = OrderedDict[tuple[Any, ...], tuple[Mapping[str, LoadSteps], Errors, dict[
 
 def joint_free(study: Study, data: Sequence[Measured]) -> tuple[str, ...]:
     """What the stages of a study identify on the data of its tests, each once, and the readings of thermocouples: a test that stays elastic
-    tells no plasticity, and without temperatures nothing tells the heat balance."""
-    flows = any(phase.label != "elastic" for one in data for phase in one.phases)
-    plastic = study.stages.plastic.free if flows else ()
+    tells no plasticity, without temperatures nothing tells the heat balance, and without displacements nothing tells the mechanics."""
+    moved = [one for one in data if one.displacement is not None]
+    flows = any(phase.label != "elastic" for one in moved for phase in one.phases)
+    elastic, plastic = study.stages.elastic.free if moved else (), study.stages.plastic.free if flows else ()
     thermal = (*study.stages.thermal.free, *NUISANCES) if any(one.temperature is not None for one in data) else ()
-    return tuple(dict.fromkeys((*study.stages.elastic.free, *plastic, *thermal)))
+    return tuple(dict.fromkeys((*elastic, *plastic, *thermal)))
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:
@@ -69,8 +70,9 @@ def coarse_mesh(study: Study) -> MeshSize:
 
 
 def joint_settings(study: Study, free: Sequence[str], data: Measured) -> StageSettings:
-    """Settings of the joint stage: du, the force where it does not drive the model, and dtheta where there are frames."""
-    channels: dict[str, ChannelSettings] = {"du": ChannelSettings()}
+    """Settings of the joint stage: du where there are displacements, the force where it does not drive the model, dtheta where there are
+    frames."""
+    channels: dict[str, ChannelSettings] = {} if data.displacement is None else {"du": ChannelSettings()}
     if study.force.drives != "force":
         channels["force"] = ChannelSettings()
     if data.temperature is not None:
@@ -241,7 +243,7 @@ class Joint:
         return residual, jacobian, self.model.with_priors(along_heat, [name for name, _ in directions])
 
     def _observations(self, *, heat: bool) -> dict[str, FieldObservation]:
-        observations: dict[str, FieldObservation] = {"u": self.data.displacement}
+        observations: dict[str, FieldObservation] = {} if self.data.displacement is None else {"u": self.data.displacement}
         if heat and self.data.temperature is not None:
             observations["theta"] = self.data.temperature
         if any(FIELDS[c] == "force" for c in self.settings.channels):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from thermofit.effects.catalogue import AXIAL, BASE, HEAT, HEATING, KINEMATICS, LOAD, Effect, effects
 from thermofit.experiment.coupon_sensor import SENSOR
+from thermofit.experiment.fields import Measured
 from thermofit.law.composition import FACTORS, STRUCTURE, SUMS, capacity_effects
 from thermofit.law.surface.catalogue import DEFAULT, HILL, surface
 from thermofit.observe.stations import INFRARED
@@ -13,9 +14,18 @@ ON_POINT = ("linear_hardening", "thermal_expansion")
 """Effects of the base law that the point driver feels."""
 
 
-def effects_of_fields(*, infrared: bool, yields: str = DEFAULT) -> tuple[Effect, ...]:
-    """Effects that a specimen under cameras shows; without an infrared one nothing is measured that the heat balance alone feels. It is not
-    asked for what only temperatures far apart can tell, nor for Params of another yield surface than that of the name `yields`."""
+def effects_of_data(data: Measured, yields: str) -> tuple[Effect, ...]:
+    """Effects that the cameras of a test show, with the yield surface of that name."""
+    return effects_of_fields(displacements=data.displacement is not None, infrared=data.temperature is not None, yields=yields)
+
+
+def effects_of_fields(*, displacements: bool = True, infrared: bool, yields: str = DEFAULT) -> tuple[Effect, ...]:
+    """Effects that a specimen under cameras shows. Without an infrared one nothing is measured that the heat balance alone feels; without
+    displacements nothing tells a mechanism of motion, load or DIC from one of heat, and those alone are asked that act in the heat equation
+    or the infrared camera. It is not asked for what only temperatures far apart can tell, nor for Params of another yield surface than that
+    of the name `yields`."""
+    if not displacements:
+        return tuple(e for e in effects((*HEATING, *INFRARED)) if not e.span)
     slots = (*BASE, *SUMS, *FACTORS, *STRUCTURE, *(HEAT if infrared else ()), *LOAD, *KINEMATICS, *(INFRARED if infrared else ()), "camera")
     foreign = set(HILL) - set(surface(yields).names)
     return tuple(e for e in effects(slots) if not e.span and (infrared or e.slot not in HEATING) and not foreign & set(e.names))

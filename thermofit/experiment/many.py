@@ -18,16 +18,17 @@ from thermofit.core.parameters import AT, Parameters
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.body import BodyExperiment, UnseenBody, unseen_bodies
 from thermofit.experiment.compiling import compiled
+from thermofit.experiment.computed_motion import told_by_temperatures
 from thermofit.experiment.discretisation import MESH, SHEET, STEPS
 from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
-from thermofit.experiment.known_effects import effects_of_fields
+from thermofit.experiment.known_effects import effects_of_data, effects_of_fields
 from thermofit.experiment.model import Prior, StageModel, needs_drive
 from thermofit.experiment.prescribed import Moved, of_test
 from thermofit.experiment.priors import effect_priors, pose_bounds
-from thermofit.experiment.protocol import JointProblem, PlannedTest
+from thermofit.experiment.protocol import JointProblem, Kept, PlannedTest
 from thermofit.experiment.residuals import Span
 from thermofit.experiment.several import JointSeveral, free_in, joined, own_names, seen_by
 from thermofit.experiment.stage_errors import StageErrors
@@ -147,10 +148,12 @@ class SeveralExperiments:
         """As each of them: they have the geometry of the study."""
         return self.tests[0].scalable
 
-    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
+    def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings of the study, what each has for itself free in each."""
-        settings = self.study.stage(key)
-        return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), ()
+        settings, kept = self.study.stage(key), Kept()
+        if all(test.data.displacement is None for test in self.tests):
+            settings, kept = told_by_temperatures(self.study, settings, key)
+        return settings.model_copy(update={"free": self.expanded(settings.free), **_ALONE.get(key, {})}), kept
 
     def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """None: a stage on fields tells what it frees."""
@@ -310,18 +313,17 @@ class SeveralExperiments:
 
     def known(self) -> tuple[Effect, ...]:
         """Effects that they could show: those of the material once, those of boundary and measurement for every experiment on its own."""
-        hot = {test.name: test.data.temperature is not None for test in self.tests}
+        shown = {test.name: effects_of_data(test.data, self.study.yield_surface) for test in self.tests}
         out: list[Effect] = []
-        for e in effects_of_fields(infrared=any(hot.values()), yields=self.study.yield_surface):
+        for e in effects_of_fields(
+            displacements=any(test.data.displacement is not None for test in self.tests),
+            infrared=any(test.data.temperature is not None for test in self.tests),
+            yields=self.study.yield_surface,
+        ):
             if e.amplitude.name not in self.own:
                 out.append(e)
                 continue
-            showing = [
-                name
-                for name, camera in hot.items()
-                if any(e.name == k.name for k in effects_of_fields(infrared=camera, yields=self.study.yield_surface))
-            ]
-            out += [effect(f"{e.name}{AT}{name}") for name in showing]
+            out += [effect(f"{e.name}{AT}{name}") for name, own in shown.items() if any(e.name == k.name for k in own)]
         return tuple(out)
 
     def _priors_of_each(self) -> dict[str, tuple[Prior, ...]]:

@@ -10,7 +10,7 @@ import numpy as np
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters, bare_name
 from thermofit.experiment.channels import FIELDS, comparisons_of, field_of
-from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
+from thermofit.experiment.fields import LoadSteps, Measured, displacement_of, temperature_of
 from thermofit.experiment.forward import march_settings, run_of, sampler
 from thermofit.experiment.held import AnyRun, LastRun, held_run, thermal_names
 from thermofit.experiment.instruments import Instruments, JointPrediction, looks_through_effects, station_names
@@ -173,10 +173,10 @@ def steps_for(data: Measured, fields: set[str]) -> LoadSteps:
 
 
 def observed(data: Measured, name: str) -> FieldObservation:
-    """The observed field u, theta or force. DataError where the experiment has no temperatures."""
+    """The observed field u, theta or force. DataError where the experiment does not have it."""
     if name == "theta":
         return temperature_of(data)
-    return data.displacement if name == "u" else data.force
+    return displacement_of(data) if name == "u" else data.force
 
 
 def needs_drive(study: Study, channels: Iterable[str]) -> None:

@@ -15,7 +15,7 @@ from thermofit.body.mesh.mesh import Mesh
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.errors import StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
+from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, displacement_of, force_observation, temperature_of
 from thermofit.experiment.forward import march_settings, run_of, sampler
 from thermofit.law.page import in_model_axes
 from thermofit.observe.observation import FieldObservation
@@ -117,17 +117,17 @@ def _blank(name: str, time: np.ndarray, xy: np.ndarray, components: int, sigma: 
 
 def _filled(study: Study, data: Measured, assumed: Parameters) -> Measured:
     """The same with the values that the model predicts, from one run through all times."""
-    assert data.temperature is not None
+    seen, warm = displacement_of(data), temperature_of(data)
     run = run_of(study, data, study.mesh_size, data.steps["all"], march_settings(study, "full"))
     history = run(assumed)
-    u = sampler(run.body, data.displacement, data.steps["all"]).displacement(history)
-    theta = sampler(run.body, data.temperature, data.steps["all"]).temperature(history.theta)
-    return replace(data, displacement=replace(data.displacement, value=u), temperature=replace(data.temperature, value=theta))
+    u = sampler(run.body, seen, data.steps["all"]).displacement(history)
+    theta = sampler(run.body, warm, data.steps["all"]).temperature(history.theta)
+    return replace(data, displacement=replace(seen, value=u), temperature=replace(warm, value=theta))
 
 
 def _motion(data: Measured, load: LoadHistory, instruments: VirtualInstruments, seed: int) -> np.ndarray:
     """What the machine's rigid-body motion adds to the displacements (n_t, n_s, 2) mm."""
-    u = data.displacement
+    u = displacement_of(data)
     motion = rigid_motion(load, instruments.machine, seed, u.time)
     half = np.full((*u.value.shape[:2], 1), 0.5 * data.specimen.thickness)
     place = np.concatenate([u.xy + u.value, half], axis=2)

@@ -46,6 +46,7 @@ def of_specimen(study: Study, specimen: Specimen, parameters: Parameters) -> dic
         found[AREA_WIDTH] = {_GAIN: -e, "alpha_air": -e * t / (w + t) * parameters["alpha_air"]}
     if told.camera_scale is not None:
         found[SCALE] = {_SCALE: told.camera_scale}
+    found |= {name: {name: sigma} for name, sigma in told.parameters.items() if name not in {bare_name(n) for n in parameters.free}}
     for name in THERMOCOUPLES:
         sigma = prior_sigma(study, name)
         if sigma is not None:

@@ -29,6 +29,16 @@ from thermofit.study.section import MeshSize
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
 
+
+@dataclass(frozen=True)
+class Kept:
+    """Parameters that a stage leaves as the study gives them, `why` no datum tells them, and what the user may do about it (`mend`)."""
+
+    names: tuple[str, ...] = ()
+    why: str = ""
+    mend: str = ""
+
+
 Carried = tuple[tuple[str, ...], np.ndarray]
 """Names of parameters in a held-out test, and weights (n_there, n_fitted) with which the fitted ones make them."""
 
@@ -208,9 +218,8 @@ class Experiment(Protocol):
     def scalable(self) -> bool:
         """True where a coarser mesh can be made of it, whose optimum is a good start."""
 
-    def stage(self, key: str) -> tuple[StageSettings, tuple[str, ...]]:
-        """Settings of an identification stage on these data, and the elastic constants that it leaves as the study gives them because no
-        datum tells them."""
+    def stage(self, key: str) -> tuple[StageSettings, Kept]:
+        """Settings of an identification stage on these data, and what it leaves as the study gives it because no datum tells it."""
 
     def earlier_estimates(self, key: str) -> Mapping[str, tuple[float, float]]:
         """Parameters that an earlier stage has told and this stage of that key tells again, and within which bounds."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.fields import Measured
+from thermofit.experiment.fields import Measured, displacement_of
 from thermofit.experiment.window import elastic_slope
 from thermofit.law.hardening.catalogue import hardening
 from thermofit.law.hardening.curves import fitted_to_curve
@@ -114,7 +114,7 @@ def _carrying(study: Study, data: Measured, found: Parameters, raised: Sequence[
 
 def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameters:
     own = hardening(study.hardening_law)
-    observation, steps = data.displacement, data.steps["displacement"]
+    observation, steps = displacement_of(data), data.steps["displacement"]
     force = np.interp(observation.time, steps.time, steps.force)
     stretch = [1.0 + mean_strain(observation, c) for c in (0, 1)]
     mandel = force / (data.specimen.gauge_width * data.specimen.thickness) * stretch[1]

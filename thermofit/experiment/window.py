@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import DataError, StudyError
-from thermofit.experiment.fields import LoadSteps, Measured
+from thermofit.experiment.fields import LoadSteps, Measured, displacement_of
 from thermofit.observe.observation import FieldObservation
 from thermofit.records.staging import Note
 
@@ -50,7 +50,7 @@ def elastic_window(data: Measured) -> ElasticWindow:
 
     DataError where no stage lies in the elastic range: then the window must be given.
     """
-    observation, steps = data.displacement, data.steps["displacement"]
+    observation, steps = displacement_of(data), data.steps["displacement"]
     strain, error = axial_strain(observation)
     force = np.interp(observation.time, steps.time, steps.force)
     first = int(np.searchsorted(observation.time, data.load_start + 1e-9))
@@ -93,7 +93,7 @@ def elastic_slope(data: Measured) -> tuple[float, float] | None:
         window = elastic_window(data)
     except DataError:
         return None
-    observation, steps = data.displacement, data.steps["displacement"]
+    observation, steps = displacement_of(data), data.steps["displacement"]
     inside = observation.time <= window.t1 + 1e-9
     strain, error = (value[inside] for value in axial_strain(observation))
     stress = np.interp(observation.time[inside], steps.time, steps.force) / (data.specimen.gauge_width * data.specimen.thickness)

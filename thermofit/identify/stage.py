@@ -12,11 +12,12 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.computed_motion import valued
 from thermofit.experiment.drive import driven_remark
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.forms import experiment_after
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.protocol import Experiment, FieldTest
+from thermofit.experiment.protocol import Experiment, FieldTest, Kept
 from thermofit.fit.memory import memories
 from thermofit.identify.beside import answers, remark_of
 from thermofit.identify.combined import with_budget
@@ -62,8 +63,8 @@ class Ready:
     base: Parameters
     config: dict[str, Any]
     inputs: dict[str, Path]
-    kept: tuple[str, ...] = ()
-    """Elastic constants that the stage would identify, had any record an elastic range."""
+    kept: Kept = Kept()
+    """Parameters that the stage would identify, did the data tell them."""
     told: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Bounds within which an earlier stage has told parameters that are free again."""
 
@@ -150,14 +151,12 @@ def _driven(record: Made, experiment: Experiment) -> Made:
 
 
 def _kept(stage: Ready) -> tuple[str, ...]:
-    """A remark where no record tells the elastic constants that the stage should identify."""
-    if not stage.kept:
+    """A remark where no datum tells parameters that the stage should identify."""
+    kept = stage.kept
+    if not kept.names:
         return ()
-    values = ", ".join(f"{name} = {stage.base[name]:g}{' MPa' if name == 'E' else ''}" for name in stage.kept)
-    return (
-        f"no record begins with an elastic range (a straight line from rest through five samples): {values} of the study is kept as "
-        "prescribed; give what is known, or the window as [t0, t1] in s",
-    )
+    values = ", ".join(f"{name} = {valued(name, stage.base[name])}" for name in kept.names)
+    return (f"{kept.why}: {values} of the study {'is' if len(kept.names) == 1 else 'are'} kept as prescribed; {kept.mend}",)
 
 
 def _own_remarks(stage: Ready, kind: StageKind, solved: Solved) -> tuple[str, ...]:

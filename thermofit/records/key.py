@@ -77,7 +77,7 @@ def key_of(study: Study, stage: str) -> dict[str, Any]:
     """
     if stage == "interpolate":
         with reading(None):
-            return read_of(study, *study.measured_in)
+            return read_of(study, *study.measured_in, free=())
     if stage == "verify":
         return read_of(study, *SOLVED, "literature", *(("experiments", "shared") if study.fitted else ()), free=())
     if stage == "refine":

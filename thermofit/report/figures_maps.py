@@ -53,10 +53,12 @@ def residual_maps(verify: Record, channel: str) -> Figure | None:
 
 
 def rms_maps(verify: Record) -> Figure:
-    """Rms over time of residual/sigma at every point for du_x, du_y and dtheta: one where only noise is left."""
-    shown = [("du_x", verify["u/xy"].value, verify["maps/du"].value[:, 0]), ("du_y", verify["u/xy"].value, verify["maps/du"].value[:, 1])]
-    if verify.has("maps/dtheta"):
-        shown.append(("dtheta", verify["theta/xy"].value, verify["maps/dtheta"].value[:, 0]))
+    """Rms over time of residual/sigma at every point for du_x, du_y and dtheta, where the test has them: one where only noise is left."""
+    shown = []
+    for field, channel, labels in (("u", "du", ("du_x", "du_y")), ("theta", "dtheta", ("dtheta",))):
+        if verify.has(f"maps/{channel}"):
+            value = verify[f"maps/{channel}"].value
+            shown += [(label, verify[f"{field}/xy"].value, value[:, k]) for k, label in enumerate(labels)]
     figure = new_figure(_COLUMN * len(shown) + 1.2, _ROW + 0.5)
     axes = figure.subplots(1, len(shown), squeeze=False, sharex=True, sharey=True)
     high = max(2.0, *(float(np.nanmax(value)) for _, _, value in shown))

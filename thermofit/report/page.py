@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from thermofit.experiment.fields import measured_of
+from thermofit.experiment.fields import Measured, measured_of
 from thermofit.experiment.residuals import named_phases
 from thermofit.experiment.verification import IDENTIFY
 from thermofit.experiment.window import window_times
@@ -30,9 +30,8 @@ def figures_of(study: Study, records: Mapping[str, Record]) -> dict[str, Figure]
     data = measured_of(interpolate)
     spans = named_phases(data.phases)
     identified = [records[name] for name in IDENTIFY if name in records]
-    t0, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
     made = {
-        "stress-stretch": stress_stretch_figure(verify, (t0, t1)),
+        "stress-stretch": _stress_stretch(study, data, verify),
         "temperature": temperature_figure(verify, spans) if verify.has("curves/temperature/time") else None,
         "force": force_figure(interpolate, spans),
         "residual-over-time": over_time_figure(verify, spans),
@@ -43,6 +42,14 @@ def figures_of(study: Study, records: Mapping[str, Record]) -> dict[str, Figure]
         "correlation": correlation_figure(identified),
     }
     return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def _stress_stretch(study: Study, data: Measured, verify: Record) -> Figure | None:
+    """The curve with the elastic window; None without displacements."""
+    if data.displacement is None:
+        return None
+    t0, t1, _ = window_times(study.stages.elastic.window, data, data.steps["displacement"])
+    return stress_stretch_figure(verify, (t0, t1))
 
 
 def text_of(study: Study, records: Mapping[str, Record], figures: Sequence[Path], stale: Sequence[str]) -> str:

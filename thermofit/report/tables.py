@@ -85,9 +85,12 @@ def _study_rows(study: Study, records: Mapping[str, Record]) -> list[tuple[str, 
         ("material", f"model {verify.config['model']}"),
         ("mesh", meshes(records)),
         ("load steps", str(len(interpolate["steps/all/time"].value))),
-        ("compared points", str(s["displacement"]["nodes"])),
-        ("displacements", f"{len(interpolate['u/time'].value)} times, {s['displacement']['masked']} values left out"),
+        ("compared points", str(len(interpolate["points/node"].value))),
     ]
+    if "displacement" in s:
+        rows.append(("displacements", f"{len(interpolate['u/time'].value)} times, {s['displacement']['masked']} values left out"))
+    else:
+        rows.append(("displacements", "none; the motion is computed under the measured force"))
     if "temperature" in s:
         rows.append(("temperatures", f"{len(interpolate['theta/time'].value)} times, {s['temperature']['masked']} values left out"))
     rows += [("repairs of the data", str(text)) for text in s.get("repairs", ())]
@@ -97,8 +100,11 @@ def _study_rows(study: Study, records: Mapping[str, Record]) -> list[tuple[str, 
 
 def _noise_rows(interpolate: Record) -> list[tuple[str, str, str]]:
     s = interpolate.summary
-    method, noise = str(s["displacement"]["noise_method"]), s["displacement"]["noise_mm"]
-    rows = [(f"u_{axis}, raw points", f"{1e3 * sigma:.2f} um", method) for axis, sigma in zip("xy", noise, strict=True)]
+    rows = []
+    if (u := s.get("displacement")) is not None:
+        rows += [
+            (f"u_{axis}, raw points", f"{1e3 * v:.2f} um", str(u["noise_method"])) for axis, v in zip("xy", u["noise_mm"], strict=True)
+        ]
     if "temperature" in s:
         rows.append(("theta, raw pixels", f"{1e3 * s['temperature']['noise_K']:.1f} mK", str(s["temperature"]["noise_method"])))
     force = s["force"]

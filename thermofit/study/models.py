@@ -328,6 +328,9 @@ class Uncertainty(Section):
     """Standard uncertainty of the width of the gauge, mm."""
     camera_scale: Positive | None = None
     """Relative standard uncertainty of the scale of the displacements."""
+    parameters: dict[ParameterName, Positive] = Field(default={})
+    """Standard uncertainties of parameters that the study prescribes, by name, in their units, as if independent of each other. A test
+    without displacements takes its mechanical parameters so."""
 
 
 class Numerics(Section):

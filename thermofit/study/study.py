@@ -33,6 +33,12 @@ _FIELDS = (
     *("numerics.steps_per_interval", "numerics.max_time_step", "numerics.force_tolerance"),
 )
 """Keys by which the data of a full-field test are made ready."""
+_MOTION = (
+    *("model", "hardening", "yield_surface", "material_axes", "mesh", "parameters", "numerics", "diagnosis.free"),
+    *("stages.elastic.free", "stages.plastic.free", "stages.thermal.free"),
+)
+"""Keys by which the motion of a test without displacements is computed, or refused."""
+_DESCRIPTION = "experiment.yaml"
 Check = Callable[[Sequence[Path]], None]
 """Raises StudyError where an effect file does not do what its slot asks."""
 
@@ -100,8 +106,21 @@ class Study(Sections):
         """Keys of the study by which its measured data are made ready: of coupon records those of their section, and a prescribed E, which
         tells the elastic strain that is added to a flow curve, and what is no elastic line."""
         if self.coupon is None:
-            return _FIELDS
+            return _FIELDS if self.has_displacements else (*_FIELDS, *_MOTION)
         return ("coupon", "parameters.E")
+
+    @property
+    def has_displacements(self) -> bool:
+        """False where the raw folder of a full-field test declares infrared frames and no displacements. What is wrong in the folder, or is
+        not there yet, is said where it is read."""
+        description = self.experiment / _DESCRIPTION
+        if not description.is_file():
+            return True
+        try:
+            tree = parse_yaml(description.read_text(encoding="utf-8"), str(description), StudyError, text_keys=False)
+        except (OSError, UnicodeDecodeError, StudyError):
+            return True
+        return not isinstance(tree, dict) or tree.get("dic") is not None or tree.get("ir") is None
 
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""

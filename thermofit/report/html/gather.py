@@ -516,6 +516,8 @@ def _facts(run: RunFolder) -> list[tuple[str, str]]:
         if (u := s.get("displacement")) is not None and record.has("u/time"):
             noise = ", ".join(f"{1e3 * v:.2f}" for v in u["noise_mm"])
             say("displacements", f"{len(record['u/time'].value)} stages at {u.get('nodes', '?')} points; noise {noise} um in x, y")
+        if (motion := s.get("motion")) is not None:
+            say("displacements", f"none measured; the motion, up to {motion['largest_mm']:.3g} mm, is computed under the measured force")
         if (theta := s.get("temperature")) is not None and record.has("theta/time"):
             say("temperatures", f"{len(record['theta/time'].value)} frames; noise {1e3 * theta['noise_K']:.1f} mK")
         if (force := s.get("force")) is not None and force.get("noise_N") is not None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from thermofit import __version__
 from thermofit.core.errors import StudyError
+from thermofit.core.parameters import param
 from thermofit.effects.catalogue import effect
 from thermofit.law.surface.catalogue import surface
 from thermofit.report.html.gather import LOOP, VERIFY, channel_words
@@ -49,6 +50,9 @@ def _data(records: Records, run: RunFolder) -> Iterator[str]:
             f"Displacements from digital image correlation were interpolated to {u.get('nodes', 'the')} points of the specimen in "
             f"{len(record['u/time'].value)} stages; their noise is {noise} um across and along the load ({u['noise_method']})."
         )
+    if (motion := s.get("motion")) is not None:
+        used = ", ".join(f"{name} = {value:g} {param(name).unit}".removesuffix(" 1") for name, value in motion["parameters"].items())
+        yield f"Displacements were not measured: the motion of the specimen was computed under the measured force with {used}."
     if (theta := s.get("temperature")) is not None and record.has("theta/time"):
         yield (
             f"Temperatures from an infrared camera were taken at the current positions of the same points in "

@@ -63,6 +63,9 @@ def test_what_no_datum_tells_is_not_free() -> None:
     assert joint_free(case, [cold]) == ("E", "nu", "M_y0")
     assert joint_free(case, [replace(cold, phases=(TestPhase(0.0, 1.0, "elastic"),))]) == ("E", "nu")
     assert joint_free(case, [cold, data()]) == joint_free(case, [data()]), "one of several tests tells it"
+    still = replace(data(), displacement=None)
+    assert joint_free(case, [still]) == ("c0", "theta_air", "theta_clamp"), "temperatures alone tell no mechanics"
+    assert list(joint_settings(case, ("c0",), still).channels) == ["dtheta"]
 
 
 def test_without_an_infrared_camera_no_effect_of_heat_is_asked() -> None:

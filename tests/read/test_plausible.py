@@ -155,6 +155,24 @@ def test_a_mistake_is_refused_with_its_mend(mistake: str) -> None:
     assert any(q.name == name and text in q.text for q in asked_about), words(tuple(asked_about))
 
 
+def without_displacements(**own: object) -> MeasuredTest:
+    """The good test as load cell and infrared camera saw it."""
+    return replace(GOOD, dic=None, **own)
+
+
+def test_temperatures_without_displacements_are_asked_about_as_well() -> None:
+    """A good one never; force, lengths and clock by the largest stress and the frames alone."""
+    good = without_displacements()
+    assert not questions_of_test(good, POSE), words(questions_of_test(good, POSE))
+    record = GOOD.force
+    small = questions_of_test(without_displacements(force=replace(record, force=1e-3 * record.force)))
+    assert [(q.name, q.nonsense) for q in small] == [("force", True)] and "the force in kN under a header in N" in small[0].text
+    (slow,) = questions_of_test(without_displacements(force=replace(record, time=1e3 * record.time)))
+    assert (slow.name, slow.nonsense) == ("time", True) and "the infrared frames" in slow.text
+    (pushed,) = questions_of_test(without_displacements(force=replace(record, force=-record.force)))
+    assert (pushed.name, pushed.nonsense) == ("force", False) and "a compression test" in pushed.text
+
+
 def test_what_cannot_be_decided_is_a_remark() -> None:
     """All temperatures alike in K may be a furnace; a slow test without a camera may be slow; a crosshead in m is not used."""
     furnace = frames(replace(GOOD, theta_air=GOOD.theta_air + CELSIUS, theta_clamp=GOOD.theta_clamp + CELSIUS), CELSIUS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import yaml
 from thermofit.records.staging import Outcome
 from thermofit.study.study import load_study
 
-__all__ = ["CHAIN", "MESH", "TRUTH", "load_study", "stage_run", "tree", "write"]
+__all__ = ["CHAIN", "MESH", "TRUTH", "load_study", "stage_run", "tree", "without_camera", "write"]
 
 MESH = {"n_x": 2, "n_y": 12, "n_z": 1}
 TRUTH = {
@@ -82,6 +83,16 @@ def write(folder: Path, content: dict[str, Any]) -> Path:
     path = folder / "tiny.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
+
+
+def without_camera(raw: Path, to: Path, camera: str) -> Path:
+    """A copy of a raw folder without "dic" or "ir", experiment.yaml adjusted as a user would."""
+    shutil.copytree(raw, to)
+    shutil.rmtree(to / camera)
+    description = yaml.safe_load((to / "experiment.yaml").read_text(encoding="utf-8"))
+    del description[camera]
+    (to / "experiment.yaml").write_text(yaml.safe_dump(description), encoding="utf-8")
+    return to
 
 
 CHAIN = ("simulate", "calibrate-ir", "interpolate", "identify-elastic", "identify-plastic", "identify-thermal", "gridsearch", "sensitivity")

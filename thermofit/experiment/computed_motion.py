@@ -76,6 +76,19 @@ def refuse_unknown_mechanics(study: Study) -> None:
     refuse_identified(study, study.diagnosis.free or (), "diagnosis.free")
 
 
+def refuse_some_without_displacements(study: Study) -> None:
+    """StudyError where some tests of a study have displacements and others have none: the motion of these would have to be computed before
+    those have told the mechanics."""
+    names = [n for n in (*study.fitted, *study.held_out) if study.one_of(n).coupon is None]
+    tests = {n: study.one_of(n) for n in names} | ({} if study.fitted else {study.source.name: study.alone})
+    without = [n for n, test in tests.items() if not test.has_displacements]
+    if without and len(without) < len(tests):
+        raise StudyError(
+            f"{study.source.name}: {without[0]} has no displacements, but {next(n for n in tests if n not in without)} has: identify the "
+            f"mechanical parameters in a study without {without[0]}, and give them as numbers in another one for it"
+        )
+
+
 def told_by_temperatures(study: Study, settings: StageSettings, key: str) -> tuple[StageSettings, Kept]:
     """Settings of a stage of a test without displacements: a mechanical stage has nothing to identify, and keeps what the study gives.
     StudyError where another stage frees mechanical parameters."""

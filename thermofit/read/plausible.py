@@ -171,9 +171,11 @@ def questions_of_test(experiment: MeasuredTest, pose: CameraPose | None = None) 
         if not any(q.nonsense for q in found):
             found += _mechanics(experiment)
         found += _crosshead(experiment)
-        found += _clocks(experiment)
         if pose is not None and experiment.ir is not None:
             found += _side(experiment, pose)
+    else:
+        found += _stress(experiment)
+    found += _clocks(experiment)
     if experiment.ir is not None:
         found += _frames(experiment)
     return tuple(found)
@@ -249,16 +251,24 @@ def _span(quantity: str) -> str:
 
 
 def _units(
-    stress: float, strain: float, modulus: float | None, mistakes: Sequence[Mistake], names: tuple[Doubt, Doubt], *, firm: bool = True
+    stress: float,
+    strain: float | None,
+    modulus: float | None,
+    mistakes: Sequence[Mistake],
+    names: tuple[Doubt, Doubt],
+    *,
+    firm: bool = True,
 ) -> Iterator[Question]:
-    """Largest stress and strain and the elastic slope beside what metals show; the mistakes that would explain what is not possible.
+    """Those known of largest stress and strain and elastic slope, beside what metals show; the mistakes that would explain what is not
+    possible.
 
     `names` of the question: where the stress leaves its range, and where the strain does. A slope that is not `firm`, because it holds the
     flexibility of a machine, makes no nonsense alone.
     """
-    known = {"stress": stress, "strain": strain, **({} if modulus is None else {"modulus": abs(modulus)})}
+    given = {"stress": stress, "strain": strain, "modulus": None if modulus is None else abs(modulus)}
+    known = {quantity: value for quantity, value in given.items() if value is not None}
     left = {quantity: outside(quantity, value) for quantity, value in known.items()}
-    if not firm and left["stress"] == left["strain"] == "" and "modulus" in left:
+    if not firm and left["stress"] == left.get("strain") == "" and "modulus" in left:
         left["modulus"] = left["modulus"] and "usual"
     worst = "possible" if "possible" in left.values() else "usual" if "usual" in left.values() else ""
     if not worst:
@@ -379,23 +389,35 @@ def _mechanics(experiment: MeasuredTest) -> Iterator[Question]:
     if sure and stress < 0.0:
         text = f"the specimen gets shorter under {stress:.3g} MPa: a compression test, or are the signs of force and displacement flipped?"
         yield Question("force", text)
-    specimen = experiment.specimen
-    explained = [
-        KN,
-        *([NOT_KN] if any("force_kN" in remark for remark in experiment.force.remarks) else []),
-        *([THICKNESS_M] if specimen.thickness < 0.1 else []),
-        *([WIDTH_M] if specimen.gauge_width < 0.5 else []),
-        *([BOTH_M] if specimen.gauge_width < 0.5 and specimen.thickness < 0.1 else []),
-        MOVED_M,
-        MOVED_UM,
-    ]
     modulus = course.modulus if sure else None
+    explained = [*_of_stress(experiment), MOVED_M, MOVED_UM]
     yield from _units(float(np.abs(course.stress).max()), float(np.abs(course.strain).max()), modulus, explained, ("force", "displacement"))
     rise = 0.0
     if experiment.ir is not None:
         warm = np.nanpercentile(experiment.ir.frames.reshape(len(experiment.ir.frames), -1), 99.0, axis=1)
         rise = float(warm.max() - warm[0])
     yield from _rate(course, rise, experiment.specimen.parallel_length)
+
+
+def _stress(experiment: MeasuredTest) -> Iterator[Question]:
+    """The largest nominal stress, where there are no displacements to go with it: units and sign of the force, lengths."""
+    specimen, force = experiment.specimen, experiment.force.force
+    area = specimen.gauge_width * specimen.thickness
+    yield from _units(float(np.abs(force).max()) / area, None, None, _of_stress(experiment), ("force", "force"))
+    if -float(force.min()) > float(force.max()):
+        yield Question("force", f"the largest force is {_shown(float(force.min()))} N: a compression test, or is its sign flipped?")
+
+
+def _of_stress(experiment: MeasuredTest) -> list[Mistake]:
+    """Mistakes of a unit that would make the stress wrong."""
+    specimen = experiment.specimen
+    return [
+        KN,
+        *([NOT_KN] if any("force_kN" in remark for remark in experiment.force.remarks) else []),
+        *([THICKNESS_M] if specimen.thickness < 0.1 else []),
+        *([WIDTH_M] if specimen.gauge_width < 0.5 else []),
+        *([BOTH_M] if specimen.gauge_width < 0.5 and specimen.thickness < 0.1 else []),
+    ]
 
 
 def _rate(course: Course, rise: float, length: float) -> Iterator[Question]:
@@ -428,13 +450,13 @@ _SLOW = 2e-5
 
 
 def _clocks(experiment: MeasuredTest) -> Iterator[Question]:
-    """The clock of the force beside that of the stages: one of them in ms."""
-    assert experiment.dic is not None
-    force, stages = float(np.ptp(experiment.force.time)), float(np.ptp(experiment.dic.time))
-    if len(experiment.dic.time) < 2 or not stages > 0.0:
+    """The clock of the force beside that of the stages, or of the frames where there are none: one of them in ms."""
+    field, what = (experiment.ir, "infrared frames") if experiment.dic is None else (experiment.dic, "DIC stages")
+    if field is None or len(field.time) < 2 or not (stages := float(np.ptp(field.time))) > 0.0:
         return
+    force = float(np.ptp(experiment.force.time))
     if force / stages > _LARGE:
-        text = f"the force record lasts {_shown(force)} s, the DIC stages {_shown(stages)} s: is the force in ms? Name its column time_ms"
+        text = f"the force record lasts {_shown(force)} s, the {what} {_shown(stages)} s: is the force in ms? Name its column time_ms"
         yield Question("time", text, nonsense=True)
 
 

@@ -23,6 +23,7 @@ from thermofit.study.coupon import Coupon, CouponRecordSettings
 from thermofit.study.errors import near_miss, sentence
 from thermofit.study.models import OwnExperiment, Sections, StudyFile, bounds_of, check_starts, is_prescribed, start_of, virtual_of
 from thermofit.study.paths import first_uses, notice, path_from
+from thermofit.study.raw_folder import has_displacements
 from thermofit.study.reading import reading, seen
 from thermofit.study.section import MeshSize, ParameterStart, mesh_size
 from thermofit.study.series import with_series
@@ -38,7 +39,6 @@ _MOTION = (
     *("stages.elastic.free", "stages.plastic.free", "stages.thermal.free"),
 )
 """Keys by which the motion of a test without displacements is computed, or refused."""
-_DESCRIPTION = "experiment.yaml"
 Check = Callable[[Sequence[Path]], None]
 """Raises StudyError where an effect file does not do what its slot asks."""
 
@@ -111,16 +111,8 @@ class Study(Sections):
 
     @property
     def has_displacements(self) -> bool:
-        """False where the raw folder of a full-field test declares infrared frames and no displacements. What is wrong in the folder, or is
-        not there yet, is said where it is read."""
-        description = self.experiment / _DESCRIPTION
-        if not description.is_file():
-            return True
-        try:
-            tree = parse_yaml(description.read_text(encoding="utf-8"), str(description), StudyError, text_keys=False)
-        except (OSError, UnicodeDecodeError, StudyError):
-            return True
-        return not isinstance(tree, dict) or tree.get("dic") is not None or tree.get("ir") is None
+        """False where its raw folder declares infrared frames and no displacements."""
+        return has_displacements(self.experiment)
 
     def stage(self, name: str) -> StageSettings:
         """Settings of a stage that is about to run; StudyError for an unknown name or a free parameter without a start."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from thermofit.core.errors import StudyError
@@ -16,6 +16,7 @@ from thermofit.law.surface.catalogue import DEFAULT as DEFAULT_SURFACE
 from thermofit.law.surface.catalogue import Surface, surface, surfaces
 from thermofit.study.errors import near_miss
 from thermofit.study.materials import MATERIALS
+from thermofit.study.raw_folder import has_displacements
 
 _TEMPLATE = """\
 ## A study of thermofit: which experiment, which parameters are identified, and how.
@@ -225,6 +226,11 @@ def _surface_lines(yields: Surface) -> list[str]:
     return lines
 
 
+def _prescribed(names: Iterable[str], meaning: Mapping[str, str]) -> list[str]:
+    """Lines of mechanical parameters that nothing measured tells: to be taken in with what is known."""
+    return [f"{f'  # {name}: ...':<46} # {meaning.get(name, '')}".rstrip(" #") for name in names]
+
+
 def template(
     name: str = "my-study",
     experiment: str = "my-experiment",
@@ -232,10 +238,11 @@ def template(
     law: Hardening = _MODEL,
     material: str = "",
     yields: Surface = _SURFACE,
+    displacements: bool = True,
 ) -> str:
     """Text of the commented study file of that name on that raw folder; it loads as it stands. `look`: what the test has shown, from which
     starts and bounds of the mechanical parameters are, or in words why it has shown nothing; `law`: that of hardening; `material`: the
-    class of metals from which the others are; `yields`: the yield surface."""
+    class of metals from which the others are; `yields`: the yield surface; `displacements`: False where none are measured."""
     first, second = f"name: {_quoted(name)}", f"experiment: {_quoted(experiment)}"
     own = MATERIALS[material].values if material else {}
     if isinstance(look, str):
@@ -254,14 +261,22 @@ def template(
     laws = ", ".join(known.name for known in hardening_laws())
     meaning = {"E": "MPa", **law.file.MEANING}
     lines = "\n".join(_line(parameter, own, meaning[parameter]) for parameter, own in values.items())
+    ratio, of_surface = _line("nu", own.get("nu", _GENERAL["nu"]), ""), "\n".join(_surface_lines(yields))
+    if not displacements:
+        said = (
+            "## No displacements: the motion is computed under the measured force. Put in the mechanical parameters as numbers, from\n"
+            "## another test or a handbook; they are not identified. Their errors: uncertainty: {parameters: {E: 500}}."
+        )
+        lines = "\n".join(_prescribed(values, meaning))
+        ratio, of_surface = _prescribed(["nu"], {})[0], "\n".join(_prescribed(yields.fitted, yields.file.MEANING))
     return (
         _TEMPLATE.replace("@LOOKED@", said, 1)
         .replace("@HARDENING@", f"{chosen:<37}# instead of `model` (docs/hardening.md): {laws}", 1)
         .replace("@SURFACE@", f"{surface_line:<37}# yield surface (docs/yield-surfaces.md): {', '.join(one.name for one in surfaces())}", 1)
-        .replace("@YIELDS@", "\n".join(_surface_lines(yields)), 1)
+        .replace("@YIELDS@", of_surface, 1)
         .replace("@FREE@", ", ".join((*law.fitted, *yields.fitted)), 1)
         .replace("@MEASURED@", lines, 1)
-        .replace("@nu@", _line("nu", own.get("nu", _GENERAL["nu"]), ""), 1)
+        .replace("@nu@", ratio, 1)
         .replace("@alpha_exp@", _line("alpha_exp", own.get("alpha_exp", _GENERAL["alpha_exp"]), "1/K"), 1)
         .replace("@kappa@", _line("kappa", own.get("kappa", _GENERAL["kappa"]), "mW/(mm K)"), 1)
         .replace("@c0@", _line("c0", own.get("c0", _GENERAL["c0"]), "mJ/(mm^3 K), at constant elastic deformation"), 1)
@@ -301,7 +316,8 @@ def write_template(
         seen = look(Path(experiment).expanduser())
     if material and material not in MATERIALS:
         raise StudyError(f"--material {material} is not known{near_miss(material, MATERIALS)}; expected one of {', '.join(MATERIALS)}")
-    text = template(name, raw, seen, _MODEL if law is None else hardening(law), material, surface(yields))
+    moved = experiment is None or "${" in experiment or has_displacements(Path(experiment).expanduser())
+    text = template(name, raw, seen, _MODEL if law is None else hardening(law), material, surface(yields), moved)
     try:
         with file.open("w" if overwrite else "x", encoding="utf-8") as out:
             out.write(text)
@@ -311,6 +327,8 @@ def write_template(
         raise StudyError(
             f"'{file}' cannot be written: {error.strerror or error}; expected the name of a file in a writable folder"
         ) from None
+    if not moved:
+        return "it has no displacements: put in the mechanical parameters as numbers, they are not identified"
     if isinstance(seen, str):
         return f"bounds are those of {material or 'metals in general'} ({' '.join(seen.split())})"
     tail = f", those of heat for {material}" if material else ""

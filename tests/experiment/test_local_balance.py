@@ -141,6 +141,19 @@ def test_a_source_is_found_at_its_place_and_time() -> None:
     assert heat.z[heat.peak] > 8.0
 
 
+def test_without_displacements_the_stretch_is_that_of_the_run() -> None:
+    """Conduction goes along the stretched specimen: by a tenth of it at 5 % of strain."""
+    whole = shown(36, {"theta": conducted(0.3, 8.0, (20.0, 30.0))})
+    data = replace(whole.joint.data, displacement=None)
+    alone = Joint(study(), data, joint_settings(study(), FREE, data), SIZE)
+    heat = [
+        piece_heat(replace(whole, joint=one, errors=errors))
+        for one, errors in ((whole.joint, whole.errors), (alone, {"theta": whole.errors["theta"]}))
+    ]
+    assert heat[0] is not None and heat[1] is not None
+    assert np.allclose(heat[1].amount, heat[0].amount, atol=2e-3 * np.abs(heat[0].amount).max())
+
+
 def test_heat_from_beyond_the_observed_length_is_not_missing_inside() -> None:
     rise = conducted(3.0, 40.0, (10.0, 48.0))
     assert rise[-1].max() > 20.0 * NOISE["theta"], "it is seen in the whole field"

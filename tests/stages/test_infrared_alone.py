@@ -33,19 +33,26 @@ def content(run: Path, raw: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def alone(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The study file of the tiny test without DIC, whose chain and loop have run. Not to be written into."""
+def ready(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The study file of the tiny test without DIC, whose camera is calibrated."""
     folder = tmp_path_factory.mktemp("alone")
     path = tiny.write(folder, content(folder / "run", tiny.without_camera(finished / "raw", folder / "raw", "dic")))
-    told("run", path)
+    tiny.stage_run("calibrate-ir")(load_study(path))
     return path
 
 
-def changed(alone: Path, folder: Path, **parameters: Any) -> dict[str, Any]:
+@pytest.fixture(scope="module")
+def alone(ready: Path) -> Path:
+    """The same, whose chain has run. Not to be written into."""
+    told("run", ready)
+    return ready
+
+
+def changed(ready: Path, folder: Path, **parameters: Any) -> dict[str, Any]:
     """The content of that study with a run folder of its own that holds the calibration, and other settings of parameters."""
     (folder / "run").mkdir()
-    shutil.copy(alone.parent / "run" / "calibrate-ir.h5", folder / "run")
-    found: dict[str, Any] = {**yaml.safe_load(alone.read_text(encoding="utf-8")), "run_dir": str(folder / "run")}
+    shutil.copy(ready.parent / "run" / "calibrate-ir.h5", folder / "run")
+    found: dict[str, Any] = {**yaml.safe_load(ready.read_text(encoding="utf-8")), "run_dir": str(folder / "run")}
     found["parameters"] = {**found["parameters"], **parameters}
     return found
 
@@ -107,7 +114,9 @@ def test_the_loop_finds_nothing_where_nothing_is_missing(alone: Path) -> None:
     assert record.summary["grade"] == "complete" and set(record.summary["channels"]) == {"dtheta"}
     assert {"rate_power", "thermal_softening", "force_scale", "dic_tilt", "bending"} <= set(record.summary["not_asked"])
     assert not {"clamp_drift", "lamp", "ir_drift", "stored_energy"} & set(record.summary["not_asked"])
-    assert set(record.summary["local_balances"]) >= {"heat"}
+    local = record.summary["local_balances"]
+    assert [one["balance"] for one in local["maps"]] == ["heat"] and local["where"] == "none"
+    assert [text.partition(":")[0] for text in local["without"]] == ["force through sections"]
 
 
 def test_effects_that_are_asked_act_on_temperatures_alone() -> None:
@@ -128,9 +137,9 @@ def test_effects_that_are_asked_act_on_temperatures_alone() -> None:
     ids=["start", "missing", "thermal", "diagnosis", "drive"],
 )
 def test_what_temperatures_do_not_tell_is_refused(
-    alone: Path, tmp_path: Path, parameters: dict[str, Any], more: dict[str, Any], words: str
+    ready: Path, tmp_path: Path, parameters: dict[str, Any], more: dict[str, Any], words: str
 ) -> None:
-    tree = {**changed(alone, tmp_path, **parameters), **more}
+    tree = {**changed(ready, tmp_path, **parameters), **more}
     tree["parameters"] = {name: value for name, value in tree["parameters"].items() if value is not None}
     with pytest.raises(StudyError, match=words) as refused:
         tiny.stage_run("interpolate")(study_of(tmp_path, tree))
@@ -146,20 +155,20 @@ def test_a_mechanical_parameter_that_is_freed_later_is_refused(alone: Path) -> N
         experiment_of(study).joint_settings()
 
 
-def test_parameters_that_cannot_carry_the_force_are_refused(alone: Path, tmp_path: Path) -> None:
-    tree = changed(alone, tmp_path, M_y0=20.0, M_yinf=60.0)
+def test_parameters_that_cannot_carry_the_force_are_refused(ready: Path, tmp_path: Path) -> None:
+    tree = changed(ready, tmp_path, M_y0=20.0, M_yinf=60.0)
     with pytest.raises(NumericsError, match=r"the motion cannot be computed with E = 68000 MPa.*M_y0 = 20 MPa.*correct these parameters"):
         tiny.stage_run("interpolate")(study_of(tmp_path, tree))
 
 
-def test_a_folder_without_any_camera_is_refused(alone: Path, tmp_path: Path) -> None:
-    raw = tiny.without_camera(alone.parent / "raw", tmp_path / "raw", "ir")
+def test_a_folder_without_any_camera_is_refused(ready: Path, tmp_path: Path) -> None:
+    raw = tiny.without_camera(ready.parent / "raw", tmp_path / "raw", "ir")
     with pytest.raises(DataError, match="declares neither displacements nor infrared frames"):
-        tiny.stage_run("interpolate")(study_of(tmp_path, {**changed(alone, tmp_path), "experiment": str(raw)}))
+        tiny.stage_run("interpolate")(study_of(tmp_path, {**changed(ready, tmp_path), "experiment": str(raw)}))
 
 
-def test_tests_with_and_without_displacements_are_not_mixed(alone: Path, finished: Path, tmp_path: Path) -> None:
-    tree = {**changed(alone, tmp_path), "experiments": {"other": {"experiment": str(finished / "raw"), "held_out": True}}}
+def test_tests_with_and_without_displacements_are_not_mixed(ready: Path, finished: Path, tmp_path: Path) -> None:
+    tree = {**changed(ready, tmp_path), "experiments": {"other": {"experiment": str(finished / "raw"), "held_out": True}}}
     with pytest.raises(StudyError, match=r"tiny\.yaml has no displacements, but other has: identify the mechanical parameters"):
         tiny.stage_run("interpolate")(study_of(tmp_path, tree))
 
@@ -178,10 +187,10 @@ def test_stated_errors_of_the_mechanics_enter_the_budget(alone: Path, tmp_path: 
     assert any("nu, M_yinf, H_exp, F are taken as exact" in text for text in record.summary["remarks"])
 
 
-def test_a_new_study_leaves_the_mechanics_to_be_put_in(alone: Path, tmp_path: Path) -> None:
+def test_a_new_study_leaves_the_mechanics_to_be_put_in(ready: Path, tmp_path: Path) -> None:
     """No number of the template passes for a known one; the study loads, and its first stage says what is missing."""
     path = tmp_path / "new.yaml"
-    said = write_template(path, str(alone.parent / "raw"), look=lambda _: "the experiment has no displacements")
+    said = write_template(path, str(ready.parent / "raw"), look=lambda _: "the experiment has no displacements")
     assert "put in the mechanical parameters as numbers" in said
     study = load_study(path)
     assert not set(MECHANICAL) & set(study.parameters) and set(THERMAL) <= set(study.parameters)

@@ -155,16 +155,25 @@ def piece_heat(seen: JointErrors, flow: MeasuredFlow | None = None) -> LocalBala
 
 def _operator(seen: JointErrors, time: np.ndarray) -> _Operator:
     v, data = seen.parameters.values, seen.joint.data
-    u, seen_u = seen.joint.model.observations.get("u"), seen.errors.get("u")
-    stretch = np.ones(len(time))
-    if u is not None and seen_u is not None:
-        y = u.xy[:, 1] - u.xy[:, 1].mean()
-        moved = u.value[:, :, 1] + seen_u[:, :, 1]
-        own = u.mask.any(axis=1)
-        slope = [float(np.polyfit(y[m], row[m], 1)[0]) for m, row in zip(u.mask[own], moved[own], strict=True)]
-        stretch = 1.0 + np.interp(time, u.time[own], slope)
     law = law_of(seen.parameters, seen.joint.study.slots)
-    return _Operator(v["c0"] + expansion_capacity(law), v["kappa"], FILM_UNIT * v["alpha_air"], data.specimen.thickness, stretch)
+    capacity, film = v["c0"] + expansion_capacity(law), FILM_UNIT * v["alpha_air"]
+    return _Operator(capacity, v["kappa"], film, data.specimen.thickness, _stretch(seen, time))
+
+
+def _stretch(seen: JointErrors, time: np.ndarray) -> np.ndarray:
+    """Predicted mean stretch (n_t,) along the load at times s (n_t,): of the points that DIC sees, or where there is none of those whose
+    temperature is compared."""
+    u = seen.joint.model.observations.get("u")
+    if u is not None:
+        at, xy, moved, mask = u.time, u.xy, u.value + seen.errors["u"], u.mask
+    else:
+        instruments, xy = seen.joint.prediction.instruments, seen.joint.model.observations["theta"].xy
+        history = instruments.run(seen.parameters)
+        at, moved = history.time, instruments.samplers["theta"].operator.displacement(history.u - history.u[0])
+        mask = np.ones(moved.shape[:2], dtype=bool)
+    y, own = xy[:, 1] - xy[:, 1].mean(), mask.any(axis=1)
+    slope = [float(np.polyfit(y[m], row[m], 1)[0]) for m, row in zip(mask[own], moved[own][:, :, 1], strict=True)]
+    return np.asarray(1.0 + np.interp(time, at[own], slope))
 
 
 def _of_place(seen: JointErrors, knots: np.ndarray, centre: float, half: float, operator: _Operator) -> tuple[np.ndarray, float]:

@@ -79,22 +79,7 @@ parameters:
 ## window: auto (elastic range, from the data), all, or [t0, t1] in s. coupling: full or one-way.
 ## method: least-squares (= gauss-newton), trust-region, nelder-mead (the thesis), bobyqa, sbplx, cobyla.
 stages:
-  elastic:
-    free: [E, nu]
-    channels: {du: {weight: sigma}}
-    window: auto
-    method: least-squares
-    coupling: full
-    max_evaluations: 2000
-    tolerance: 1.0e-5
-    du: {scheme: rigid-body}                   # or similarity (a uniform scale too), neighbour, gradient
-    # beside: []                               # other measures whose answers are shown beside: [u, similarity]
-  plastic:
-    free: [@FREE@]
-    channels: {du: {}}
-    window: all
-    coupling: full
-  thermal:
+@MECHANICAL@  thermal:
     free: [alpha_exp, kappa, c0, beta, alpha_air, alpha_clamp]
     channels: {dtheta: {}}
     window: all
@@ -182,6 +167,25 @@ stages:
 #   force: {rate: 10.0, noise: 4.0, crosshead_noise: 7.0e-4}   # Hz, N, mm
 #   thermocouple_error: 0.05                   # K
 """
+
+_MECHANICAL = """\
+  elastic:
+    free: [E, nu]
+    channels: {du: {weight: sigma}}
+    window: auto
+    method: least-squares
+    coupling: full
+    max_evaluations: 2000
+    tolerance: 1.0e-5
+    du: {scheme: rigid-body}                   # or similarity (a uniform scale too), neighbour, gradient
+    # beside: []                               # other measures whose answers are shown beside: [u, similarity]
+  plastic:
+    free: [@FREE@]
+    channels: {du: {}}
+    window: all
+    coupling: full
+"""
+"""Stages that compare displacements."""
 
 
 LookAt = Callable[[Path], "Look | str"]
@@ -274,6 +278,7 @@ def template(
         .replace("@HARDENING@", f"{chosen:<37}# instead of `model` (docs/hardening.md): {laws}", 1)
         .replace("@SURFACE@", f"{surface_line:<37}# yield surface (docs/yield-surfaces.md): {', '.join(one.name for one in surfaces())}", 1)
         .replace("@YIELDS@", of_surface, 1)
+        .replace("@MECHANICAL@", _MECHANICAL if displacements else "", 1)
         .replace("@FREE@", ", ".join((*law.fitted, *yields.fitted)), 1)
         .replace("@MEASURED@", lines, 1)
         .replace("@nu@", ratio, 1)

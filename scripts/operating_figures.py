@@ -70,7 +70,7 @@ DRIVERS = {
     ),
     "body": Driver(
         200_000,
-        20,
+        100,
         {3.0: 2, 10.0: 2, 1.0: 2},
         (
             *("rate_logarithmic", "thermal_softening", "lamp", "air_drift", "clamp_drift", "initial_gradient", "latent_heat"),

@@ -90,9 +90,7 @@ def test_another_form_that_fits_as_well_lies_within_the_interval(free_reference:
     overstress = stress(np.array([0.0, parameters["rate_power.K"], parameters["rate_power.reference"]]))[int(0.05 * RATE.size)]
     assert np.sqrt(after**2 - before**2) == pytest.approx(0.5 * overstress / np.sqrt(3.0), rel=0.1)
     (said,) = found.remarks
-    assert said.startswith(
-        "no rate below 0.0011 1/s is in the data, and what rate_power says there rests on its form; intervals hold"
-    )
+    assert said.startswith("no rate below 0.0011 1/s is in the data, and what rate_power says there rests on its form; intervals hold")
     assert "M_y0 +- " in said
 
 

@@ -42,7 +42,8 @@ def with_slowest_rate(closed: Closed) -> Closed:
     here = closed.last
     laws = [e for e in map(effect, closed.accepted) if e.is_on(here.case.parameters) and feels_rate(e, here.case.parameters)]
     for e in laws:
-        if closed.fit.covariance is None or closed.fit.jacobian is None:
+        fit = closed.fit
+        if fit.covariance is None or fit.jacobian is None:
             break
         of_rate = reference_of(e)
         if of_rate is None:
@@ -56,7 +57,7 @@ def with_slowest_rate(closed: Closed) -> Closed:
             words = f"what {e.name} says below the slowest rate of the test counts as exact: a run for it failed ({error})"
             closed = replace(closed, remarks=(*closed.remarks, words))
             continue
-        fit, model = closed.fit, LinearModel(closed.fit.residual, closed.fit.jacobian, here.problem.model.noise)
+        model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
         held = fit.at_bound | np.isin(fit.names, [p.name for p in e.exponents])
         gone = moves(model, doubt * column, held)
         wider = widened(fit, gone @ gone.T)

@@ -105,7 +105,8 @@ CAUSES: dict[str, Cause] = {
         ("stored_energy", "latent_heat"),
         HEAT,
     ),
-    "camera-steps": Cause(IR, lambda theta, y, time, amount: theta + amount * (time > 100.0), ("ir_drift",), HEAT),
+    "camera-steps": Cause(IR, lambda theta, y, time, amount: theta + amount * (time > 100.0), ("ir_drift", "ir_step"), HEAT),
+    "camera-wanders": Cause(IR, lambda theta, y, time, amount: theta + amount * np.sin(2.0 * np.pi * time / 90.0), ("ir_drift",), HEAT),
     "camera-tilts": Cause(
         IR,
         lambda theta, y, time, amount: theta + amount * y / 20.0 * time / 400.0,
@@ -158,6 +159,7 @@ RUNS: dict[str, dict[str, float]] = {
     "one-jaw": {"one-jaw": 1.5},
     "heat-of-early-flow": {"heat-of-early-flow": 0.5},
     "camera-steps": {"camera-steps": 0.15},
+    "camera-wanders": {"camera-wanders": 0.15},
     "camera-tilts": {"camera-tilts": 0.3},
     "rate-by-arsinh": {"rate-by-arsinh": 5.0},
     "hardening-sets-in": {"hardening-sets-in": 400.0},

@@ -348,6 +348,14 @@ ROWS: dict[str, Row] = {
         ),
     ),
     # Half of Q at b Lambda = ln 2, three quarters at ln 4.
+    # At the first step z = 0, and at first yield z = -(1 - 1/2) 4/3 = -2/3, so that S - S(0) = 1 / sqrt(13).
+    "hardening_curve": Row(
+        "yield_stress",
+        (
+            ((0.0, 1.0, 300.0, NONE, 3.0, *[5.0] * 10, 0.18), 3.0),
+            ((0.18 * 0.05**1.5, 1.0, 300.0, NONE, 0.0, 13.0, *[0.0] * 9, 0.18), float(np.sqrt(13.0))),
+        ),
+    ),
     "second_hardening": Row(
         "yield_stress",
         (

@@ -165,9 +165,9 @@ class Case:
         return accumulated, rate, np.full(len(rate), self.parameters["theta_ref"] + _WARMER), grown
 
     def dormant(self) -> tuple[Effect, ...]:
-        """Effects that are off: none of their Params is free and the amplitude is neutral."""
+        """Effects that are off and may be the name of what is missing: none of their Params is free and the amplitudes are neutral."""
         free = set(self.parameters.free)
-        return tuple(e for e in self.known if not free & set(e.names) and not e.is_on(self.parameters))
+        return tuple(e for e in self.known if not e.last and not free & set(e.names) and not e.is_on(self.parameters))
 
     def not_asked(self) -> tuple[str, ...]:
         """Effects of the catalogue that the driver at hand, or its channels, do not have: no data of this test speak of them."""

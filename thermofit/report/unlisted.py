@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +16,17 @@ from thermofit.core.files import replacing
 from thermofit.core.parameters import param
 from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
 from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
+from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Missing
 from thermofit.experiment.trust import grade
+from thermofit.law.page import law_of
 from thermofit.records.artefact import Dataset
 from thermofit.report.figures import NOISE, STYLE, new_figure, save_figures, shade_phases, symmetric_limit
 from thermofit.report.figures_maps import Scale, draw_map
@@ -100,6 +103,53 @@ def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[
         return {**summary, "unlisted": None}
     graded = {"grade": grade({}, False, said)} if "grade" in summary else {}
     return {**summary, **graded, "unlisted": said, "trustworthy": False, "verdict": f"{summary['verdict']}; unlisted: {in_words(said)}"}
+
+
+def with_any_form(summary: dict[str, Any], closed: Closed) -> dict[str, Any]:
+    """A summary of `close-loop` that says what is known of a curve of any form among the accepted effects: such an answer has no name. The
+    curve is the entry `unlisted` where nothing else is."""
+    curve = next((e for e in map(effect, closed.accepted) if e.last), None)
+    if curve is None:
+        return summary
+    told = {**summary, "hardening_curve": curve_of(closed, curve)}
+    if summary["unlisted"] is not None:
+        return told
+    channel = next(c.channel for c in closed.first.case.model.comparisons if observed_field(c.channel) != "theta")
+    rows = closed.first.rows.channel == closed.first.case.channels.index(channel)
+    square, n = float(np.sum(closed.first.columns.residual[rows] ** 2)), int(rows.sum())
+    said = {
+        **{"channel": channel, "where": None, "when_s": None, "best_listed": None, "resembles": [], "beside": [], "other_channels": []},
+        **{"hints": [], "effect_file": None, "figure": None, "balance": "stress", "parameters": None},
+        **{"excess": square - n, "excess_sigma": float(np.sqrt(2.0 * n)), "excess_share": max(square - n, 0.0) / square},
+        "over_state": told["hardening_curve"],
+    }
+    others = tuple(n for n in closed.accepted if n != curve.name)
+    return with_unlisted(told, {**said, "beside": list(others)})
+
+
+def curve_of(closed: Closed, curve: Effect) -> dict[str, Any]:
+    """What a curve of any form adds to the yield stress over the plastic strain up to the largest, with its standard error in MPa, and its
+    proof on held-out data."""
+    case, fit = closed.last.case, closed.fit
+    strain = np.linspace(0.0, case.largest_strain, _FINE)
+    law, names = law_of(case.parameters), [p.name for p in curve.amplitudes]
+    at = [case.parameters[n] for n in curve.names]
+
+    def stress(values: Sequence[complex]) -> np.ndarray:
+        return np.asarray(curve.act(strain, 0.0, case.parameters["theta_ref"], law, *values))
+
+    slopes = [np.imag(stress([v + 1e-30j * (n == name) for n, v in zip(curve.names, at, strict=True)])) / 1e-30 for name in names]
+    value, slope, place = stress(at), np.stack(slopes, axis=1), [fit.names.index(n) for n in names]
+    spread = None if fit.covariance is None else fit.covariance.matrix[np.ix_(place, place)]
+    sigma = np.full(len(strain), np.nan) if spread is None else np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, spread, slope), 0.0))
+    trial = next(t for r in reversed(closed.rounds) for t in r.trials if t.effects == (curve.name,))
+    proof = {} if trial.proof is None else _proof(trial.proof)
+    return {
+        "variable": "accumulated plastic strain",
+        "largest_MPa": float(np.max(np.abs(value))),
+        **{"at": strain.tolist(), "stress_MPa": value.tolist(), "sigma_MPa": sigma.tolist()},
+        **proof,
+    }
 
 
 def in_words(said: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from strip import MODEL, Source, numerical, spot, strip_case
 
 from thermofit.cli.printing import unlisted_lines
 from thermofit.core.jsonable import jsonable
+from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted, best_listed, unlisted, volumes
@@ -26,6 +27,7 @@ from thermofit.diagnose.unlisted_loop import ended
 from thermofit.diagnose.unlisted_place import compact, place_of, when_of
 from thermofit.diagnose.unlisted_structure import structures
 from thermofit.experiment.residuals import Span
+from thermofit.report.html.gather import unlisted_words
 from thermofit.report.unlisted import described, in_words, summary_of, unlisted_datasets, with_unlisted
 from thermofit.study.study import Study
 
@@ -87,6 +89,49 @@ def test_which_balance_lacks_it(tmp_path: Path, local: str | None, balance: str)
     study = cast(Study, SimpleNamespace(name="strip", run_dir=tmp_path / "run"))
     said = described(study, here, found, None, None if local is None else {"maps": maps})
     assert said is not None and said["balance"] == balance
+
+
+WANDERING = [
+    lambda t: 0.15 * np.sin(2.0 * np.pi * t / 37.0),
+    lambda t: 0.15 * (t > 47.0),
+    lambda t: 0.1 * np.abs((t / 25.0) % 2.0 - 1.0) + 0.1 * (t > 80.0),
+]
+"""Offsets of a camera in K over s: one that sways, one that steps, one that saws and steps."""
+
+
+@pytest.mark.parametrize(("offset", "steady"), list(zip(WANDERING, (True, False, False), strict=True)))
+def test_a_camera_that_wanders_is_no_heat_source(tmp_path: Path, offset: Any, steady: bool) -> None:
+    """The offset over time is told as what it is. Conductivity and dissipation beside it are what they were, where a plain fit is 7 % off
+    unless the camera sways about nothing (`steady`)."""
+    here = traced(fitted(strip_case(3, offset=offset))[0], numerical())
+    found = unlisted(here, numerical(), [])
+    assert found is not None and found.field is not None and found.place is not None and found.field.basis.kind == "offset"
+    history = found.field.values[:, 0, 0, 0]
+    planted = offset(found.field.basis.grid.time)
+    away = (history - history.mean()) - (planted - planted.mean())
+    assert np.sqrt(np.mean(away**2)) < 0.25 * np.std(planted)
+    beside = beside_source(here, found)
+    assert beside is not None and set(beside.value) == {"kappa", "beta"}
+    clean, driven = fitted(strip_case(3))[0].parameters, here.case.parameters
+    off = {n: (beside.value[n] / clean[n] - 1.0, driven[n] / clean[n] - 1.0) for n in beside.value}
+    assert all(abs(after) < 0.006 for after, _ in off.values()), f"the error of the mesh makes that much: {off}"
+    assert steady or abs(off["kappa"][1]) > 0.07, off
+    study = cast(Study, SimpleNamespace(name="strip", run_dir=tmp_path / "run"))
+    said = described(study, here, found, beside)
+    assert said is not None and said["balance"] == "camera" and said["where"] == {"image": "all"} and said["unit"] == "K"
+    assert (
+        "a offset" not in in_words(said)
+        and "an offset of the infrared camera of " in in_words(said)
+        and "in all of the image" in in_words(said)
+    )
+    assert in_words(said).partition(" (")[0] in unlisted_words(said)
+    module = _loaded(Path(said["effect_file"]))
+    scene: Any = SimpleNamespace(name="", time=found.field.basis.grid.time)
+    theta = np.zeros((len(history), 2))
+    assert module.sensor(theta, scene, 1.0) == pytest.approx(np.repeat(history[:, None], 2, axis=1), abs=1e-5)
+    text = io.StringIO()
+    unlisted_lines(Console(file=text, width=120), cast(Any, jsonable(said)))
+    assert "an offset of the infrared camera" in text.getvalue()
 
 
 def test_nothing_is_unlisted_where_nothing_is_missing() -> None:

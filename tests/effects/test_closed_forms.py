@@ -207,6 +207,17 @@ ROWS: dict[str, Row] = {
             ((column(300.0, 300.0), looking(a(-4.0, 6.0)), -0.2), column(300.0, 298.0)),
         ),
     ),
+    # Half of it in its middle, tanh(1) of the half one width later, all of it far behind.
+    "ir_step": Row(
+        "sensor",
+        (
+            (
+                (column(300.0, 301.0, 302.0, 303.0), looking(a(-900.0, 40.0, 45.0, 900.0)), 0.2, 40.0, 5.0),
+                column(300.0, 301.1, 302.1 + 0.1 * np.tanh(1.0), 303.2),
+            ),
+            ((column(300.0, 300.0), looking(a(0.0, 80.0)), -0.5, 40.0, 0.1), column(300.0, 299.5)),
+        ),
+    ),
     # A share 0.5 x 0.05 of the 20 K above the air is not seen; of what is colder than the air more than all.
     "ir_emissivity": Row(
         "emission",
@@ -337,6 +348,14 @@ ROWS: dict[str, Row] = {
         ),
     ),
     # Half of Q at b Lambda = ln 2, three quarters at ln 4.
+    # At the first step z = 0, and at first yield z = -(1 - 1/2) 4/3 = -2/3, so that S - S(0) = 1 / sqrt(13).
+    "hardening_curve": Row(
+        "yield_stress",
+        (
+            ((0.0, 1.0, 300.0, NONE, 3.0, *[5.0] * 10, 0.18), 3.0),
+            ((0.18 * 0.05**1.5, 1.0, 300.0, NONE, 0.0, 13.0, *[0.0] * 9, 0.18), float(np.sqrt(13.0))),
+        ),
+    ),
     "second_hardening": Row(
         "yield_stress",
         (

@@ -106,7 +106,7 @@ def seen(p: Parameters, theta: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class StripMissing:
-    """Heat sources of the strip."""
+    """Heat sources of the strip, and offsets of the camera."""
 
     records = ()
     offsets = np.zeros(0)
@@ -117,11 +117,20 @@ class StripMissing:
     def kinds(self) -> Mapping[str, str]:
         return {"theta": "heat"}
 
+    @property
+    def of_instruments(self) -> Mapping[str, str]:
+        return {"theta": "offset"}
+
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
+        if kind == "offset":
+            return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), np.zeros(1), np.zeros(1))
         x, y = (np.linspace(v.min(), v.max(), n) for v, n in ((MODEL.x, counts[2] + 2), (MODEL.y, counts[1])))
         return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), x, y)
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        if kind == "offset":
+            one = time_hats(grid, MODEL.time, np.zeros(len(MODEL.time), dtype=int))[:, chosen]
+            return np.repeat(one[:, None, None, :], len(MODEL.x), axis=1)
         middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         strength = time_hats(grid, middle, np.zeros(len(middle), dtype=int))[:, k]
@@ -153,12 +162,20 @@ def numerical() -> np.ndarray:
     return np.asarray((coarse - on_cells(fine)).ravel() / SIGMA)
 
 
-def strip_case(seed: int, source: Source | None = None, known: tuple[Effect, ...] = KNOWN, **planted: float) -> Case:
-    """A case whose data come from a finer strip, with a source that the model does not have and planted effects of the camera."""
+def strip_case(
+    seed: int,
+    source: Source | None = None,
+    known: tuple[Effect, ...] = KNOWN,
+    offset: Callable[[np.ndarray], np.ndarray] | None = None,
+    **planted: float,
+) -> Case:
+    """A case whose data come from a finer strip, with a source that the model does not have, planted effects of the camera, and an offset
+    of it over time."""
     fine = FINE
     truth = BASE.replace(**planted)
     power = fine.plastic(truth) + (0.0 if source is None else fine.sourced(source))
     theta = on_cells(fine.run(truth, power)[:, :, 0])
+    theta = theta if offset is None else theta + offset(MODEL.time)[:, None]
     value = seen(truth, theta) + SIGMA * np.random.default_rng(seed).normal(size=theta.shape)
     shape = (*value.shape, 1)
     xy = np.stack([MODEL.x, MODEL.y], axis=1)

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
-from thermofit.report.local_words import balance_lines, drift_line
+from thermofit.report.local_words import balance_lines, drift_line, with_article
 
 
 def number(value: Any, digits: int = 5) -> str:
@@ -528,7 +528,7 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
         console.print(f"unlisted  {what}in {said['channel']}; {explained}", soft_wrap=True)
         _more(console, said)
         return
-    out = _table(f"unlisted: a {said['kind']} in {said['channel']}; {explained}", ("", "value"))
+    out = _table(f"unlisted: {with_article(said['kind'])} in {said['channel']}; {explained}", ("", "value"))
     for key, value in said["where"].items():
         out.add_row(key, value if isinstance(value, str) else str(value) if isinstance(value, bool) else number(value))
     out.add_row("from, to in s", ", ".join(number(t) for t in said["when_s"]))

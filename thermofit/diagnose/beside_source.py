@@ -2,7 +2,8 @@
 
 A joint fit spreads a heat that nobody lists over all parameters: they end many of their standard errors away, with small ones. Beside an
 unlisted heat two things are told instead. Parameters that temperatures do not feel are those of the displacements alone. The others are
-those beside a broad source (`protected`); how little is known of that source is part of their standard errors.
+those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside the offset of a
+camera they are those fitted with it.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from thermofit.fit.linear_model import projection
 
 @dataclass(frozen=True)
 class BesideSource:
-    """Values of the fitted parameters beside an unlisted heat and their standard errors by the noise, each in its unit; in words why there
-    are none, where a run failed."""
+    """Values of the fitted parameters beside an unlisted heat or offset and their standard errors by the noise, each in its unit; in words
+    why there are none, where a run failed."""
 
     value: Mapping[str, float]
     sigma: Mapping[str, float]
@@ -31,10 +32,14 @@ class BesideSource:
 
 
 def beside_source(here: Traced, missing: Unlisted | None) -> BesideSource | None:
-    """The parameters beside an unlisted heat of a body; None where none is unlisted, or the model knows of no broad source."""
+    """The parameters beside an unlisted heat of a body, or offset of its camera; None where none is unlisted, or the model knows of no
+    broad source."""
     case = here.case
-    if missing is None or missing.field is None or missing.field.basis.kind != "heat":
+    if missing is None or missing.field is None or missing.field.basis.kind not in ("heat", "offset"):
         return None
+    if missing.field.basis.kind == "offset":
+        free, spread = missing.parameters.free, missing.field.uncertainty.tolist()
+        return BesideSource({n: missing.parameters[n] for n in free}, dict(zip(free, spread, strict=True)))
     if case.heated is None or case.model.segments is not None:
         return None
     try:

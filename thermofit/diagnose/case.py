@@ -121,6 +121,9 @@ class Case:
     moved: Moved | None = None
     """Parameters with those that temperatures do not feel fitted to the displacements alone, NumericsError where that cannot be run; None
     where the driver does not tell the two fields apart."""
+    flowing: Callable[[Parameters], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+    """Lambda, its rate in 1/s and its increment where a body flows, each (n,), by a run (NumericsError where it fails); None of coupons,
+    where `flow` tells them."""
     correlation_length: float = 0.0
     """Distance in mm over which the noise of neighbouring points hangs together; 0: it is not known, or there is one point."""
     bounds: Bounds = physical
@@ -153,10 +156,18 @@ class Case:
         accumulated = np.linspace(0.0, self.largest_strain, _STRAINS)
         return accumulated, np.full(_STRAINS, _RATE), np.full(_STRAINS, self.parameters["theta_ref"] + _WARMER)
 
+    def flows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Lambda, its rate in 1/s, temperature in K and the increment of Lambda where the model flows, each (n,); of a body by a run."""
+        if self.flowing is None:
+            accumulated, rate, theta = self.flow()
+            return accumulated, rate, theta, np.maximum(np.diff(accumulated, prepend=0.0), 0.0)
+        accumulated, rate, grown = self.flowing(self.parameters)
+        return accumulated, rate, np.full(len(rate), self.parameters["theta_ref"] + _WARMER), grown
+
     def dormant(self) -> tuple[Effect, ...]:
-        """Effects that are off: none of their Params is free and the amplitude is neutral."""
+        """Effects that are off and may be the name of what is missing: none of their Params is free and the amplitudes are neutral."""
         free = set(self.parameters.free)
-        return tuple(e for e in self.known if not free & set(e.names) and not e.is_on(self.parameters))
+        return tuple(e for e in self.known if not e.last and not free & set(e.names) and not e.is_on(self.parameters))
 
     def not_asked(self) -> tuple[str, ...]:
         """Effects of the catalogue that the driver at hand, or its channels, do not have: no data of this test speak of them."""

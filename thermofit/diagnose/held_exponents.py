@@ -24,8 +24,8 @@ from thermofit.diagnose.case import Case, tried_of
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.refit import VAGUE
 from thermofit.diagnose.trial import held_exponents
+from thermofit.diagnose.widened import most_widened, widened
 from thermofit.fit.budget import moves
-from thermofit.fit.covariance import correlation
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
@@ -66,26 +66,13 @@ def in_doubt(fit: FitResult, model: LinearModel, columns: np.ndarray) -> FitResu
     gram = s.T @ s
     told = gram @ np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True) @ gram
     added = gone @ np.linalg.solve(told + np.eye(len(told)), gone.T)
-    old = fit.covariance
-    known = np.isfinite(old.sigma)
-    added[~known, :] = added[:, ~known] = 0.0
-    matrix, unit = old.matrix + added, old.matrix_unit + added
-    sigma, sigma_unit = (np.sqrt(v**2 + np.diag(added)) for v in (old.sigma, old.sigma_unit))
-    wider = replace(old, matrix=matrix, matrix_unit=unit, sigma=sigma, sigma_unit=sigma_unit, correlation_parameters=correlation(unit))
-    return replace(fit, covariance=wider, sigma=sigma)
+    return widened(fit, added)
 
 
 def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> tuple[str, ...]:
     """Which intervals hang most on exponents that are held; nothing where none does in the two digits that are shown."""
-    told = [(name, float(old), float(new)) for name, old, new in zip(before.names, _sigma(before), _sigma(after), strict=True)]
-    moved = sorted((one for one in told if np.isfinite(one[1]) and f"{one[1]:.2g}" != f"{one[2]:.2g}"), key=lambda one: one[1] / one[2])
-    if not moved:
+    most = most_widened(before, after)
+    if not most:
         return ()
-    most = ", ".join(f"{name} +- {new:.2g} (else {old:.2g})" for name, old, new in moved[:3])
     values = ", ".join(f"{n} = {case.parameters[n]:.3g}" for n in held)
     return (f"{values}: held, for the data do not determine it; intervals hold what another value would change, most of all {most}",)
-
-
-def _sigma(fit: FitResult) -> np.ndarray:
-    assert fit.sigma is not None
-    return fit.sigma

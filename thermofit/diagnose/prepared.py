@@ -135,6 +135,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         refined_at=_refinement(joint, refit),
         heated=refit.heated,
         moved=None if joint.parts is None else refit.moved,
+        flowing=None if joint.parts is None else refit.flowing,
         correlation_length=joint.correlation_length,
         bounds=fitting.bounds,
         pose=pose,

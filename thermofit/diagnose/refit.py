@@ -286,6 +286,11 @@ class JointFit:
             self.ends[key] = (self._moved(parameters, model, mechanical, "motion").with_free(parameters.free), ())
         return self.ends[key][0]
 
+    def flowing(self, parameters: Parameters) -> Flow:
+        """Where and how fast the tests flow at parameters, by runs of all of them. NumericsError where one fails."""
+        assert self.parts is not None
+        return flow_of(self.parts.histories(parameters))
+
     def _first_values(self, names: Sequence[str]) -> dict[str, float]:
         """Where the study starts parameters, of those for which it says so."""
         return {name: start_of(given) for name in names if (given := self.study.setting(name)) is not None}
@@ -326,7 +331,7 @@ class JointFit:
         exponents = tuple(name for name in mechanical if param(name).scan)
         others = tuple(name for name in mechanical if name not in exponents)
         unknown = tuple(name for name in exponents if (name, start[name]) not in self.told)
-        flow = flow_of(self.parts.histories(start)) if unknown else None
+        flow = self.flowing(start) if unknown else None
         for name in unknown:
             tried = 0
 

@@ -37,12 +37,12 @@ HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
 SURE, PRACTICAL = 3.0, 5e-3
 """Standard errors, and least relative fall of the held-out mean square of the channel, for which a field is believed."""
-UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa"}
+UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K"}
 BEHIND = 0.1
 """Part of an excess that an effect which is the cause does not leave behind."""
 ALONE = 0.02
 """The same where structure of a coupon is told without a term."""
-COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)}
+COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1), "offset": (48, 1, 1)}
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
@@ -92,6 +92,9 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
         term, there, failed = sought(here, structure)
+        offset = of_instrument(here, structure, term)
+        if offset is not None:
+            term, there = offset, here
         law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
         proofs = [p.gain for p in (None if term is None else term.proof, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
@@ -156,6 +159,25 @@ def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, st
                 return term, there, failed
             return near, here, failed
     return term_of(here, structure), here, failed
+
+
+def of_instrument(here: Traced, structure: Structure, term: Field | None) -> Field | None:
+    """An offset of the camera over time in the stead of a term of the body, or of none; None where held-out data do not ask for it, or
+    the term of the body predicts them no worse.
+
+    What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps."""
+    missing = here.case.model.missing
+    kind = "" if missing is None else missing.of_instruments.get(observed_field(structure.blocks.channel), "")
+    if missing is None or not kind:
+        return None
+    grid = missing.grid(kind, COUNTS[kind])
+    own = solved(here, basis(here.case, structure, kind, grid, np.arange(grid.size)))
+    if not believed(own):
+        return None
+    if term is None:
+        return own
+    better = compared(term.after, own.after, here.rows, len(here.split.held_out), here.problem.model.noise, own.residual)
+    return own if better.convinces else None
 
 
 def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:

@@ -98,13 +98,21 @@ def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
     return head + tables + _HATS + body
 
 
-def sensor_file(name: str, source: str, records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
-    """Effect of slot sensor: per record its name, times s and the temperature K that the missing heat makes."""
+OF_HEAT = (
+    "Temperature that a heat source makes which the model does not have",
+    "theta_sensor = theta + scale T(t), T the answer of the lumped heat balance to the missing power",
+)
+OF_CAMERA = ("Offset of the infrared camera over time", "theta_camera = theta + scale T(t)")
+"""What an effect file of slot sensor is, and its formula."""
+
+
+def sensor_file(name: str, source: str, words: tuple[str, str], records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
+    """Effect of slot sensor: per record its name, times s and the temperature K that is missing there; `words`: what it is, its formula."""
     head = _HEAD.format(
-        what="Temperature that a heat source makes which the model does not have",
+        what=words[0],
         slot="sensor",
         name=name,
-        formula="theta_sensor = theta + scale T(t), T the answer of the lumped heat balance to the missing power",
+        formula=words[1],
         source=source,
         imports=_SCENE,
     )

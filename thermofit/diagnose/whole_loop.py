@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from thermofit.diagnose.held_exponents import with_held_exponents
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.slowest_rate import with_slowest_rate
 from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
@@ -31,4 +32,4 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    return Looped(found, with_held_exponents(with_stand_ins(closed)), missing)
+    return Looped(found, with_slowest_rate(with_held_exponents(with_stand_ins(closed))), missing)

@@ -65,6 +65,8 @@ class Effect:
     span: float = 0.0
     """K; the temperatures at which the specimens flow must lie so far apart for the effect to be told from others (SPAN). Only coupon
     records can; 0: it needs none."""
+    last: bool = False
+    """True for one that names nothing: it takes what no other effect explains."""
     of_user: bool = False
     """True where it stands in a file of the user's, not in the catalogue."""
 
@@ -149,7 +151,8 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
         raise StudyError(f"{where}: ON is {on!r}; expected a tuple of {', '.join(FACET_KINDS)}: the facet sets that the effect acts on")
     stored = bool(getattr(module, "STORED", False))
     span = float(getattr(module, "SPAN", 0.0))
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on, span=span)
+    last = bool(getattr(module, "LAST", False))
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on, span=span, last=last)
 
 
 def load_effect(path: Path) -> Effect:

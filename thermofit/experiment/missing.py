@@ -80,7 +80,7 @@ class YieldTerms(Protocol):
 
 
 class Missing(Protocol):
-    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa)."""
+    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K)."""
 
     @property
     def records(self) -> tuple[CouponTest, ...]:
@@ -101,6 +101,10 @@ class Missing(Protocol):
     @property
     def kinds(self) -> Mapping[str, str]:
         """Kind by the observed field that shows it."""
+
+    @property
+    def of_instruments(self) -> Mapping[str, str]:
+        """Kind by the observed field of what its instrument may add to it: the same wherever it looks, and any history over time."""
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed, about `counts` of them in time, y and x."""

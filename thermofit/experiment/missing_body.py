@@ -1,4 +1,5 @@
-"""Missing terms of a body: heat sources through the conduction of the fitted run, displacements as the cameras would show them."""
+"""Missing terms of a body: heat sources through the conduction of the fitted run, displacements as the cameras would show them, and offsets
+of the infrared camera."""
 
 from __future__ import annotations
 
@@ -22,6 +23,8 @@ from thermofit.observe.observation import FieldObservation
 from thermofit.observe.stations import chain, seen_along
 
 FIELDS = {"theta": "heat", "u": "displacement"}
+OFFSETS = {"theta": "offset"}
+"""What a camera may add to all of its image."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,11 @@ class BodyMissing:
     def kinds(self) -> Mapping[str, str]:
         """Kind of the missing term by observed field."""
         return {field: kind for field, kind in FIELDS.items() if field in self.instruments.observations}
+
+    @property
+    def of_instruments(self) -> Mapping[str, str]:
+        """Kind of what a camera may add to an observed field."""
+        return {field: kind for field, kind in OFFSETS.items() if field in self.instruments.observations}
 
     @property
     def records(self) -> tuple[()]:
@@ -62,9 +70,13 @@ class BodyMissing:
         return self.whole.body
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
-        """Hats over all that is observed; a heat source of a folded model is one of |x|."""
-        field = next(f for f, k in FIELDS.items() if k == kind)
+        """Hats over all that is observed; a heat source of a folded model is one of |x|. An offset is the same everywhere, with hats as
+        dense in time as it is observed."""
+        field = _field_of(kind)
         seen = self.instruments.observations[field]
+        if kind in OFFSETS.values():
+            time = np.quantile(seen.time, np.linspace(0.0, 1.0, min(counts[0], len(seen.time))))
+            return Grid(time, np.zeros(len(time), dtype=int), np.zeros(1), np.zeros(1))
         used = seen.mask.any(axis=0)
         low, high = seen.xy[used].min(axis=0), seen.xy[used].max(axis=0)
         if kind == "heat" and self.folded:
@@ -86,8 +98,7 @@ class BodyMissing:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and mm."""
         if kind == "heat":
             return self._warmed(parameters, grid, chosen)
-        seen = self.instruments.observations["u"]
-        return _shown_directly(grid, seen, chosen)
+        return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the whole specimen under each hat."""
@@ -169,6 +180,11 @@ class BodyMissing:
         out = {name: _at_knots(history.time, value, grid.time) for name, value in found.items()}
         x, y = np.tile(grid.x, len(grid.y)), np.repeat(grid.y, len(grid.x))
         return out | {"x": np.tile(x, (len(grid.time), 1)), "y": np.tile(y, (len(grid.time), 1))}
+
+
+def _field_of(kind: str) -> str:
+    """The observed field that shows a kind of term."""
+    return next(f for f, k in (*FIELDS.items(), *OFFSETS.items()) if k == kind)
 
 
 def _means(grid: Grid, time: np.ndarray) -> np.ndarray:

@@ -108,6 +108,11 @@ class CouponMissing:
             parts.append(np.where(last[:, None] >= 0, value[np.maximum(last, 0)], 0.0))
         return np.concatenate(parts)[:, None, None, :]
 
+    @property
+    def of_instruments(self) -> Mapping[str, str]:
+        """None: the lumped balance of a record turns any history of its temperature into a power."""
+        return {}
+
     def yield_variables(self, parameters: Parameters, variable: str) -> np.ndarray:
         """Values of a state variable wherever a coupon flows."""
         found = []

@@ -45,3 +45,8 @@ def drift_line(row: Mapping[str, Any]) -> str:
 
 def _value(value: float, sigma: float | None) -> str:
     return f"{value:.3g}" if sigma is None else f"{value:.3g} +- {sigma:.2g}"
+
+
+def with_article(kind: str) -> str:
+    """The kind of a term with its article."""
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,21 +16,25 @@ from thermofit.core.files import replacing
 from thermofit.core.parameters import param
 from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
-from thermofit.diagnose.unlisted_effect import camera_file, heat_file, sensor_file, yield_file
+from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
+from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Missing
 from thermofit.experiment.trust import grade
+from thermofit.law.page import law_of
 from thermofit.records.artefact import Dataset
 from thermofit.report.figures import NOISE, STYLE, new_figure, save_figures, shade_phases, symmetric_limit
 from thermofit.report.figures_maps import Scale, draw_map
+from thermofit.report.local_words import with_article
 from thermofit.study.study import Study
 
-NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress"}
-WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress"}
+NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress", "offset": "unlisted_offset"}
+WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"}
 BALANCES = {"theta": "heat", "u": "motion"}
 """Balance that lacks something by the observed field that shows it; any other one shows stresses."""
 FIGURE = "unlisted"
@@ -69,11 +73,15 @@ def described(
         with matplotlib.rc_context(STYLE):
             figures = save_figures(study.run_dir / "figures", {FIGURE: unlisted_figure(here, found)})
     made = {"effect_file": None if path is None else str(path), "figure": str(figures[0]) if figures else None}
-    return {**summary_of(here, found, file), **made, "balance": _balance(found.channel, local), "parameters": _parameters(here, beside)}
+    return {**summary_of(here, found, file), **made, "balance": _balance(found, local), "parameters": _parameters(here, beside)}
 
 
-def _balance(channel: str, local: Mapping[str, Any] | None) -> str:
-    """The balance that lacks something: `boundary` where the local balance of heat closes, so that it comes from outside what is seen."""
+def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
+    """The balance that lacks something: `boundary` where the local balance of heat closes, so that it comes from outside what is seen;
+    `camera` where it is none, but the offset of a camera."""
+    if found.field is not None and found.field.basis.kind == "offset":
+        return "camera"
+    channel = found.channel
     kind = BALANCES.get(observed_field(channel), "stress")
     maps = () if local is None else local["maps"]
     outside = any(m["balance"] == kind and m["channel"] == channel and m["where"] == "outside" for m in maps)
@@ -97,6 +105,53 @@ def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[
     return {**summary, **graded, "unlisted": said, "trustworthy": False, "verdict": f"{summary['verdict']}; unlisted: {in_words(said)}"}
 
 
+def with_any_form(summary: dict[str, Any], closed: Closed) -> dict[str, Any]:
+    """A summary of `close-loop` that says what is known of a curve of any form among the accepted effects: such an answer has no name. The
+    curve is the entry `unlisted` where nothing else is."""
+    curve = next((e for e in map(effect, closed.accepted) if e.last), None)
+    if curve is None:
+        return summary
+    told = {**summary, "hardening_curve": curve_of(closed, curve)}
+    if summary["unlisted"] is not None:
+        return told
+    channel = next(c.channel for c in closed.first.case.model.comparisons if observed_field(c.channel) != "theta")
+    rows = closed.first.rows.channel == closed.first.case.channels.index(channel)
+    square, n = float(np.sum(closed.first.columns.residual[rows] ** 2)), int(rows.sum())
+    said = {
+        **{"channel": channel, "where": None, "when_s": None, "best_listed": None, "resembles": [], "beside": [], "other_channels": []},
+        **{"hints": [], "effect_file": None, "figure": None, "balance": "stress", "parameters": None},
+        **{"excess": square - n, "excess_sigma": float(np.sqrt(2.0 * n)), "excess_share": max(square - n, 0.0) / square},
+        "over_state": told["hardening_curve"],
+    }
+    others = tuple(n for n in closed.accepted if n != curve.name)
+    return with_unlisted(told, {**said, "beside": list(others)})
+
+
+def curve_of(closed: Closed, curve: Effect) -> dict[str, Any]:
+    """What a curve of any form adds to the yield stress over the plastic strain up to the largest, with its standard error in MPa, and its
+    proof on held-out data."""
+    case, fit = closed.last.case, closed.fit
+    strain = np.linspace(0.0, case.largest_strain, _FINE)
+    law, names = law_of(case.parameters), [p.name for p in curve.amplitudes]
+    at = [case.parameters[n] for n in curve.names]
+
+    def stress(values: Sequence[complex]) -> np.ndarray:
+        return np.asarray(curve.act(strain, 0.0, case.parameters["theta_ref"], law, *values))
+
+    slopes = [np.imag(stress([v + 1e-30j * (n == name) for n, v in zip(curve.names, at, strict=True)])) / 1e-30 for name in names]
+    value, slope, place = stress(at), np.stack(slopes, axis=1), [fit.names.index(n) for n in names]
+    spread = None if fit.covariance is None else fit.covariance.matrix[np.ix_(place, place)]
+    sigma = np.full(len(strain), np.nan) if spread is None else np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, spread, slope), 0.0))
+    trial = next(t for r in reversed(closed.rounds) for t in r.trials if t.effects == (curve.name,))
+    proof = {} if trial.proof is None else _proof(trial.proof)
+    return {
+        "variable": "accumulated plastic strain",
+        "largest_MPa": float(np.max(np.abs(value))),
+        **{"at": strain.tolist(), "stress_MPa": value.tolist(), "sigma_MPa": sigma.tolist()},
+        **proof,
+    }
+
+
 def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
     part = f"{100 * said['excess_share']:.0f} %"
@@ -107,7 +162,7 @@ def in_words(said: dict[str, Any]) -> str:
         return share if law is None else f"a yield stress over {law['variable']}, up to {number(law['largest_MPa'])} MPa ({share})"
     a, b = said["when_s"]
     size = amount_in_words(said)
-    return f"a {said['kind']} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
+    return f"{with_article(said['kind'])} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
 
 
 def amount_in_words(said: Mapping[str, Any]) -> str:
@@ -120,6 +175,8 @@ def place_in_words(where: dict[str, Any]) -> str:
     """Where it is, in words."""
     if "record" in where:
         return f"in record {where['record']}"
+    if "image" in where:
+        return f"in {where['image']} of the image"
     side = "|x|" if where["both_sides"] else "x"
     return f"at {side} = {where['x_mm']:.3g}, y = {where['y_mm']:.3g} mm"
 
@@ -173,6 +230,8 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
         when, time = when - missing.offsets[record], time[own] - missing.offsets[record]
         strength, sigma = place.strength[own], place.sigma[own]
         position: dict[str, Any] = {"record": missing.records[record].name}
+    elif field.basis.kind == "offset":
+        strength, sigma, position = place.strength, place.sigma, {"image": "all"}
     else:
         strength, sigma = place.strength, place.sigma
         position = {
@@ -228,8 +287,11 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     name = NAMES[kind]
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
+    if kind == "offset":
+        text = sensor_file(name, source, OF_CAMERA, [("", grid.time, field.values[:, 0, 0, 0])])
+        return EffectFile(name, text, "the offset of the infrared camera over time", field.proof)
     if missing.records:
-        text = sensor_file(name, source, _rises(found, missing, field))
+        text = sensor_file(name, source, OF_HEAT, _rises(found, missing, field))
         return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
     text = heat_file(name, source, grid, field.values[:, :, :, 0], missing.folded)
     return EffectFile(name, text, "the missing heat source over place and time", field.proof)
@@ -258,7 +320,7 @@ def unlisted_datasets(found: Unlisted | None) -> dict[str, Dataset]:
 
 
 _FINE = 41
-_WORDS = {"heat": "missing heat source", "displacement": "missing displacement", "stress": "missing stress"}
+_WORDS = {**{kind: f"missing {WORDS[kind]}" for kind in ("heat", "displacement", "stress")}, "offset": WORDS["offset"]}
 
 
 def unlisted_figure(here: Traced, found: Unlisted) -> Figure:

@@ -14,7 +14,7 @@ from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
 from thermofit.report.balances import local_findings
 from thermofit.report.findings import diagnosis_parameters, loop_datasets, loop_summary
-from thermofit.report.unlisted import described, unlisted_datasets, with_unlisted
+from thermofit.report.unlisted import described, unlisted_datasets, with_any_form, with_unlisted
 from thermofit.study.study import Study
 
 NAME = "close-loop"
@@ -42,7 +42,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         local = local_findings(study, closed.last, parts or found.refit.parts, closed.numerical)
         beside = beside_source(closed.last, missing)
         said = described(study, closed.last, missing, beside, local.entries["local_balances"])
-        summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}
+        summary = {**with_any_form(with_unlisted(told, said), closed), "drive": found.drive, **local.entries}
         return Made({**loop_datasets(closed), **unlisted_datasets(missing), **local.datasets}, summary, parameters)
 
     outcome = produce(task, make, force=force)

@@ -30,6 +30,8 @@ from thermofit.report.html.content import (
     Verdict,
 )
 from thermofit.report.html.run_folder import IDENTIFY, NEEDED, REFINE, RunFolder
+from thermofit.report.local_words import with_article
+from thermofit.report.unlisted import place_in_words
 from thermofit.study.section import recorded_mesh
 from thermofit.study.study import Study
 
@@ -220,15 +222,12 @@ def unlisted_words(said: Mapping[str, Any]) -> str:
     share = f"{100 * float(said.get('excess_share') or 0.0):.2g} % of the misfit of the {channel_words(str(said.get('channel')))}"
     if where is None or when is None:
         return f"{share} is systematic, and no effect of the catalogue explains half of it"
-    if "record" in where:
-        place = f"in record {where['record']}"
-    else:
-        place = f"at {'|x|' if where.get('both_sides') else 'x'} = {where['x_mm']:.3g} mm, y = {where['y_mm']:.3g} mm"
     # Artefacts of earlier versions hold no standard error of it.
     amount = said.get("amount") or {"value": said.get("mean_in_window") or 0.0, "sigma": None, "unit": said.get("unit")}
     doubt = "" if amount["sigma"] is None else f" +- {amount['sigma']:.1g}"
     size = f"{amount['value']:.3g}{doubt} {amount['unit']}"
-    return f"a {said.get('kind')} of {size} {place} from {when[0]:.4g} to {when[1]:.4g} s that no listed effect explains ({share})"
+    what = f"{with_article(str(said.get('kind')))} of {size} {place_in_words(where)} from {when[0]:.4g} to {when[1]:.4g} s"
+    return f"{what} that no listed effect explains ({share})"
 
 
 # Errors.

@@ -1,0 +1,128 @@
+"""A hardening of no listed form on a body: told as a curve, with the other parameters where they were."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose import any_form
+from thermofit.diagnose.any_form import of_any_form
+from thermofit.diagnose.loop import Closed, Round
+from thermofit.diagnose.trial import Trial
+from thermofit.effects.catalogue import effect, effects
+from thermofit.effects.hardening_curve import N, yield_stress
+from thermofit.report.unlisted import curve_of, in_words, with_any_form
+
+CURVE = effect("hardening_curve")
+STEPS = tuple(p.name for p in CURVE.amplitudes)
+FREE = ("E", "M_y0", "M_yinf", "H_exp", "kappa")
+
+
+def test_it_names_nothing_and_is_no_candidate() -> None:
+    assert [e.name for e in effects() if e.last] == ["hardening_curve"]
+    from thermofit.diagnose.case import Case
+
+    model: Any = SimpleNamespace()
+    case = Case(model, Parameters.of({}), (CURVE, effect("lamp")), (), frozenset())
+    assert case.dormant() == (effect("lamp"),)
+
+
+def test_steps_follow_any_smooth_curve() -> None:
+    """A bump of 8 MPa over 0.012 at 0.03 of 0.18, to a tenth; the level is that at first yield, and steps begin at nothing there."""
+    strain = np.linspace(0.0, 0.18, 400)
+    wanted = 8.0 * np.exp(-(((strain - 0.03) / 0.012) ** 2))
+    columns = np.stack([yield_stress(strain, 0.0, 0.0, None, *np.eye(N + 1)[k], 0.18) for k in range(N + 1)], axis=1)
+    found = columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    assert np.abs(found - wanted).max() < 1.6 and np.sqrt(np.mean((found - wanted) ** 2)) < 0.5
+    assert columns[0] == pytest.approx(np.eye(N + 1)[0], abs=1e-15)
+    assert np.linalg.cond(columns) < 1e3
+
+
+def traced(du: float, cheap: bool = False, known: Any = (CURVE,), on: bool = False) -> Any:
+    """A trace whose displacements are at `du` times their noise; temperatures are far beyond theirs."""
+    channels = (SimpleNamespace(channel="du", n=200), SimpleNamespace(channel="dtheta", n=100))
+    residual = np.concatenate([np.full(200, du), np.full(100, 5.0)])
+    values = {"hardening_curve.level": 2.0} if on else {}
+    case = SimpleNamespace(
+        known=known,
+        cheap=cheap,
+        parameters=Parameters.of({"M_y0": 130.0, **values}, FREE),
+        model=SimpleNamespace(comparisons=channels),
+        largest_strain=0.18,
+    )
+    rows = SimpleNamespace(channel=np.repeat([0, 1], [200, 100]))
+    return SimpleNamespace(
+        case=case, columns=SimpleNamespace(residual=residual), rows=rows, problem=SimpleNamespace(numerical=np.zeros(300))
+    )
+
+
+def means(asked: list[Parameters]) -> Any:
+    def refit(start: Parameters, label: str) -> Any:
+        assert label == "hardening_curve"
+        asked.append(start)
+        return start, None
+
+    return SimpleNamespace(refit=refit)
+
+
+@pytest.mark.parametrize(
+    ("here", "why"),
+    [
+        (traced(1.2), "displacements are at their floor, whatever temperatures are"),
+        (traced(9.0, cheap=True), "coupons have a law over their state"),
+        (traced(9.0, known=(effect("lamp"),)), "the driver does not know it"),
+        (traced(9.0, on=True), "it is on"),
+    ],
+)
+def test_when_it_is_not_asked(here: Any, why: str) -> None:
+    asked: list[Parameters] = []
+    assert of_any_form(here, None, means(asked)) == ([], None), why  # type: ignore[arg-type]
+    assert not asked
+
+
+def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    monkeypatch.setattr(any_form, "judged_trial", lambda here, fit, scores, end, means: (told, ("there", "fit")))
+    asked: list[Parameters] = []
+    trials, winner = of_any_form(traced(9.0), None, means(asked))  # type: ignore[arg-type]
+    assert asked[0].free == ("E", "kappa", *STEPS) and asked[0]["hardening_curve.range"] == 0.18
+    assert winner == (trials[0], ("there", "fit")) and trials[0].exponents == "the hardening law is held"
+    monkeypatch.setattr(any_form, "judged_trial", lambda *_: (replace(told, refused="no"), None))
+    assert of_any_form(traced(9.0), None, means(asked))[1] is None  # type: ignore[arg-type]
+
+    def fails(*_: Any) -> Any:
+        raise NumericsError("no equilibrium")
+
+    failed, none = of_any_form(traced(9.0), None, SimpleNamespace(refit=fails))  # type: ignore[arg-type]
+    assert none is None and failed[0].refused == "the refit failed: no equilibrium" and failed[0].unjudged
+
+
+def test_what_is_said_of_it() -> None:
+    """The curve with its standard error, grade `unlisted`, no trust."""
+    matrix = np.diag(np.append(0.0, np.full(N + 1, 0.04)))
+    spread: Any = SimpleNamespace(matrix=matrix)
+    fit: Any = SimpleNamespace(names=("E", *STEPS), covariance=spread)
+    values = {"hardening_curve.level": 1.0, "hardening_curve.step2": 8.0, "hardening_curve.range": 0.18}
+    first = traced(9.0)
+    last = SimpleNamespace(case=SimpleNamespace(parameters=Parameters.of(values), largest_strain=0.18))
+    first.case.channels = ("du", "dtheta")
+    trial = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    rounds = (Round(first, (trial,), ("hardening_curve",)),)
+    closed = Closed(rounds, first, last, fit, ("hardening_curve", "lamp"), (), None, None)  # type: ignore[arg-type]
+    curve = curve_of(closed, CURVE)
+    assert curve["largest_MPa"] == pytest.approx(8.6, abs=0.1) and curve["stress_MPa"][0] == pytest.approx(1.0)
+    assert curve["sigma_MPa"][0] == pytest.approx(0.2) and curve["sigma_MPa"][-1] > 0.5
+    summary = {"verdict": "added", "grade": "named", "trustworthy": True, "unlisted": None}
+    told = with_any_form(summary, closed)
+    assert told["grade"] == "unlisted" and told["trustworthy"] is False and told["unlisted"]["balance"] == "stress"
+    assert in_words(told["unlisted"]).startswith("a yield stress over accumulated plastic strain, up to ")
+    assert "beside lamp" in in_words(told["unlisted"])
+    heat = {"verdict": "added; unlisted", "grade": "unlisted", "trustworthy": False, "unlisted": {"channel": "dtheta"}}
+    assert with_any_form(heat, closed)["unlisted"] == {"channel": "dtheta"} and "hardening_curve" in with_any_form(heat, closed)
+    assert with_any_form(summary, replace(closed, accepted=("lamp",))) is summary

@@ -1,0 +1,58 @@
+"""The hardening of a body where no effect of the catalogue has its form: a curve over the plastic strain, added as an effect is.
+
+A law that is wrong leaves displacements, and drives off everything else that is fitted. Temperatures on a wrong motion say little. So where
+displacements or force are beyond their floor and nothing listed was accepted, the yield stress is fitted as a curve of any form, with the
+hardening law held where it is. It has to predict held-out data better, as any other effect has to. It names nothing: the curve is told as
+unlisted, and what else is missing is looked for beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.diagnose.backward import Means
+from thermofit.diagnose.case import tried_of
+from thermofit.diagnose.rescored import hidden
+from thermofit.diagnose.trace import Traced
+from thermofit.diagnose.trial import Accepted, Trial, judged_trial
+from thermofit.effects.catalogue import Effect
+from thermofit.experiment.channels import field_of
+from thermofit.experiment.trust import level
+from thermofit.fit.result import FitResult
+from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
+
+
+def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
+    """The trial of the curve, and where it ends if it is accepted; no trial where nothing asks for one. `fit` is the one without it."""
+    own = _asked(here)
+    if own is None:
+        return [], None
+    held = {LINEAR, *(name for law in hardening_laws() for name in law.fitted)}
+    free = (*(n for n in here.case.parameters.free if n not in held), *(p.name for p in own.amplitudes))
+    places = {p.name: tried_of(p, here.case)[0] for p in own.params if p.scan}
+    score = hidden(own.name)
+    try:
+        end = means.refit(here.case.parameters.replace(**places).with_free(free), own.name)
+        trial, found = judged_trial(here, fit, (score,), end, means)
+    except NumericsError as error:
+        return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
+    trial = replace(trial, exponents="the hardening law is held")
+    return [trial], None if found is None else (trial, found)
+
+
+def _asked(here: Traced) -> Effect | None:
+    """The curve, where the driver is a body that knows it, it is off, and what is not temperature is beyond its floor."""
+    case = here.case
+    own = next((e for e in case.known if e.last and not e.is_on(case.parameters)), None)
+    if own is None or case.cheap:
+        return None
+    numerical = np.zeros(len(here.columns.residual)) if here.problem.numerical is None else here.problem.numerical
+    for k, c in enumerate(case.model.comparisons):
+        rows = here.rows.channel == k
+        square, error = (float(np.mean(v[rows] ** 2)) for v in (here.columns.residual, numerical))
+        if field_of(c.channel) != "theta" and level(c.channel, square, error, c.n).above:
+            return own
+    return None

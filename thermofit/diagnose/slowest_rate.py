@@ -1,0 +1,95 @@
+"""What a law of the rate says below the slowest rate of a test rests on its form alone.
+
+Data tell how the yield stress changes between the slowest and the fastest rate at which the material flows. The yield stress at no rate,
+from which the base law counts, is what the form of the law extrapolates to. A power, a logarithm and an arsinh that agree within the noise
+wherever there are data part below them by as much as they say there. So the overstress s at the slowest rate may be anywhere between half
+of what the form says and one and a half times that: evenly, with a standard error u = s / (2 sqrt 3) (JCGM 100, 4.3.7). That is a shift of
+the overstress at all rates of the test. A law of the rate makes one where its reference rate r_0 moves and its amplitude a keeps what the
+data tell: ds/d(r_0) = b + c ds/da wherever it flows, by least squares. With S = dr/d(r_0) u / |b|, and J the columns of the parameters,
+exponents of the law left out,
+
+    G = -(J^T J)^+ J^T S,   C += G G^T.
+
+No datum makes it smaller, only a test with slower flow does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Param
+from thermofit.diagnose.case import Case, feels_rate
+from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.widened import most_widened, widened
+from thermofit.effects.catalogue import Effect, effect
+from thermofit.fit.budget import moves
+from thermofit.fit.linear_model import LinearModel
+from thermofit.law.page import law_of
+
+SLOWER = 0.05
+"""Share of the plastic strain that flows more slowly than what counts as the slowest rate of a test."""
+EITHER_WAY = 0.5
+"""Part of the overstress at the slowest rate by which another form may have more or less of it."""
+_STEP = 1e-30
+
+
+def with_slowest_rate(closed: Closed) -> Closed:
+    """The loop's result with standard errors that know how little a law of the rate tells below the slowest rate of the test, and a remark
+    on what that does; the same where none was added. Where a run for it fails, or a law has no reference rate, a remark says so."""
+    here = closed.last
+    laws = [e for e in map(effect, closed.accepted) if e.is_on(here.case.parameters) and feels_rate(e, here.case.parameters)]
+    for e in laws:
+        fit = closed.fit
+        if fit.covariance is None or fit.jacobian is None:
+            break
+        of_rate = reference_of(e)
+        if of_rate is None:
+            words = f"{e.name} has no reference rate: intervals hold nothing of what its form says below the slowest rate of the test"
+            closed = replace(closed, remarks=(*closed.remarks, words))
+            continue
+        try:
+            slowest, doubt = doubt_of(here.case, e, of_rate)
+            column = here.case.model.linearised(here.case.parameters, (of_rate.name,))[1]
+        except NumericsError as error:
+            words = f"what {e.name} says below the slowest rate of the test counts as exact: a run for it failed ({error})"
+            closed = replace(closed, remarks=(*closed.remarks, words))
+            continue
+        model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
+        held = fit.at_bound | np.isin(fit.names, [p.name for p in e.exponents])
+        gone = moves(model, doubt * column, held)
+        wider = widened(fit, gone @ gone.T)
+        most = most_widened(fit, wider)
+        words = f"no rate below {slowest:.2g} 1/s is in the data, and what {e.name} says there rests on its form"
+        remarks = (*closed.remarks, f"{words}; intervals hold half of it, most of all {most}") if most else closed.remarks
+        closed = replace(closed, fit=wider, remarks=remarks)
+    return closed
+
+
+def reference_of(law: Effect) -> Param | None:
+    """The reference rate of a law of the rate; None where it has none."""
+    return next((p for p in law.params if p.unit == "1/s" and p.logarithmic), None)
+
+
+def doubt_of(case: Case, law: Effect, reference: Param) -> tuple[float, float]:
+    """The slowest rate in 1/s, and the standard error of the reference rate, in its unit, that shifts the overstress there by its doubt."""
+    accumulated, rate, theta, grown = case.flows()
+    order = np.argsort(rate)
+    share = np.cumsum(grown[order]) / grown.sum()
+    slowest = float(rate[order][int(np.searchsorted(share, SLOWER))])
+
+    page, here = law_of(case.parameters), [case.parameters[n] for n in law.names]
+
+    def slope(name: str) -> np.ndarray:
+        values = [v + 1j * _STEP * (n == name) for n, v in zip(law.names, here, strict=True)]
+        return np.imag(law.act(accumulated, rate, theta, page, *values)) / _STEP * np.ones(len(rate))
+
+    off = [law.amplitude.neutral if n == law.amplitude.name else v for n, v in zip(law.names, here, strict=True)]
+    at_slowest = (float(np.median(accumulated)), slowest, float(np.median(theta)), page)
+    overstress = abs(law.act(*at_slowest, *here) - law.act(*at_slowest, *off))
+    weight = np.sqrt(grown)
+    both = weight[:, None] * np.column_stack([np.ones(len(rate)), slope(law.amplitude.name)])
+    shift = abs(float(np.linalg.lstsq(both, weight * slope(reference.name), rcond=None)[0][0]))
+    return slowest, 0.0 if shift == 0.0 else EITHER_WAY * overstress / np.sqrt(3.0) / shift

@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.discretisation import finer_mesh, on_mesh_ratio
 from thermofit.experiment.joint import Joint, coarse_mesh, joint_settings
-from thermofit.experiment.prescribed import CALIBRATION, acting, calibration, columns, of_specimen, of_test
+from thermofit.experiment.prescribed import CALIBRATION, acting, calibration, columns, not_told, of_records, of_specimen, of_test
 from thermofit.experiment.stage_errors import stage_errors
 from thermofit.study.stages import ChannelSettings, PlasticStage
 
@@ -62,6 +62,17 @@ def test_what_is_free_is_no_cause_and_what_is_not_stated_neither() -> None:
     assert stated[CALIBRATION]["force_scale.gain"] == pytest.approx(0.01 / np.sqrt(3.0)), "limits of a class are no standard error"
     several = of_test(stated, "second", frozenset({"force_scale.gain", "alpha_air"}))
     assert several["thickness@second"].keys() == {"force_scale.gain@second", "alpha_air@second"}
+
+
+def test_a_stated_error_of_a_parameter_counts_where_nothing_tells_that_parameter() -> None:
+    """Not where it is free, not where an earlier stage has told it; of a material that tests share it is one error in all of them."""
+    case = study("uncertainty: {parameters: {E: 700, nu: 0.01, M_yinf: 3}}\n")
+    found = of_specimen(case, SPECIMEN, PARAMETERS)
+    assert found["nu"] == {"nu": 0.01} and found["M_yinf"] == {"M_yinf": 3.0} and "E" not in found, "E is free"
+    assert of_records(case, PARAMETERS) == {name: found[name] for name in ("nu", "M_yinf")}
+    assert set(found) - set(not_told(found, ("nu", "M_y0"))) == {"nu"}
+    several = of_test(found, "second", frozenset({"theta_air", "theta_clamp"}))
+    assert several["nu"] == {"nu": 0.01} and "theta_air@second" in several
 
 
 def test_a_stage_tells_what_it_takes_for_exact() -> None:

@@ -22,7 +22,7 @@ from thermofit.experiment.fields import INTERPOLATE, start_parameters
 from thermofit.experiment.flow_conditions import elastic_temperatures, flow_conditions, known_temperature
 from thermofit.experiment.known_effects import effects_of_point
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.prescribed import Moved, acting, columns, of_records
+from thermofit.experiment.prescribed import Moved, acting, columns, not_told, of_records
 from thermofit.experiment.priors import effect_priors
 from thermofit.experiment.programmes import OWN
 from thermofit.experiment.protocol import Carried, JointProblem, Kept, PlannedTest
@@ -230,7 +230,7 @@ class CouponExperiment:
 
     def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
         """By derivatives of the point driver; its steps are those of the samples."""
-        prescribed = self.prescribed_errors(parameters)
+        prescribed = not_told(self.prescribed_errors(parameters), earlier)
         names = tuple(dict.fromkeys((*earlier, *acting(prescribed))))
         asked = settings.model_copy(update={"free": (*settings.free, *(n for n in names if n not in settings.free))})
         model = self.model(asked, parameters, POINT)

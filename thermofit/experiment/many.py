@@ -225,7 +225,7 @@ class SeveralExperiments:
         return found
 
     def stage_errors(self, settings: StageSettings, parameters: Parameters, earlier: tuple[str, ...]) -> StageErrors:
-        """Those of each in its own rows; mesh and steps err alike in all."""
+        """Those of each in its own rows; mesh, steps and parameters that they share err alike in all."""
         key = next(name for name, field in Stages.model_fields.items() if field.annotation is type(settings))
         found: list[tuple[str, StageErrors]] = []
         for test in self.tests:
@@ -236,7 +236,8 @@ class SeveralExperiments:
             told = test.stage_errors(here, seen_by(parameters, test.name).with_free(free), own)
             slopes = np.zeros((len(told.slopes), len(earlier)))
             slopes[:, [k for k, n in enumerate(earlier) if n in acting_here]] = told.slopes
-            causes = {c if c in (MESH, STEPS, SHEET) else f"{c}{AT}{test.name}": rows for c, rows in told.causes.items()}
+            alike = {MESH, STEPS, SHEET, *(set(self.study.uncertainty.parameters) - self.own)}
+            causes = {c if c in alike else f"{c}{AT}{test.name}": rows for c, rows in told.causes.items()}
             found.append((test.name, StageErrors(causes, slopes)))
         names = dict.fromkeys(c for _, told in found for c in told.causes)
         widths = {c: next(t.causes[c].shape[1] for _, t in found if c in t.causes) for c in names}

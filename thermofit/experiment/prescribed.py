@@ -7,7 +7,7 @@ per volume, gives off less heat by e w / (w + t). The width likewise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def of_specimen(study: Study, specimen: Specimen, parameters: Parameters) -> dic
         found[AREA_WIDTH] = {_GAIN: -e, "alpha_air": -e * t / (w + t) * parameters["alpha_air"]}
     if told.camera_scale is not None:
         found[SCALE] = {_SCALE: told.camera_scale}
-    found |= {name: {name: sigma} for name, sigma in told.parameters.items() if name not in {bare_name(n) for n in parameters.free}}
+    found |= stated(study, parameters)
     for name in THERMOCOUPLES:
         sigma = prior_sigma(study, name)
         if sigma is not None:
@@ -55,19 +55,33 @@ def of_specimen(study: Study, specimen: Specimen, parameters: Parameters) -> dic
     return {cause: moved for cause, moved in found.items() if not {cause, *moved} & (free & {*THERMOCOUPLES, _GAIN, _SCALE})}
 
 
+def stated(study: Study, parameters: Parameters) -> dict[str, Moved]:
+    """Stated errors of parameters that the study prescribes, each a cause of its own; what is free is not prescribed."""
+    free = {bare_name(name) for name in parameters.free}
+    return {name: {name: sigma} for name, sigma in study.uncertainty.parameters.items() if name not in free}
+
+
+def not_told(found: Mapping[str, Moved], earlier: Collection[str]) -> dict[str, Moved]:
+    """The causes without those of parameters that `earlier` stages have told: these come with the noise of their stage."""
+    return {cause: moved for cause, moved in found.items() if not set(moved) <= set(earlier)}
+
+
 def of_records(study: Study, parameters: Parameters) -> dict[str, Moved]:
     """Causes for records of coupons: a force larger by e asks for all parameters of a unit of force to be so."""
-    e = calibration(study)
+    e, found = calibration(study), stated(study, parameters)
     if not e:
-        return {}
+        return found
     values = {name: value for name, value in parameters.values.items() if param(name).unit in _OF_FORCE and value != 0.0}
-    return {CALIBRATION: {name: -e * value for name, value in values.items()}}
+    return found | {CALIBRATION: {name: -e * value for name, value in values.items()}}
 
 
 def of_test(found: Mapping[str, Moved], test: str, own: frozenset[str]) -> dict[str, Moved]:
-    """The causes of one of several tests by the names of their fit: `own` parameters are those of that test alone."""
+    """The causes of one of several tests by the names of their fit: `own` parameters are those of that test alone. The error of a parameter
+    that all share is one cause."""
     return {
-        f"{cause}{AT}{test}": {f"{name}{AT}{test}" if name in own else name: by for name, by in moved.items()}
+        cause if set(moved) == {cause} and cause not in own else f"{cause}{AT}{test}": {
+            f"{name}{AT}{test}" if name in own else name: by for name, by in moved.items()
+        }
         for cause, moved in found.items()
     }
 

@@ -18,7 +18,7 @@ from thermofit.experiment.fields import Measured
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.joint import FORCE_NOISE, Joint, coarse_mesh
 from thermofit.experiment.model import StageModel, steps_for
-from thermofit.experiment.prescribed import SCALE, Moved, acting, columns
+from thermofit.experiment.prescribed import SCALE, Moved, acting, columns, not_told
 from thermofit.study.section import MeshSize, SheetSize
 from thermofit.study.stages import StageSettings
 from thermofit.study.study import Study
@@ -48,6 +48,7 @@ def stage_errors(
     size = coarse_mesh(study)
     warm = any(field_of(c) == "theta" for c in settings.channels)
     causes = _numerical(study, data, settings, parameters, size, model_of, warm)
+    prescribed = not_told(prescribed, earlier)
     # Displacements hardly feel what acts in the heat balance alone.
     felt = {c: moved for c, moved in prescribed.items() if warm or not set(moved) <= thermal_names() | {"theta_air", "theta_clamp"}}
     scale = felt.pop(SCALE, None)

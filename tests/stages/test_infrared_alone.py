@@ -114,6 +114,7 @@ def test_the_loop_finds_nothing_where_nothing_is_missing(alone: Path) -> None:
     assert record.summary["grade"] == "complete" and set(record.summary["channels"]) == {"dtheta"}
     assert {"rate_power", "thermal_softening", "force_scale", "dic_tilt", "bending"} <= set(record.summary["not_asked"])
     assert not {"clamp_drift", "lamp", "ir_drift", "stored_energy"} & set(record.summary["not_asked"])
+    assert any("E, nu, M_y0, M_yinf, H_exp, F are taken as exact" in text for text in record.summary["remarks"])
     local = record.summary["local_balances"]
     assert [one["balance"] for one in local["maps"]] == ["heat"] and local["where"] == "none"
     assert [text.partition(":")[0] for text in local["without"]] == ["force through sections"]

@@ -16,6 +16,7 @@ from thermofit.diagnose.other_tests import other_test_of
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.score import ALIKE, indistinguishable
 from thermofit.effects.catalogue import BASE, effect_of_param, effects, is_of_effect
+from thermofit.experiment.computed_motion import mechanical
 from thermofit.experiment.drive import FORCE, carried
 from thermofit.experiment.drive import SECTIONS as BY_SECTIONS
 from thermofit.experiment.fields import with_identified
@@ -141,7 +142,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         pose=pose,
     )
     assert joint.numerical is not None
-    remarks = (*said, *_unknown_force(experiment, joint))
+    remarks = (*said, *_unknown_force(experiment, joint), *_computed_motion(experiment))
     return Prepared(case, fit, refit, joint.numerical(parameters), joint.size, remarks, experiment.drive)
 
 
@@ -151,6 +152,17 @@ def _unknown_force(experiment: Experiment, joint: JointProblem) -> tuple[str, ..
         return ()
     again = f"thermofit interpolate {experiment.study.source.name} --force"
     return (f"the force is taken as exact: interpolate.h5 holds no error of it ({again} adds that to a record of an earlier version)",)
+
+
+def _computed_motion(experiment: Experiment) -> tuple[str, ...]:
+    """A remark where a motion is computed: what it is computed with is not judged."""
+    used = dict.fromkeys(n for test in experiment.fields if test.data.displacement is None for n in mechanical(test.study.parameters))
+    if not used:
+        return ()
+    return (
+        f"{', '.join(used)} are taken as exact: temperatures alone do not show an error of them, which beta and the other parameters of heat "
+        "take up",
+    )
 
 
 def _refinement(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], RefinedProblem | None] | None:

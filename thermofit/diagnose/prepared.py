@@ -160,8 +160,8 @@ def _computed_motion(experiment: Experiment) -> tuple[str, ...]:
     if not used:
         return ()
     return (
-        f"{', '.join(used)} are taken as exact: temperatures alone do not show an error of them, which beta and the other parameters of heat "
-        "take up",
+        f"{', '.join(used)} are taken as exact: temperatures alone do not show an error of them, which beta and the other parameters of "
+        "heat take up",
     )
 
 

@@ -17,7 +17,7 @@ from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import Accepted, Trial, judged_trial
+from thermofit.diagnose.trial import Accepted, Trial, freed_refit, judged_trial
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.trust import level
@@ -36,10 +36,12 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     score = hidden(own.name)
     try:
         end = means.refit(here.case.parameters.replace(**places).with_free(free), own.name)
-        trial, found = judged_trial(here, fit, (score,), end, means)
+        # What is missing may lie in a part of the strains: there the steps are wanted.
+        freed, said = freed_refit(end, tuple(places), own.name, means.refit)
+        trial, found = judged_trial(here, fit, (score,), freed or end, means)
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
-    trial = replace(trial, exponents="the hardening law is held")
+    trial = replace(trial, exponents=f"the hardening law is held; {said}")
     return [trial], None if found is None else (trial, found)
 
 

@@ -63,10 +63,10 @@ def traced(du: float, cheap: bool = False, known: Any = (CURVE,), on: bool = Fal
 
 
 def means(asked: list[Parameters]) -> Any:
-    def refit(start: Parameters, label: str) -> Any:
-        assert label == "hardening_curve"
+    def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
+        assert label.startswith("hardening_curve")
         asked.append(start)
-        return start, None
+        return start, SimpleNamespace(f=200.0 - 60.0 * min(len(asked) - 1, 2), converged=True)
 
     return SimpleNamespace(refit=refit)
 
@@ -88,11 +88,19 @@ def test_when_it_is_not_asked(here: Any, why: str) -> None:
 
 def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatch) -> None:
     told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
-    monkeypatch.setattr(any_form, "judged_trial", lambda here, fit, scores, end, means: (told, ("there", "fit")))
+    ends: list[Any] = []
+
+    def judged(here: Any, fit: Any, scores: Any, end: Any, means: Any) -> Any:
+        ends.append(end)
+        return told, ("there", "fit")
+
+    monkeypatch.setattr(any_form, "judged_trial", judged)
     asked: list[Parameters] = []
     trials, winner = of_any_form(traced(9.0), None, means(asked))  # type: ignore[arg-type]
     assert asked[0].free == ("E", "kappa", *STEPS) and asked[0]["hardening_curve.range"] == 0.18
-    assert winner == (trials[0], ("there", "fit")) and trials[0].exponents == "the hardening law is held"
+    assert asked[1].free == (*asked[0].free, "hardening_curve.range"), "then with the steps where they are wanted"
+    assert len(asked) == 4 and ends[0][0] is asked[2] and ends[0][1].f == 80.0, "on as long as it falls"
+    assert winner == (trials[0], ("there", "fit")) and trials[0].exponents == "the hardening law is held; fitted"
     monkeypatch.setattr(any_form, "judged_trial", lambda *_: (replace(told, refused="no"), None))
     assert of_any_form(traced(9.0), None, means(asked))[1] is None  # type: ignore[arg-type]
 

@@ -17,12 +17,17 @@ from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import Accepted, Trial, judged_trial
+from thermofit.diagnose.trial import Accepted, End, Trial, freed_refit, judged_trial
 from thermofit.effects.catalogue import Effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.trust import level
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
+
+FURTHER = 5
+"""Refits at most that go on from where the one before was cut off."""
+GOES_ON = 0.02
+"""Part by which the objective has to fall for another one."""
 
 
 def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
@@ -36,11 +41,26 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     score = hidden(own.name)
     try:
         end = means.refit(here.case.parameters.replace(**places).with_free(free), own.name)
-        trial, found = judged_trial(here, fit, (score,), end, means)
+        # What is missing may lie in a part of the strains: there the steps are wanted.
+        freed, said = freed_refit(end, tuple(places), own.name, means.refit)
+        trial, found = judged_trial(here, fit, (score,), _settled(freed or end, own, means), means)
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
-    trial = replace(trial, exponents="the hardening law is held")
+    trial = replace(trial, exponents=f"the hardening law is held; {said}")
     return [trial], None if found is None else (trial, found)
+
+
+def _settled(end: End, own: Effect, means: Means) -> End:
+    """The end of refits that go on as long as one is worth its time: a curve that has not come to its end would leave something to any
+    other effect, whose refit takes it the rest of the way. NumericsError where one fails."""
+    for turn in range(FURTHER):
+        then = means.refit(end[0], f"{own.name} further {turn}", exponents=True)
+        if not then[1].f < end[1].f:
+            break
+        settled, end = then[1].f > (1.0 - GOES_ON) * end[1].f, then
+        if settled:
+            break
+    return end
 
 
 def _asked(here: Traced) -> Effect | None:

@@ -27,6 +27,10 @@ COMPILING = "THERMOFIT_TESTS_COMPILING"
 """Variable of the environment: the file that is there once the process that compiles has ended, whatever came of it."""
 LONGEST_COMPILATION = 600.0
 """s after which tests no longer wait for that process: a kernel that is not there is compiled when it is called."""
+COLLECTED = "collected"
+"""Name of the file beside that one: there once the first process has collected the tests."""
+LONGEST_COLLECTION = 300.0
+"""s after which the others no longer wait for it: each then rewrites and compiles all test modules for itself."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -51,6 +55,36 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(end)
 
 
+def _wait_for(file: Path, longest: float) -> None:
+    """Until the file is there, `longest` s at most."""
+    until = time.monotonic() + longest
+    while not file.exists() and time.monotonic() < until:
+        time.sleep(0.1)
+
+
+def _collected(session: pytest.Session) -> tuple[Path, bool] | None:
+    """Where tests run in several processes: the file that says that the first one has collected, and whether this process is that one."""
+    worker = getattr(session.config, "workerinput", None)
+    if worker is None or COMPILING not in os.environ:
+        return None
+    return Path(os.environ[COMPILING]).with_name(COLLECTED), worker["workerid"] == "gw0"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """One process makes the bytecode of all test modules, in which pytest rewrites every assertion; the others read it."""
+    collected = _collected(session)
+    if collected is not None and not collected[1]:
+        _wait_for(collected[0], LONGEST_COLLECTION)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Lets the others collect, also where the collection has failed."""
+    collected = _collected(session)
+    if collected is not None and collected[1]:
+        collected[0].touch()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What needs no kernel comes first; the order is kept otherwise."""
     if COMPILING in os.environ:
@@ -63,9 +97,7 @@ def kernels(request: pytest.FixtureRequest) -> None:
     ended = os.environ.get(COMPILING)
     if ended is None or request.node.nodeid.startswith(WITHOUT_KERNELS):
         return
-    until = time.monotonic() + LONGEST_COMPILATION
-    while not Path(ended).exists() and time.monotonic() < until:
-        time.sleep(0.1)
+    _wait_for(Path(ended), LONGEST_COMPILATION)
 
 
 @pytest.fixture(scope="module")

@@ -69,6 +69,25 @@ def test_a_kernel_is_made_machine_code_once_with_all_that_it_calls(monkeypatch: 
     assert len(made) == 1, made
 
 
+def test_what_a_kernel_does_not_say_of_inlining_it_does_not_take_from_its_caller() -> None:
+    """Else all that a kernel with `forceinline` calls is copied into every caller as well."""
+    apart = kernel(cache=False)(lambda x: x + 1.0)
+
+    @kernel(cache=False, forceinline=True)
+    def inlined(x: float) -> float:
+        return float(apart(x))
+
+    @kernel(cache=False)
+    def entered(x: float) -> float:
+        return float(inlined(x))
+
+    assert entered(1.0) == 2.0
+    for called, expected in ((inlined, True), (apart, False)):
+        (made,) = called._called.overloads.values()
+        attributes = made.library.get_function(made.fndesc.llvm_func_name).attributes
+        assert (b"alwaysinline" in attributes) == expected
+
+
 def test_functions_that_numba_compiles_call_kernels_with_all_that_these_call() -> None:
     @numba.njit
     def shifted(x: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -66,7 +66,7 @@ def means(asked: list[Parameters]) -> Any:
     def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
         assert label.startswith("hardening_curve")
         asked.append(start)
-        return start, SimpleNamespace(f=200.0 - 60.0 * min(len(asked) - 1, 2), converged=True)
+        return start, SimpleNamespace(f=(300.0, 200.0, 250.0, 140.0, 80.0, 80.0)[(len(asked) - 1) % 6], converged=True)
 
     return SimpleNamespace(refit=refit)
 
@@ -97,9 +97,10 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(any_form, "judged_trial", judged)
     asked: list[Parameters] = []
     trials, winner = of_any_form(traced(9.0), None, means(asked))  # type: ignore[arg-type]
-    assert asked[0].free == ("E", "kappa", *STEPS) and asked[0]["hardening_curve.range"] == 0.18
-    assert asked[1].free == (*asked[0].free, "hardening_curve.range"), "then with the steps where they are wanted"
-    assert len(asked) == 4 and ends[0][0] is asked[2] and ends[0][1].f == 80.0, "on as long as it falls"
+    assert asked[0].free == ("E", "kappa", *STEPS)
+    assert [p["hardening_curve.range"] for p in asked[:4]] == [0.18, 0.09, 0.045, 0.09], "the best of three, then"
+    assert asked[3].free == (*asked[0].free, "hardening_curve.range"), "with the steps where they are wanted"
+    assert len(asked) == 6 and ends[0][0] is asked[4] and ends[0][1].f == 80.0, "on as long as it falls"
     assert winner == (trials[0], ("there", "fit")) and trials[0].exponents == "the hardening law is held; fitted"
     monkeypatch.setattr(any_form, "judged_trial", lambda *_: (replace(told, refused="no"), None))
     assert of_any_form(traced(9.0), None, means(asked))[1] is None  # type: ignore[arg-type]
@@ -109,6 +110,23 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
 
     failed, none = of_any_form(traced(9.0), None, SimpleNamespace(refit=fails))  # type: ignore[arg-type]
     assert none is None and failed[0].refused == "the refit failed: no equilibrium" and failed[0].unjudged
+
+
+def test_beside_it_only_what_temperatures_show_is_asked() -> None:
+    """Of what a curve leaves in displacements any effect would take some."""
+    from thermofit.diagnose.any_form import beside_any_form
+    from thermofit.diagnose.score import Ranking
+
+    names = ("dic_scale", "lamp", "force_offset", "clamp_drift", "ir_step")
+    ranking = Ranking(tuple(any_form.hidden(n) for n in names), 3.0, ())
+
+    @dataclass(frozen=True)
+    class Ranked:
+        ranking: Ranking
+
+    here: Any = Ranked(ranking)
+    assert [s.effect for s in beside_any_form(here, ("hardening_curve",)).ranking.scores] == ["lamp", "clamp_drift", "ir_step"]
+    assert beside_any_form(here, ("second_hardening",)) is here
 
 
 def test_what_is_said_of_it() -> None:

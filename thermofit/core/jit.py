@@ -48,10 +48,21 @@ def kernel(function: Any = None, /, *, parallel: bool = False, inline: str = "ne
 
     Arithmetic is IEEE (no fastmath) and division by zero gives inf or nan as in numpy, so that a kernel reports failure by
     its return value; `options` go to numba.njit.
+
+    `forceinline=True` copies the code into every caller, and is said for each kernel: of one that does not say it, numba takes what its
+    first caller says.
     """
     # numba resets its settings when a NUMBA_ variable of the environment changes, and fixes the cache at decoration.
     _settings.CACHE_DIR = str(CACHE_FOLDER)
-    choices = {"cache": True, "fastmath": False, "error_model": "numpy", "parallel": parallel, "inline": inline, **options}
+    choices = {
+        "cache": True,
+        "forceinline": False,
+        "fastmath": False,
+        "error_model": "numpy",
+        "parallel": parallel,
+        "inline": inline,
+        **options,
+    }
     return (lambda given: _compiled(given, **choices)) if function is None else _compiled(function, **choices)
 
 

@@ -8,6 +8,7 @@ unlisted, and what else is missing is looked for beside it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +19,9 @@ from thermofit.diagnose.case import tried_of
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, End, Trial, freed_refit, judged_trial
-from thermofit.effects.catalogue import Effect
+from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.trust import level
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
@@ -37,17 +39,27 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
         return [], None
     held = {LINEAR, *(name for law in hardening_laws() for name in law.fitted)}
     free = (*(n for n in here.case.parameters.free if n not in held), *(p.name for p in own.amplitudes))
-    places = {p.name: tried_of(p, here.case)[0] for p in own.params if p.scan}
-    score = hidden(own.name)
+    start, score = here.case.parameters.with_free(free), hidden(own.name)
+    (reach,) = (p for p in own.params if p.scan)
     try:
-        end = means.refit(here.case.parameters.replace(**places).with_free(free), own.name)
         # What is missing may lie in a part of the strains: there the steps are wanted.
-        freed, said = freed_refit(end, tuple(places), own.name, means.refit)
+        tried = [means.refit(start.replace(**{reach.name: x}), f"{own.name} {k}") for k, x in enumerate(tried_of(reach, here.case))]
+        end = min(tried, key=lambda one: one[1].f)
+        freed, said = freed_refit(end, (reach.name,), own.name, means.refit)
         trial, found = judged_trial(here, fit, (score,), _settled(freed or end, own, means), means)
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
     trial = replace(trial, exponents=f"the hardening law is held; {said}")
     return [trial], None if found is None else (trial, found)
+
+
+def beside_any_form(here: Traced, accepted: Sequence[str]) -> Traced:
+    """The trace with effects that temperatures alone show as its only candidates, where a curve of any form was accepted. It describes a
+    law and is none: of what it leaves in displacements and force any other effect would take some."""
+    if not any(effect(name).last for name in accepted):
+        return here
+    kept = tuple(s for s in here.ranking.scores if len(acting_on_temperatures(effect(s.effect).names)) == len(effect(s.effect).names))
+    return replace(here, ranking=replace(here.ranking, scores=kept))
 
 
 def _settled(end: End, own: Effect, means: Means) -> End:

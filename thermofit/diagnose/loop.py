@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.any_form import of_any_form
+from thermofit.diagnose.any_form import beside_any_form, of_any_form
 from thermofit.diagnose.backward import Means, compensated, held_out_of, still_needed, without
 from thermofit.diagnose.case import Case, Refit
 from thermofit.diagnose.held_out import SURE, compared
@@ -122,7 +122,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
         except NumericsError as error:
             remarks.append(f"no effect was judged on the known motion, because the run of that motion failed ({error})")
         first = first if rounds else here
-        here = _without_scores(here, dropped)
+        here = beside_any_form(_without_scores(here, dropped), accepted)
         trials, winner = next_round(here, fit, Means(refit, numerical, how), max_effects - len(accepted))
         if winner is None and len(accepted) < max_effects:
             moved = released(here, fit, Means(refit, numerical, how))

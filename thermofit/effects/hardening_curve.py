@@ -19,7 +19,17 @@ _HIGHEST = 1000.0
 PARAMS = (
     Param("hardening_curve.level", "MPa", 0.0, -_HIGHEST, _HIGHEST, 10.0, "change of the yield stress at first yield", probe=10.0),
     *(Param(f"hardening_curve.step{k}", "MPa", 0.0, -_HIGHEST, _HIGHEST, 10.0, f"height of step {k}", probe=10.0) for k in range(1, N + 1)),
-    Param("hardening_curve.range", "1", 0.1, 1e-3, 10.0, 0.05, "plastic strain up to which there are steps", scan=(1.0,), scan_of="strain"),
+    Param(
+        "hardening_curve.range",
+        "1",
+        0.1,
+        1e-3,
+        10.0,
+        0.05,
+        "plastic strain up to which there are steps",
+        scan=(1.0, 0.5, 0.25),
+        scan_of="strain",
+    ),
 )
 FORMULA = "sigma_y += level + sum_k step_k [S(Lambda) - S(0)], S = (1 + z / sqrt(1 + z^2)) / 2, z = (Lambda - e_k) / w_k"
 SOURCE = "smooth steps at e_k = range ((k - 1/2) / N)^(3/2), as wide as half of their distance"

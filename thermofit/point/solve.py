@@ -34,7 +34,9 @@ from thermofit.point.step import (
     Exchange,
     Input,
     Surroundings,
+    end_of_iteration,
     end_of_step,
+    equations,
     exchange_of,
     new_state,
     residual,
@@ -231,7 +233,8 @@ def _moved(x: tuple[float, float, float, float], k: int) -> Complex:
 def linearised(x: tuple[float, float, float, float], z: np.ndarray, step: Input, law: Law, exchange: Exchange, w: Work) -> float:
     """Residual and Jacobian of a step at x into w; returns the largest residual."""
     for k in range(N_UNKNOWNS):
-        r0, r1, r2, r3 = residual(_moved(x, k), z, step, law, exchange)
+        there = _moved(x, k)
+        r0, r1, r2, r3 = equations(there, z, step, law, exchange, end_of_iteration(there, z, step, law))
         w.jacobian[0, k], w.jacobian[1, k] = r0.imag / STEP, r1.imag / STEP
         w.jacobian[2, k], w.jacobian[3, k] = r2.imag / STEP, r3.imag / STEP
         if k == 0:

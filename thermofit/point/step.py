@@ -250,6 +250,14 @@ def end_of_step(x: tuple[float, float, float, float], s: np.ndarray, step: Input
     return _end_with_effects(x, s, step, law)
 
 
+@kernel(forceinline=True)
+def end_of_iteration(x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law) -> End:
+    """The same for the iterations of Newton, which ask most often: both are inlined, each with nothing of the other left in it."""
+    if law.effective == 0:
+        return _end_of_step(x, s, step, law)
+    return _end_of_step(x, s, step, law)
+
+
 @kernel
 def _by_capacity(theta: float, excess: float, heat: float, law: Law, exchange: Exchange) -> float:
     """What a heat capacity that has changed at theta makes of the end temperature, K: tau changes with it. `excess` over the air and `heat`
@@ -266,7 +274,14 @@ def residual(
     x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law, exchange: Exchange
 ) -> tuple[float, float, float, float]:
     """The four equations of a step, dimensionless: lateral faces, control, yield or no flow, heat."""
-    end = end_of_step(x, s, step, law)
+    return equations(x, s, step, law, exchange, end_of_step(x, s, step, law))
+
+
+@kernel(forceinline=True)
+def equations(
+    x: tuple[float, float, float, float], s: np.ndarray, step: Input, law: Law, exchange: Exchange, end: End
+) -> tuple[float, float, float, float]:
+    """The same where the end of the step is known."""
     third = end.excess if step.flows else x[2]
     if step.control == AT_REST:
         return end.lateral, end.stress / law.mu, third, x[3] / s[THETA] - 1.0

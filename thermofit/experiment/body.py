@@ -17,7 +17,7 @@ from thermofit.experiment.body_check import checked
 from thermofit.experiment.compiling import compiled
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
-from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, refined, start_parameters, temperature_of
+from thermofit.experiment.fields import INTERPOLATE, LoadSteps, Measured, measured, start_parameters, temperature_of
 from thermofit.experiment.forward import nodal_gauge
 from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
@@ -215,12 +215,8 @@ class BodyExperiment:
         return stage_errors(self.study, self.data, settings, parameters, earlier, prescribed, model_of)
 
     def with_steps(self, parts: int) -> BodyExperiment:
-        """Every load step in parts; what drives it is straight between the steps."""
-
-        def cut(steps: LoadSteps) -> LoadSteps:
-            return steps.at(refined(steps.time, parts))
-
-        return replace(self, given=replace(self.data, steps={name: cut(steps) for name, steps in self.data.steps.items()}))
+        """Every load step in parts."""
+        return replace(self, given=replace(self.data, steps={name: steps.divided(parts) for name, steps in self.data.steps.items()}))
 
     def planted(self, before: Parameters, after: Parameters) -> BodyExperiment:
         """By two coupled runs on the mesh of the joint fit."""

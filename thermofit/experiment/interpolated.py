@@ -22,7 +22,7 @@ from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import end_motion, sections_inside
 from thermofit.observe.face_quads import distance_to_edge, face_quads
 from thermofit.observe.fixed_pattern import FixedPattern, fixed_pattern
-from thermofit.observe.force import SmoothForce, smooth_force, step_times
+from thermofit.observe.force import SmoothForce, programme_times, smooth_force, step_times
 from thermofit.observe.interpolation import (
     NodalDisplacement,
     displacements_at,
@@ -437,7 +437,7 @@ def _on_specimen(record: Record, specimen: Specimen, margin: float) -> np.ndarra
 def _force_datasets(
     study: Study, experiment: MeasuredTest, smooth: SmoothForce, displacement: FieldObservation, temperature: FieldObservation | None
 ) -> dict[str, Dataset]:
-    """Raw and smoothed force, and the load steps for each set of observation times."""
+    """Raw and smoothed force, the load steps for each set of observation times, and the course of the force between them."""
     theta_time = displacement.time if temperature is None else temperature.time
     required = {"displacement": displacement.time, "temperature": theta_time, "all": np.union1d(displacement.time, theta_time)}
     datasets = {
@@ -456,6 +456,11 @@ def _force_datasets(
         if experiment.force.crosshead is not None:
             crosshead = np.interp(steps, experiment.force.time, experiment.force.crosshead)
             datasets[f"steps/{name}/crosshead"] = Dataset(crosshead, "mm", ("step",))
+    steps = np.unique(np.concatenate([datasets[f"steps/{name}/time"].value for name in required]))
+    bends = programme_times(smooth)
+    course = refined(np.union1d(steps, bends[(bends > steps[0]) & (bends < steps[-1])]), _PARTS)
+    datasets["course/time"] = Dataset(course, "s", ("instant",))
+    datasets["course/force"] = Dataset(smooth.evaluate(course), "N", ("instant",))
     return datasets
 
 
@@ -489,6 +494,8 @@ def _elongation(
     return out | {f"steps/{name}/elongation": Dataset(value, "mm", ("step",)) for name, value in steps.items()}
 
 
+_PARTS = 16
+"""Parts of a load step in each of which the course of the force is straight: it misses a 256th of what the chord of the step does."""
 _CLOSEST = 1e-3
 """s; two step times that are nearer than this are one: the observation's where one of them is an observation."""
 

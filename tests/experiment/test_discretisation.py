@@ -130,7 +130,7 @@ def test_a_finer_mesh_is_finer_along_every_axis() -> None:
 
 
 def bending(time: np.ndarray) -> np.ndarray:
-    """A force N that bends as that of a hardening metal does at a constant speed of the crosshead: no rest, loading to 5200 N, unloading."""
+    """A force N that bends as that of a hardening metal does at a constant speed of the crosshead, up to 5200 N, and falls again."""
     loaded = 3900.0 + 1300.0 * (1.0 - np.exp(-(time - 6.0) / 9.0)) / (1.0 - np.exp(-24.0 / 9.0))
     back = np.interp(time, [30.0, 40.0], [5200.0, 1000.0])
     return np.where(time < 6.0, np.interp(time, [2.0, 6.0], [0.0, 3900.0]), np.where(time < 30.0, loaded, back))

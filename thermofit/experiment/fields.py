@@ -175,9 +175,12 @@ def _stretched(record: Record) -> Stretched | None:
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:
-    moved = [record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None for key in ("crosshead", "elongation", "force_error")]
+    def known(key: str) -> np.ndarray | None:
+        return record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None
+
     course = (record["course/time"].value, record["course/force"].value) if record.has("course/time") else None
-    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, *moved, course=course)
+    time, force = (record[f"{name}/{key}"].value for key in ("time", "force"))
+    return LoadSteps(time, force, known("crosshead"), known("elongation"), known("force_error"), course)
 
 
 def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> FieldObservation:

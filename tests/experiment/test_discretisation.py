@@ -5,10 +5,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from virtual_pulls import TRUTH, data, study
+import pytest
+from virtual_pulls import TIME, TRUTH, data, study
 
 from thermofit.core.parameters import Parameters
-from thermofit.experiment.discretisation import FINER, MESH, STEPS, THEIRS, WITHIN, corrected, finer_mesh, on_mesh, shares_held
+from thermofit.experiment.discretisation import (
+    FINER,
+    MESH,
+    STEPS,
+    THEIRS,
+    WITHIN,
+    corrected,
+    finer_mesh,
+    numerical_errors,
+    on_mesh,
+    shares_held,
+)
+from thermofit.experiment.fields import LoadSteps, refined
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -114,3 +127,45 @@ def test_displacements_alone_and_temperatures_alone_see_the_corrected_data() -> 
 def test_a_finer_mesh_is_finer_along_every_axis() -> None:
     assert finer_mesh(MeshSize(n_x=6, n_y=40, n_z=1)) == MeshSize(n_x=9, n_y=60, n_z=2)
     assert finer_mesh(MeshSize(n_x=2, n_y=14, n_z=1)) == MeshSize(n_x=3, n_y=22, n_z=2), "an even number along the load"
+
+
+def bending(time: np.ndarray) -> np.ndarray:
+    """A force N that bends as that of a hardening metal does at a constant speed of the crosshead, up to 5200 N, and falls again."""
+    loaded = 3900.0 + 1300.0 * (1.0 - np.exp(-(time - 6.0) / 9.0)) / (1.0 - np.exp(-24.0 / 9.0))
+    back = np.interp(time, [30.0, 40.0], [5200.0, 1000.0])
+    return np.where(time < 6.0, np.interp(time, [2.0, 6.0], [0.0, 3900.0]), np.where(time < 30.0, loaded, back))
+
+
+def under(steps: LoadSteps) -> Joint:
+    """The pulled test under a force that bends."""
+    held = replace(data(), steps=dict.fromkeys(data().steps, steps))
+    return Joint(study(), held, joint_settings(study(), ("E",), data()), COARSE)
+
+
+def test_the_error_of_the_steps_is_that_of_a_force_that_bends_between_them() -> None:
+    """Against a run whose sixteen times as many steps go along the force itself. Along the chords of the whole steps the specimen deforms
+    later, its heat has less time to leave, and halved steps tell an error that whole ones do not make."""
+    parameters, fine = Parameters.of(TRUTH, ("E",)), refined(TIME, 16)
+    whole = LoadSteps(TIME, bending(TIME), course=(fine, bending(fine)))
+    here, right = under(whole), under(LoadSteps(fine, bending(fine)))
+    made = here.shown(parameters)[1]["theta"] - right.shown(parameters)[1]["theta"]
+    flows = (here.model.observations["theta"].time > 6.0) & (here.model.observations["theta"].time <= 30.0)
+
+    def off(steps: LoadSteps) -> float:
+        problem = under(steps)
+        told = numerical_errors(problem, parameters, *problem.shown(parameters))[STEPS]["theta"]
+        return _rms(told[flows] - made[flows]) / _rms(made[flows])
+
+    assert off(whole) < 0.3
+    assert off(replace(whole, course=None)) > 3.0 * off(whole), "the chord would tell another error"
+
+
+def test_steps_in_parts_go_along_the_course_of_the_force() -> None:
+    fine = np.linspace(0.0, 40.0, 401)
+    steps = LoadSteps(TIME, bending(TIME), 2.0 * TIME, None, TIME[:, None], (fine, bending(fine)))
+    parts = steps.divided(2).until(20.0).divided(2)
+    assert parts.time[-1] == 20.0
+    assert parts.force == pytest.approx(np.interp(parts.time, fine, bending(fine)), abs=1e-9)
+    assert parts.crosshead == pytest.approx(2.0 * parts.time) and parts.error[:, 0] == pytest.approx(parts.time)
+    chords = replace(steps, course=None).divided(2)
+    assert chords.force[1::2] == pytest.approx(0.5 * (chords.force[:-1:2] + chords.force[2::2])), "without a course it is straight"

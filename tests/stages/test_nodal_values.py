@@ -44,3 +44,18 @@ def test_nodes_without_points_of_their_own_are_told(study_of: StudyOf) -> None:
     fine = tiny.stage_run("interpolate")(study_of()).record.summary
     (said,) = [text for text in fine["remarks"] if text.startswith("u: ") and "of their own" in text]
     assert f"{fine['displacement']['masked']} of " in said and "nodes always" in said and "mm apart" in said
+
+
+def test_the_course_of_the_force_between_the_steps_is_kept(study_of: StudyOf) -> None:
+    """It goes through all load steps and misses the smoothed force by a hundredth of what their chords miss."""
+    record = tiny.stage_run("interpolate")(study_of()).record
+    time, force = record["course/time"].value, record["course/force"].value
+    for name in ("displacement", "temperature", "all"):
+        steps = record[f"steps/{name}/time"].value
+        assert np.isin(steps, time).all()
+        assert np.interp(steps, time, force) == pytest.approx(record[f"steps/{name}/force"].value, abs=1e-9)
+    at, smooth = record["force/time"].value, record["force/smooth"].value
+    chords = np.interp(at, record["steps/all/time"].value, record["steps/all/force"].value)
+    held = at <= time[-1]
+    missed, left = (np.abs(line - smooth)[held].max() for line in (chords, np.interp(at, time, force)))
+    assert missed > 0.5 and left < 0.01 * missed, (missed, left)

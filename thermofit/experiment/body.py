@@ -24,7 +24,6 @@ from thermofit.experiment.fields import (
     Measured,
     displacement_of,
     measured,
-    refined,
     start_parameters,
     temperature_of,
 )
@@ -226,12 +225,8 @@ class BodyExperiment:
         return stage_errors(self.study, self.data, settings, parameters, earlier, prescribed, model_of)
 
     def with_steps(self, parts: int) -> BodyExperiment:
-        """Every load step in parts; what drives it is straight between the steps."""
-
-        def cut(steps: LoadSteps) -> LoadSteps:
-            return steps.at(refined(steps.time, parts))
-
-        return replace(self, given=replace(self.data, steps={name: cut(steps) for name, steps in self.data.steps.items()}))
+        """Every load step in parts."""
+        return replace(self, given=replace(self.data, steps={name: steps.divided(parts) for name, steps in self.data.steps.items()}))
 
     def planted(self, before: Parameters, after: Parameters) -> BodyExperiment:
         """By two coupled runs on the mesh of the joint fit."""

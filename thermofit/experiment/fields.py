@@ -25,13 +25,19 @@ INTERPOLATE = "interpolate"
 @dataclass(frozen=True)
 class LoadSteps:
     """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where known, crosshead and DIC elongation mm (n,), and
-    modes of the error of the smoothed force N (n, k): its covariance is error error^T."""
+    modes of the error of the smoothed force N (n, k): its covariance is error error^T.
+
+    `course`: times s (m,), all steps among them, and the smoothed force N (m,) there, straight between them; None: it is straight between
+    the steps. A force that bends between two steps deforms the specimen earlier than its chord, and the heat of the step leaves earlier:
+    steps that are divided would not tell that error of the whole ones if they went along the chord.
+    """
 
     time: np.ndarray
     force: np.ndarray
     crosshead: np.ndarray | None = None
     elongation: np.ndarray | None = None
     error: np.ndarray | None = None
+    course: tuple[np.ndarray, np.ndarray] | None = None
 
     def until(self, t_end: float) -> LoadSteps:
         """The steps up to t_end, which becomes the last one."""
@@ -43,17 +49,17 @@ class LoadSteps:
         """Every step in so many equal parts."""
         if parts == 1:
             return self
-        place = np.arange(parts * (len(self.time) - 1) + 1) / parts
-        return self.at(np.interp(place, np.arange(len(self.time)), self.time))
+        return self.at(refined(self.time, parts))
 
     def at(self, time: np.ndarray) -> LoadSteps:
-        """The same course at other times s (n,)."""
+        """The same test at other times s (n,)."""
 
         def cut(value: np.ndarray | None) -> np.ndarray | None:
             return None if value is None else np.interp(time, self.time, value)
 
         error = None if self.error is None else np.stack([np.interp(time, self.time, mode) for mode in self.error.T], axis=1)
-        return LoadSteps(time, np.interp(time, self.time, self.force), cut(self.crosshead), cut(self.elongation), error)
+        force = np.interp(time, *(self.course or (self.time, self.force)))
+        return LoadSteps(time, force, cut(self.crosshead), cut(self.elongation), error, self.course)
 
 
 def refined(steps: np.ndarray, parts: int) -> np.ndarray:
@@ -172,8 +178,12 @@ def _stretched(record: Record) -> Stretched | None:
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:
-    moved = [record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None for key in ("crosshead", "elongation", "force_error")]
-    return LoadSteps(record[f"{name}/time"].value, record[f"{name}/force"].value, *moved)
+    def known(key: str) -> np.ndarray | None:
+        return record[f"{name}/{key}"].value if record.has(f"{name}/{key}") else None
+
+    course = (record["course/time"].value, record["course/force"].value) if record.has("course/time") else None
+    time, force = (record[f"{name}/{key}"].value for key in ("time", "force"))
+    return LoadSteps(time, force, known("crosshead"), known("elongation"), known("force_error"), course)
 
 
 def force_observation(time: np.ndarray, steps: LoadSteps, noise: float) -> FieldObservation:

@@ -32,7 +32,7 @@ from thermofit.observe.camera import CameraPose
 from thermofit.observe.end_motion import end_motion, sections_inside
 from thermofit.observe.face_quads import distance_to_edge, face_quads
 from thermofit.observe.fixed_pattern import FixedPattern, fixed_pattern
-from thermofit.observe.force import SmoothForce, smooth_force, step_times
+from thermofit.observe.force import SmoothForce, programme_times, smooth_force, step_times
 from thermofit.observe.interpolation import (
     NodalDisplacement,
     displacements_at,
@@ -510,8 +510,8 @@ def _step_times(study: Study, smooth: SmoothForce, times: np.ndarray) -> np.ndar
 
 
 def _force_datasets(study: Study, experiment: MeasuredTest, smooth: SmoothForce, observed: Mapping[str, np.ndarray]) -> dict[str, Dataset]:
-    """Raw and smoothed force, and the load steps for each set of observation times; `observed`: the times of the fields "u" and "theta", or
-    of the one that there is."""
+    """Raw and smoothed force, the load steps for each set of observation times, and the course of the force between them; `observed`: the
+    times of the fields "u" and "theta", or of the one that there is."""
     u_time, theta_time = (observed.get(name, observed.get(other)) for name, other in (("u", "theta"), ("theta", "u")))
     assert u_time is not None and theta_time is not None
     required = {"displacement": u_time, "temperature": theta_time, "all": np.union1d(u_time, theta_time)}
@@ -529,6 +529,11 @@ def _force_datasets(study: Study, experiment: MeasuredTest, smooth: SmoothForce,
         if experiment.force.crosshead is not None:
             crosshead = np.interp(steps, experiment.force.time, experiment.force.crosshead)
             datasets[f"steps/{name}/crosshead"] = Dataset(crosshead, "mm", ("step",))
+    steps = np.unique(np.concatenate([datasets[f"steps/{name}/time"].value for name in required]))
+    bends = programme_times(smooth)
+    course = refined(np.union1d(steps, bends[(bends > steps[0]) & (bends < steps[-1])]), _PARTS)
+    datasets["course/time"] = Dataset(course, "s", ("instant",))
+    datasets["course/force"] = Dataset(smooth.evaluate(course), "N", ("instant",))
     return datasets
 
 
@@ -562,6 +567,8 @@ def _elongation(
     return out | {f"steps/{name}/elongation": Dataset(value, "mm", ("step",)) for name, value in steps.items()}
 
 
+_PARTS = 16
+"""Parts of a load step in each of which the course of the force is straight: it misses a 256th of what the chord of the step does."""
 _CLOSEST = 1e-3
 """s; two step times that are nearer than this are one: the observation's where one of them is an observation."""
 

@@ -217,7 +217,8 @@ def _words() -> list[str]:
         "",
         "Draws of the same number share what was drawn of thickness, width and calibrations. These decide E, the yield stresses and c0.",
         "",
-        "The earlier count is older than the shares of the mesh's error by its parts ([uncertainty](uncertainty.md)).",
+        "Earlier counts came before the share of the mesh's error in the data was known by its parts, and before halved steps knew the "
+        "force between the steps ([uncertainty](uncertainty.md)).",
     ]
 
 

@@ -112,6 +112,19 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
     assert none is None and failed[0].refused == "the refit failed: no equilibrium" and failed[0].unjudged
 
 
+def test_strains_over_which_it_cannot_be_run_are_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    monkeypatch.setattr(any_form, "judged_trial", lambda *_: (told, ("there", "fit")))
+
+    def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
+        if label.endswith(" 2"):
+            raise NumericsError("no equilibrium")
+        return start, SimpleNamespace(f=100.0, converged=True)
+
+    trials, winner = of_any_form(traced(9.0), None, SimpleNamespace(refit=refit))  # type: ignore[arg-type]
+    assert winner is not None and not trials[0].unjudged
+
+
 def test_beside_it_only_what_temperatures_show_is_asked() -> None:
     """Of what a curve leaves in displacements any effect would take some."""
     from thermofit.diagnose.any_form import beside_any_form

@@ -41,9 +41,16 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     free = (*(n for n in here.case.parameters.free if n not in held), *(p.name for p in own.amplitudes))
     start, score = here.case.parameters.with_free(free), hidden(own.name)
     (reach,) = (p for p in own.params if p.scan)
+    # What is missing may lie in a part of the strains: there the steps are wanted.
+    tried, failures = [], []
+    for k, x in enumerate(tried_of(reach, here.case)):
+        try:
+            tried.append(means.refit(start.replace(**{reach.name: x}), f"{own.name} {k}"))
+        except NumericsError as error:
+            failures.append(f"the refit failed: {error}")
+    if not tried:
+        return [Trial((score,), None, {}, {}, 0.0, failures[0], unjudged=True)], None
     try:
-        # What is missing may lie in a part of the strains: there the steps are wanted.
-        tried = [means.refit(start.replace(**{reach.name: x}), f"{own.name} {k}") for k, x in enumerate(tried_of(reach, here.case))]
         end = min(tried, key=lambda one: one[1].f)
         freed, said = freed_refit(end, (reach.name,), own.name, means.refit)
         trial, found = judged_trial(here, fit, (score,), _settled(freed or end, own, means), means)

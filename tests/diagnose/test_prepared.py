@@ -45,7 +45,7 @@ def joint_of(model: StageModel, base: Parameters, **known: Any) -> JointProblem:
 
 
 def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: JointProblem, end: tuple[Parameters, FitResult]) -> Prepared:
-    experiment = SimpleNamespace(start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), drive="force")
+    experiment = SimpleNamespace(start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), fields=(), drive="force")
     monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit(end))
     return prepared(STUDY, cast(Any, None), ())
@@ -62,7 +62,12 @@ def test_where_the_force_cannot_be_carried_the_diagnosis_is_driven_by_sections(m
     case, fit = fitted(case_of(1))
     joint = joint_of(case.model, case.parameters)
     other = SimpleNamespace(
-        start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), drive="sections", sections="the sections y = -23 and 23 mm"
+        start=lambda: joint.base,
+        diagnosed=lambda base: joint,
+        unseen=(),
+        fields=(),
+        drive="sections",
+        sections="the sections y = -23 and 23 mm",
     )
 
     def fails(base: Parameters) -> JointProblem:
@@ -83,7 +88,7 @@ def test_the_pose_of_a_camera_is_of_its_own_test_alone(monkeypatch: pytest.Monke
     joint = replace(joint_of(case.model, base, told={pose: (-0.01, 0.01), "c0": (1.0, 3.0)}), settings=cast(Any, Settings(base.free)))
     seen: list[tuple[str, ...]] = []
     asked: list[dict[str, list[int]]] = []
-    experiment = SimpleNamespace(start=lambda: base, diagnosed=lambda _: joint, unseen=("third",), drive="force")
+    experiment = SimpleNamespace(start=lambda: base, diagnosed=lambda _: joint, unseen=("third",), fields=(), drive="force")
     monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit((base, fit)))
     monkeypatch.setattr(module, "within", lambda study, *_: study)

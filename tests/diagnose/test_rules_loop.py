@@ -279,6 +279,8 @@ def looped(
     monkeypatch.setattr(module, "rejudged", judged)
     monkeypatch.setattr(module, "exponents_again", lambda here, fit, earlier, means: said.append(("again", earlier)) or Rejudged(here, fit))
     monkeypatch.setattr(module, "released", lambda *_: SimpleNamespace(trials=(), accepted=None))
+    monkeypatch.setattr(module, "of_any_form", lambda *_: ([], None))
+    monkeypatch.setattr(module, "beside_any_form", lambda here, _: here)
     monkeypatch.setattr(module, "ends_of_fit", lambda *_: {"E": "at its bound"})
     monkeypatch.setattr(module, "backward_check", lambda closed, _: replace(closed, remarks=("backward",)))
     monkeypatch.setattr(module, "against_base", lambda closed, _: replace(closed, remarks=(*closed.remarks, "base")))

@@ -63,6 +63,7 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda _here, _s, names: ("refused", 0.9) if "refused" in names else ("lamp", explained))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
+    monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "")
     found = unlisted(here, None, ["lamp"])
     assert (found is not None) is missing and (found is None or found.listed == ("refused", 0.9))
@@ -97,6 +98,7 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for(
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
+    monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "stress")
     monkeypatch.setattr(module, "state_law", lambda *_: term)
     found = unlisted(here, None, [], base)
@@ -120,6 +122,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
         rows=SimpleNamespace(time=np.arange(20.0)),
         problem=SimpleNamespace(model=SimpleNamespace(left=left)),
     )
+    monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))

@@ -18,7 +18,7 @@ N = 10
 _HIGHEST = 1000.0
 PARAMS = (
     Param("hardening_curve.level", "MPa", 0.0, -_HIGHEST, _HIGHEST, 10.0, "change of the yield stress at first yield", probe=10.0),
-    *(Param(f"hardening_curve.step{k}", "MPa", 0.0, -_HIGHEST, _HIGHEST, 10.0, f"height of step {k}", probe=10.0) for k in range(1, N + 1)),
+    *(Param(f"hardening_curve.step{k}", "MPa", 0.0, -_HIGHEST, _HIGHEST, 10.0, f"height of step {k}", probe=2.0) for k in range(1, N + 1)),
     Param(
         "hardening_curve.range",
         "1",

@@ -85,7 +85,7 @@ def _study_rows(study: Study, records: Mapping[str, Record]) -> list[tuple[str, 
         ("material", f"model {verify.config['model']}"),
         ("mesh", meshes(records)),
         ("load steps", str(len(interpolate["steps/all/time"].value))),
-        ("compared points", str(len(interpolate["points/node"].value))),
+        ("compared points", str(s["displacement" if "displacement" in s else "temperature"]["nodes"])),
     ]
     if "displacement" in s:
         rows.append(("displacements", f"{len(interpolate['u/time'].value)} times, {s['displacement']['masked']} values left out"))

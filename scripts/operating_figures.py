@@ -74,7 +74,7 @@ DRIVERS = {
         {3.0: 2, 10.0: 2, 1.0: 2},
         (
             *("rate_logarithmic", "thermal_softening", "lamp", "air_drift", "clamp_drift", "initial_gradient", "latent_heat"),
-            *("ir_drift", "ir_step", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending", "local_source"),
+            *("ir_drift", "ir_clock", "ir_lag", "ir_emissivity", "ir_reflection", "dic_out_of_plane", "bending", "local_source"),
         ),
         (("rate_logarithmic", "lamp"), ("lamp", "ir_clock"), ("rate_logarithmic", "ir_lag")),
         knocked={10.0: 3, 3.0: 3},

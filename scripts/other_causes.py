@@ -106,7 +106,7 @@ CAUSES: dict[str, Cause] = {
         ("stored_energy", "latent_heat"),
         HEAT,
     ),
-    "camera-steps": Cause(IR, lambda theta, y, time, amount: theta + amount * (time > 100.0), ("ir_drift", "ir_step"), HEAT),
+    "camera-steps": Cause(IR, lambda theta, y, time, amount: theta + amount * (time > 100.0), ("ir_drift",), HEAT),
     "camera-wanders": Cause(IR, lambda theta, y, time, amount: theta + amount * np.sin(2.0 * np.pi * time / 90.0), ("ir_drift",), HEAT),
     "camera-tilts": Cause(
         IR,

@@ -130,7 +130,7 @@ def test_beside_it_only_what_temperatures_show_is_asked() -> None:
     from thermofit.diagnose.any_form import beside_any_form
     from thermofit.diagnose.score import Ranking
 
-    names = ("dic_scale", "lamp", "force_offset", "clamp_drift", "ir_step")
+    names = ("dic_scale", "lamp", "force_offset", "clamp_drift", "ir_drift")
     ranking = Ranking(tuple(any_form.hidden(n) for n in names), 3.0, ())
 
     @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def test_beside_it_only_what_temperatures_show_is_asked() -> None:
         ranking: Ranking
 
     here: Any = Ranked(ranking)
-    assert [s.effect for s in beside_any_form(here, ("hardening_curve",)).ranking.scores] == ["lamp", "clamp_drift", "ir_step"]
+    assert [s.effect for s in beside_any_form(here, ("hardening_curve",)).ranking.scores] == ["lamp", "clamp_drift", "ir_drift"]
     assert beside_any_form(here, ("second_hardening",)) is here
 
 

@@ -33,7 +33,7 @@ from thermofit.experiment.residuals import Span
 THERMAL = ("kappa", "c0", "beta", "alpha_air", "alpha_clamp", "theta_air", "theta_clamp")
 TIME = np.array([*np.arange(0.0, 30.0, 1.0), *np.arange(30.0, 121.0, 3.0)])
 FORCE = np.interp(TIME, [0.0, 2.0, 4.0, 12.0, 30.0, 33.0, 36.0], [0.0, 0.0, 3000.0, 4600.0, 5200.0, 2000.0, 0.0])
-WARM = ("lamp", "clamp_drift", "air_drift", "latent_heat", "ir_drift", "ir_step", "stored_energy")
+WARM = ("lamp", "clamp_drift", "air_drift", "latent_heat", "ir_drift", "stored_energy")
 """Known effects that temperatures show; one more acts on the motion."""
 Made = Callable[..., tuple[Case, HeatFit, Rows, Split]]
 SPOT = '''"""A spot in the gauge that is heated from 20 s on. Off at power = 0."""
@@ -70,12 +70,8 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
     load_effect(path)
     patch.setattr(virtual_pulls, "TIME", TIME)
 
-    def made(step: tuple[float, float] = (0.0, 0.0), **planted: float) -> tuple[Case, HeatFit, Rows, Split]:
-        """`step`: time in s from which the camera shows so many K more."""
+    def made(**planted: float) -> tuple[Case, HeatFit, Rows, Split]:
         data, case = virtual_pulls.pulled(planted, FORCE), study()
-        assert data.temperature is not None
-        more = step[1] * (data.temperature.time >= step[0])
-        data = replace(data, temperature=replace(data.temperature, value=data.temperature.value + more[:, None, None]))
         joint = Joint(case, data, joint_settings(case, THERMAL, data), SIZE)
         truth = Parameters.of({**TRUTH, **{n: p.neutral for e in known for p in e.params for n in (p.name,)}}).with_free(THERMAL)
         warm = joint.heat(truth)
@@ -131,15 +127,6 @@ def test_what_explains_two_thirds_at_most_is_no_name_beside_what_explains_more(p
     why = {s.effect: s.vetoed for s in refitted.ranking.scores}
     part = int(why["lamp"].split()[1])
     assert why["lamp"].endswith("not the cause") and 33 < part < 67 and why["clamp_drift"] == ""
-
-
-def test_a_camera_that_steps_is_named_at_its_time(problem: Made) -> None:
-    """Scanned times and widths are tried for what instruments do as well, and then fitted."""
-    _, refitted = trace_of(problem(step=(47.0, 0.3)))
-    first = refitted.promising()[0]
-    assert first.effect == "ir_step" and first.vetoed == ""
-    assert first.estimate["ir_step.step"] == pytest.approx(0.3, abs=0.02)
-    assert 42.0 < refitted.settings["ir_step"]["ir_step.time"] < 48.0
 
 
 def test_a_cause_between_the_scanned_values_is_named(problem: Made) -> None:

@@ -207,17 +207,6 @@ ROWS: dict[str, Row] = {
             ((column(300.0, 300.0), looking(a(-4.0, 6.0)), -0.2), column(300.0, 298.0)),
         ),
     ),
-    # Half of it in its middle, tanh(1) of the half one width later, all of it far behind.
-    "ir_step": Row(
-        "sensor",
-        (
-            (
-                (column(300.0, 301.0, 302.0, 303.0), looking(a(-900.0, 40.0, 45.0, 900.0)), 0.2, 40.0, 5.0),
-                column(300.0, 301.1, 302.1 + 0.1 * np.tanh(1.0), 303.2),
-            ),
-            ((column(300.0, 300.0), looking(a(0.0, 80.0)), -0.5, 40.0, 0.1), column(300.0, 299.5)),
-        ),
-    ),
     # A share 0.5 x 0.05 of the 20 K above the air is not seen; of what is colder than the air more than all.
     "ir_emissivity": Row(
         "emission",

@@ -61,11 +61,6 @@ def test_drift_gain_and_offset_of_the_sensor() -> None:
     assert np.allclose(acted("ir_gain", 0.1), THETA + 0.1 * (THETA - AIR))
 
 
-def test_step_of_the_sensor() -> None:
-    """Nothing before it, all of it after, half of it in its middle."""
-    assert np.allclose(acted("ir_step", 0.3, 5.0, 0.1), THETA + 0.3 * np.array([0.0, 0.0, 0.5, 1.0, 1.0])[:, None], atol=1e-6)
-
-
 def test_clock_and_lag_of_the_sensor() -> None:
     between = acted("ir_clock", 0.5)
     assert np.allclose(between[1], THETA[1] + 0.25 * (THETA[2] - THETA[1]))

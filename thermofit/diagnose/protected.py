@@ -14,7 +14,7 @@ step of an effect says what it explains: candidates are ranked by it, and refitt
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -25,7 +25,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, HeatFit, scans
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, field_of, likeliest, roughness
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acting_on_temperatures, acts_in_heat
 from thermofit.experiment.missing import Missing
 from thermofit.fit.linear_model import LinearModel, Room
@@ -155,41 +155,29 @@ def _room(case: Case, there: Parameters, names: Sequence[str]) -> Room:
 def begins(case: Case, fit: HeatFit, found: Protected, names: Sequence[str]) -> tuple[Begin, ...]:
     """Where refits with the named dormant effects begin, what the step leaves least first: of every effect at the best of the values that
     are tried for its times and exponents. NumericsError where the run of the columns fails."""
-    tried = [(e, values) for e in (effect(name) for name in names) for values in scans(e, case)]
+    tried = [(e, values) for e in (effect(name) for name in names) for values in (scans(e, case) if acts_in_heat(e) else ({},))]
     directions = [(p.name, values) for e, values in tried for p in e.amplitudes if acts_in_heat(e)]
+    shown = tuple(p.name for e, _ in tried for p in e.amplitudes if not acts_in_heat(e))
     assert fit.model.directed is not None
-    along = np.zeros((len(found.linear.residual), len(directions)))
+    along, seen = (np.zeros((len(found.linear.residual), len(n))) for n in (directions, shown))
     if directions:
         columns = fit.model.directed(found.parameters, directions)
         along[: len(columns)] = columns
-    seen = _seen(fit, found, [(e, values) for e, values in tried if not acts_in_heat(e)])
+    if shown:
+        columns = fit.model.linearised(found.parameters, shown)[1]
+        seen[: len(columns)] = columns
     best: dict[str, Begin] = {}
-    k = 0
+    k, m = 0, 0
     for e, values in tried:
         width = len(e.amplitudes)
         if acts_in_heat(e):
             block, k = along[:, k : k + width], k + width
         else:
-            block = next(seen)
+            block, m = seen[:, m : m + width], m + width
         begin = _begin(case, found, (e.name,), values, block)
         if e.name not in best or begin.f < best[e.name].f:
             best[e.name] = begin
     return tuple(sorted(best.values(), key=lambda b: b.f))
-
-
-def _seen(fit: HeatFit, found: Protected, tried: Sequence[tuple[Effect, Mapping[str, float]]]) -> Iterator[np.ndarray]:
-    """Columns (n, k) of the amplitudes of every effect of an instrument at the values of its exponents, in order: one run for all that
-    are tried at the same ones, as those without exponents are. NumericsError where a run fails."""
-    blocks: dict[int, np.ndarray] = {}
-    values_of = [tuple(sorted(values.items())) for _, values in tried]
-    for values in dict.fromkeys(values_of):
-        own = [k for k, v in enumerate(values_of) if v == values]
-        shown = tuple(p.name for k in own for p in tried[k][0].amplitudes)
-        columns = fit.model.linearised(found.parameters.replace(**dict(values)), shown)[1]
-        for k in own:
-            block = columns[:, [shown.index(p.name) for p in tried[k][0].amplitudes]]
-            blocks[k] = np.vstack([block, np.zeros((len(found.linear.residual) - len(block), block.shape[1]))])
-    return iter([blocks[k] for k in range(len(tried))])
 
 
 def pairs(case: Case, found: Protected, singles: Sequence[Begin]) -> tuple[Begin, ...]:

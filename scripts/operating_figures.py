@@ -99,7 +99,7 @@ UNPLANTED = {
     "modulus_by_temperature": "asked only of coupon records with elastic ranges more than 50 K apart; figures in docs/real-coupons.md",
     "rate_by_temperature": "asked only of coupon records that flow at several rates and at temperatures 50 K apart",
     "dic_tilt": "found on the measured plate (docs/real-s235.md) and on a made-up one (tests/stages/test_static.py); not planted for time",
-    "hardening_curve": "names nothing: asked for where no other effect takes what displacements hold (docs/other-causes.md)",
+    "hardening_curve": "names nothing: asked for where no other effect takes what displacements hold (tests/diagnose/test_any_form.py)",
     "heating_profile": "asked only of rows of sections; planted in tests/stages/test_rows.py",
     "hill_anisotropy": "could be planted in a body (detectable from 0.32 on); left out for time",
 }

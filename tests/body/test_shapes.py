@@ -75,6 +75,8 @@ def test_jaws_hold_the_area_that_they_hold_in_every_shape(n_y: int) -> None:
         assert area == pytest.approx(ends * (held * (a + b) + a * b), rel=1e-9)
     with pytest.raises(StudyError, match="at least 3 are needed for a bar"):
         bar_mesh(plate, MeshSize(n_x=2, n_y=2, n_z=1))
+    with pytest.raises(StudyError, match=r"gripped_length 40 mm leaves nothing between the jaws of a bar of 80 mm"):
+        bar_mesh(dataclasses.replace(plate, gripped_length=40.0), counts)
 
 
 def test_clamp_of_a_cruciform_is_its_loaded_end_only() -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from thermofit.cli.printing import unlisted_lines
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import any_form
@@ -17,6 +20,7 @@ from thermofit.diagnose.loop import Closed, Round
 from thermofit.diagnose.trial import Trial
 from thermofit.effects.catalogue import effect, effects
 from thermofit.effects.hardening_curve import N, yield_stress
+from thermofit.report.html.gather import unlisted_words
 from thermofit.report.unlisted import curve_of, in_words, with_any_form
 
 CURVE = effect("hardening_curve")
@@ -123,6 +127,19 @@ def test_strains_over_which_it_cannot_be_run_are_passed_over(monkeypatch: pytest
 
     trials, winner = of_any_form(traced(9.0), None, SimpleNamespace(refit=refit))  # type: ignore[arg-type]
     assert winner is not None and not trials[0].unjudged
+    assert trials[0].exponents.endswith("; 1 of 3 ranges of strain could not be run (no equilibrium)")
+
+
+def test_a_curve_that_has_not_settled_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    monkeypatch.setattr(any_form, "judged_trial", lambda *_: (told, ("there", "fit")))
+    left = iter(100.0 * 0.9**k for k in range(20))
+
+    def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
+        return start, SimpleNamespace(f=next(left), converged=True)
+
+    trials, _ = of_any_form(traced(9.0), None, SimpleNamespace(refit=refit))  # type: ignore[arg-type]
+    assert trials[0].exponents.endswith("; not settled after 5 further refits")
 
 
 def test_beside_it_only_what_temperatures_show_is_asked() -> None:
@@ -162,6 +179,10 @@ def test_what_is_said_of_it() -> None:
     assert told["grade"] == "unlisted" and told["trustworthy"] is False and told["unlisted"]["balance"] == "stress"
     assert in_words(told["unlisted"]).startswith("a yield stress over accumulated plastic strain, up to ")
     assert "beside lamp" in in_words(told["unlisted"])
+    text = io.StringIO()
+    unlisted_lines(Console(file=text, width=160), told["unlisted"])
+    assert "unlisted  a yield stress over accumulated plastic strain, up to 8.5758 MPa, in du" in text.getvalue()
+    assert "is systematic" in unlisted_words(told["unlisted"])
     heat = {"verdict": "added; unlisted", "grade": "unlisted", "trustworthy": False, "unlisted": {"channel": "dtheta"}}
     assert with_any_form(heat, closed)["unlisted"] == {"channel": "dtheta"} and "hardening_curve" in with_any_form(heat, closed)
     assert with_any_form(summary, replace(closed, accepted=("lamp",))) is summary

@@ -545,13 +545,13 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
 
 
 def _effect_parameters(console: Console, beside: Mapping[str, Any] | None) -> None:
-    """The base model's parameters beside an unlisted heat, which has driven those of the joint fit off."""
+    """The base model's parameters beside an unlisted heat or offset, which has driven those of the joint fit off."""
     if beside is None:
         return
     if beside["failed"]:
         console.print(f"! {beside['failed']}", soft_wrap=True)
         return
-    table = _table("parameters beside the unlisted heat, which drives those of the joint fit off", ("", "beside it", "joint fit", "unit"))
+    table = _table("parameters beside the unlisted term, which drives those of the joint fit off", ("", "beside it", "joint fit", "unit"))
     for name, row in beside["values"].items():
         table.add_row(name, f"{number(row['value'], 4)} +- {row['sigma']:.1g}", number(row["joint_fit"], 4), row["unit"])
     console.print(table)

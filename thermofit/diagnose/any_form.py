@@ -47,16 +47,19 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
         try:
             tried.append(means.refit(start.replace(**{reach.name: x}), f"{own.name} {k}"))
         except NumericsError as error:
-            failures.append(f"the refit failed: {error}")
+            failures.append(str(error))
     if not tried:
-        return [Trial((score,), None, {}, {}, 0.0, failures[0], unjudged=True)], None
+        return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {failures[0]}", unjudged=True)], None
     try:
         end = min(tried, key=lambda one: one[1].f)
         freed, said = freed_refit(end, (reach.name,), own.name, means.refit)
-        trial, found = judged_trial(here, fit, (score,), _settled(freed or end, own, means), means)
+        end, settled = _settled(freed or end, own, means)
+        trial, found = judged_trial(here, fit, (score,), end, means)
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
-    trial = replace(trial, exponents=f"the hardening law is held; {said}")
+    passed_over = f"{len(failures)} of {len(failures) + len(tried)} ranges of strain could not be run ({failures[0]})" if failures else ""
+    words = ("the hardening law is held", said, "" if settled else f"not settled after {FURTHER} further refits", passed_over)
+    trial = replace(trial, exponents="; ".join(w for w in words if w))
     return [trial], None if found is None else (trial, found)
 
 
@@ -69,17 +72,16 @@ def beside_any_form(here: Traced, accepted: Sequence[str]) -> Traced:
     return replace(here, ranking=replace(here.ranking, scores=kept))
 
 
-def _settled(end: End, own: Effect, means: Means) -> End:
-    """The end of refits that go on as long as one is worth its time: a curve that has not come to its end would leave something to any
-    other effect, whose refit takes it the rest of the way. NumericsError where one fails."""
+def _settled(end: End, own: Effect, means: Means) -> tuple[End, bool]:
+    """The end of refits that go on as long as one is worth its time, and whether it is one: a curve that has not come to its end would
+    leave something to any other effect, whose refit takes it the rest of the way. NumericsError where one fails."""
     for turn in range(FURTHER):
         then = means.refit(end[0], f"{own.name} further {turn}", exponents=True)
-        if not then[1].f < end[1].f:
-            break
-        settled, end = then[1].f > (1.0 - GOES_ON) * end[1].f, then
-        if settled:
-            break
-    return end
+        fell = 1.0 - then[1].f / end[1].f
+        end = then if fell > 0.0 else end
+        if fell < GOES_ON:
+            return end, True
+    return end, False
 
 
 def _asked(here: Traced) -> Effect | None:

@@ -26,11 +26,14 @@ def bar_mesh(specimen: Specimen, size: MeshSize, *, full: bool = False) -> Mesh:
 
 
 def _with_jaws(length: float, gripped: float, n_y: int) -> np.ndarray:
-    """Node planes (n_y + 1,) of a bar from end to end, evenly spaced in the jaws and between them. StudyError where they are too few."""
+    """Node planes (n_y + 1,) of a bar from end to end, evenly spaced in the jaws and between them. StudyError where they are too few, or
+    where the jaws leave nothing between them."""
     end = 0.5 * length
-    in_jaw = min(max(round(n_y * gripped / length), 1), (n_y - 1) // 2)
-    if not 0.0 < gripped < end:
+    if gripped <= 0.0:
         return planes((-end, end), (n_y,))
+    if gripped >= end:
+        raise StudyError(f"specimen: gripped_length {gripped:g} mm leaves nothing between the jaws of a bar of {length:g} mm; shorten it")
+    in_jaw = min(max(round(n_y * gripped / length), 1), (n_y - 1) // 2)
     if in_jaw < 1:
         raise StudyError(f"mesh.n_y: {n_y} found; at least 3 are needed for a bar of which jaws hold {gripped:g} mm at either end")
     return planes((-end, gripped - end, end - gripped, end), (in_jaw, n_y - 2 * in_jaw, in_jaw))

@@ -140,8 +140,9 @@ def curve_of(closed: Closed, curve: Effect) -> dict[str, Any]:
 
     slopes = [np.imag(stress([v + 1e-30j * (n == name) for n, v in zip(curve.names, at, strict=True)])) / 1e-30 for name in names]
     value, slope, place = stress(at), np.stack(slopes, axis=1), [fit.names.index(n) for n in names]
-    spread = None if fit.covariance is None else fit.covariance.matrix[np.ix_(place, place)]
-    sigma = np.full(len(strain), np.nan) if spread is None else np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, spread, slope), 0.0))
+    assert fit.covariance is not None, "what has no standard errors is not accepted"
+    spread = fit.covariance.matrix[np.ix_(place, place)]
+    sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, spread, slope), 0.0))
     trial = next(t for r in reversed(closed.rounds) for t in r.trials if t.effects == (curve.name,))
     proof = {} if trial.proof is None else _proof(trial.proof)
     return {

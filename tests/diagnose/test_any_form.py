@@ -15,7 +15,8 @@ from thermofit.cli.printing import unlisted_lines
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import any_form
-from thermofit.diagnose.any_form import of_any_form
+from thermofit.diagnose.any_form import of_any_form, or_any_form
+from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed, Round
 from thermofit.diagnose.trial import Trial
 from thermofit.effects.catalogue import effect, effects
@@ -114,6 +115,40 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
 
     failed, none = of_any_form(traced(9.0), None, SimpleNamespace(refit=fails))  # type: ignore[arg-type]
     assert none is None and failed[0].refused == "the refit failed: no equilibrium" and failed[0].unjudged
+
+
+@pytest.mark.parametrize(
+    ("gain", "leaves", "apart", "asked", "wins"),
+    [
+        (None, True, True, True, "hardening_curve"),
+        (0.4, False, True, False, "lamp"),
+        (0.4, True, True, True, "hardening_curve"),
+        (0.4, True, False, True, "lamp"),
+        (0.9, True, True, True, "lamp"),
+    ],
+)
+def test_it_wins_where_the_winner_leaves_more_than_it_takes(
+    monkeypatch: pytest.MonkeyPatch, gain: float | None, leaves: bool, apart: bool, asked: bool, wins: str
+) -> None:
+    """And where held-out data tell it from the winner: else a name stands."""
+    made: list[str] = []
+
+    def trial(name: str, gain: float) -> Trial:
+        return Trial((any_form.hidden(name),), Proof(2.0, 1.0, {}, gain, 0.01, 5), {}, {}, 0.0, "")
+
+    def of_any_form(*_: Any) -> Any:
+        made.append("asked")
+        curve = trial("hardening_curve", 0.8)
+        return [curve], (curve, ("end", "fit"))
+
+    monkeypatch.setattr(any_form, "of_any_form", of_any_form)
+    monkeypatch.setattr(any_form, "leaves_more_than_it_takes", lambda *_: leaves)
+    monkeypatch.setattr(any_form, "discriminated", lambda *_: apart)
+    winner: Any = None if gain is None else (trial("lamp", gain), ("end", "fit"))
+    nothing: Any = None
+    trials, found = or_any_form(nothing, nothing, nothing, [], winner)
+    assert bool(made) is asked and len(trials) == len(made)
+    assert found is not None and found[0].effects == (wins,)
 
 
 def test_strains_over_which_it_cannot_be_run_are_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:

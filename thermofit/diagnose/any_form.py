@@ -1,9 +1,9 @@
 """The hardening of a body where no effect of the catalogue has its form: a curve over the plastic strain, added as an effect is.
 
 A law that is wrong leaves displacements, and drives off everything else that is fitted. Temperatures on a wrong motion say little. So where
-displacements or force are beyond their floor and nothing listed was accepted, the yield stress is fitted as a curve of any form, with the
-hardening law held where it is. It has to predict held-out data better, as any other effect has to. It names nothing: the curve is told as
-unlisted, and what else is missing is looked for beside it.
+displacements or force are beyond their floor, and nothing listed was accepted or it leaves more than it takes, the yield stress is fitted
+as a curve of any form, with the hardening law held where it is. It has to predict held-out data better, as any other effect has to. It
+names nothing: the curve is told as unlisted, and what else is missing is looked for beside it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
+from thermofit.diagnose.pairs import leaves_more_than_it_takes
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import Accepted, End, Trial, freed_refit, judged_trial
+from thermofit.diagnose.trial import Accepted, End, Trial, discriminated, freed_refit, judged_trial
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -32,7 +33,23 @@ GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
 
 
-def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
+Winner = tuple[Trial, Accepted]
+
+
+def or_any_form(
+    here: Traced, fit: FitResult, means: Means, before: Sequence[Trial], winner: Winner | None
+) -> tuple[list[Trial], Winner | None]:
+    """The trial of the curve after those of a round (`before`), and what the round accepts: its own `winner`, or the curve where there is
+    none, or where the winner leaves more than it takes and the curve predicts held-out data better by two standard errors. What has another
+    form than any that is listed is taken in part by many; the parts would be accepted one after the other."""
+    if winner is not None and not leaves_more_than_it_takes(here, fit, before):
+        return [], winner
+    trials, curve = of_any_form(here, fit, means)
+    better = curve is not None and (winner is None or (curve[0].gain > winner[0].gain and discriminated(winner[1][0], curve[1][0])))
+    return trials, curve if better else winner
+
+
+def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial], Winner | None]:
     """The trial of the curve, and where it ends if it is accepted; no trial where nothing asks for one. `fit` is the one without it."""
     own = _asked(here)
     if own is None:

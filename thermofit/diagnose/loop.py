@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.any_form import beside_any_form, of_any_form
+from thermofit.diagnose.any_form import beside_any_form, or_any_form
 from thermofit.diagnose.backward import Means, compensated, held_out_of, still_needed, without
 from thermofit.diagnose.case import Case, Refit
 from thermofit.diagnose.held_out import SURE, compared
@@ -129,8 +129,8 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             trials += moved.trials
             if moved.accepted is not None:
                 winner, refit = (moved.trials[-1], moved.accepted), moved.refit
-        if winner is None and len(accepted) < max_effects:
-            last_resort, winner = of_any_form(here, fit, Means(refit, numerical, how))
+        if len(accepted) < max_effects:
+            last_resort, winner = or_any_form(here, fit, Means(refit, numerical, how), trials, winner)
             trials += last_resort
         if winner is None:
             rounds.append(Round(here, tuple(trials), ()))

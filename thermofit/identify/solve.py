@@ -63,7 +63,7 @@ class Follower:
         """Names of the parameters that have moved most since the last evaluation."""
         if self.before is None:
             return list(self.names[:_SHOWN])
-        change = np.abs(values - self.before) / np.maximum(np.abs(self.before), np.finfo(float).tiny)
+        change = np.abs(values - self.before) / np.maximum(np.maximum(np.abs(self.before), np.abs(values)), np.finfo(float).tiny)
         return [self.names[k] for k in np.argsort(-change)[:_SHOWN] if change[k] > _MOVED]
 
 

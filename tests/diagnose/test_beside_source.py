@@ -12,9 +12,14 @@ from virtual_pulls import TRUTH
 
 from thermofit.core.errors import NumericsError
 from thermofit.diagnose.beside_source import beside_source
+from thermofit.diagnose.held_out import Rows, Split
+from thermofit.diagnose.rescored import shown_rows
 from thermofit.diagnose.trace import traced
 from thermofit.diagnose.unlisted import unlisted
+from thermofit.diagnose.unlisted_field import Basis, field_of, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
+from thermofit.experiment.missing import Grid
+from thermofit.fit.linear_model import LinearModel
 
 __all__ = ["problem"]
 SPOTS = [
@@ -59,3 +64,42 @@ def test_what_is_told_beside_an_unlisted_heat(problem: Made) -> None:
     assert failed is not None and "no run there" in failed.failed and not failed.value
     other = replace(missing, field=replace(cast(Any, missing.field), basis=replace(cast(Any, missing.field).basis, kind="displacement")))
     assert beside_source(here, other) is None
+
+
+def test_they_are_told_no_better_than_what_is_taken_for_exact_lets_them(problem: Made) -> None:
+    """What may be left of the error of a mesh moves them beside the source, and a reading that is prescribed as well."""
+    case, fit, *_ = made = problem(**{"spot_of_this_test.power": 0.05})
+    optimum = fit.minimised(case.parameters.replace(**fit.first), "plain")
+    here = traced(replace(case, parameters=optimum))
+    missing = unlisted(here, None, ())
+    bare = beside_source(here, missing)
+    rows = np.zeros(len(here.columns.residual))
+    rows[shown_rows(here)] = 0.05 * fit.model.linearised(found_of(made).parameters, ("c0",))[1][:, 0]
+    told = beside_source(replace(here, case=replace(here.case, doubts={"mesh": np.sqrt(3.0) * rows})), missing)
+    assert bare is not None and told is not None and dict(told.value) == dict(bare.value)
+    more = {n: np.sqrt(told.sigma[n] ** 2 - bare.sigma[n] ** 2) for n in told.sigma}
+    assert more["c0"] == pytest.approx(0.05, rel=1e-3), "an error like 0.05 mJ/(mm^3 K) of the capacity"
+    assert more["kappa"] < 1e-3 * bare.sigma["kappa"]
+
+    by_beta = {"heat of plastic work": {"beta": 0.01}}
+    again = beside_source(replace(here, case=replace(here.case, prescribed=lambda _: by_beta)), missing)
+    assert again is not None and np.sqrt(again.sigma["beta"] ** 2 - bare.sigma["beta"] ** 2) > 3e-3
+
+
+@pytest.mark.parametrize("weight", [1e-3, 1.0])
+def test_moves_beside_a_term_are_those_of_the_step_with_other_data(weight: float) -> None:
+    """Normal equations of columns and hats with their roughness, solved for data with an error and without."""
+    draw = np.random.default_rng(4)
+    n, p, m = 60, 3, 5
+    columns, hats, residual, error = draw.normal(size=(n, p)), draw.normal(size=(40, m)), draw.normal(size=n), draw.normal(size=(n, 2))
+    grid = Grid(np.arange(float(m)), np.zeros(m, dtype=int), np.zeros(1), np.zeros(1))
+    own = np.arange(10, 50)
+    basis = Basis("heat", "mW/mm^3", grid, np.arange(m), own, hats, np.eye(m))
+    everywhere = Rows(np.zeros(n, dtype=int), np.arange(float(n)), np.zeros((n, 2)), np.zeros(n, dtype=int))
+    parts = np.arange(n) // 10
+    split = Split(tuple(parts == k for k in range(6)), (np.zeros(n, dtype=bool),) * 6, "")
+    known = LinearModel(residual, columns)
+    one = field_of(known, basis, everywhere, split, weight)
+    for k in range(2):
+        other = field_of(LinearModel(residual + error[:, k], columns), basis, everywhere, split, weight)
+        np.testing.assert_allclose(moves_beside(known, one, error)[:, k], other.step - one.step, rtol=1e-5)

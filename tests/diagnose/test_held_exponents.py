@@ -134,8 +134,9 @@ def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(whole_loop, "close_loop", lambda *_: SimpleNamespace(numerical=None, refit=None))
     monkeypatch.setattr(whole_loop, "ended", lambda one, *_: (one, None))
     monkeypatch.setattr(whole_loop, "with_stand_ins", lambda one: one)
-    monkeypatch.setattr(whole_loop, "with_held_exponents", lambda _: "known")
+    monkeypatch.setattr(whole_loop, "with_combined", lambda _: "combined")
+    monkeypatch.setattr(whole_loop, "with_held_exponents", lambda one: f"{one} beside exponents")
     monkeypatch.setattr(whole_loop, "with_slowest_rate", lambda one: f"{one} to the slowest rate")
     study: Any = SimpleNamespace(diagnosis=SimpleNamespace(held_out="auto", max_effects=2))
     found: Any = SimpleNamespace(case=None, fit=None, refit=None, numerical=None)
-    assert whole_loop.looped(study, found).closed == "known to the slowest rate"
+    assert whole_loop.looped(study, found).closed == "combined beside exponents to the slowest rate"

@@ -157,6 +157,29 @@ def test_the_loop_turns_to_the_problem_that_knows_its_errors_when_it_is_near() -
     )
 
 
+def test_errors_are_told_anew_for_the_next_effect() -> None:
+    """Two planted ones: the problem that is told with the first of them is told again with the second, with what may be left of it."""
+    case, _ = with_gain_as_noise(case_of(5, **{"ir_drift.rate": 0.02, "ir_emissivity.slope": 2.0}), 1e9)
+    case, fit = fitted(case)
+    sharper, told = case.refined_at, []
+    assert sharper is not None
+
+    def again(known: frozenset[str]) -> Any:
+        def tell(parameters: Parameters) -> RefinedProblem | None:
+            added = frozenset(n for n in parameters.free if n in ("ir_drift.rate", "ir_emissivity.slope"))
+            found = sharper(parameters) if added - known else None
+            if found is None:
+                return None
+            told.append(added)
+            return replace(found, again=again(added), doubts={"mesh": np.full(N_T * N_S, float(len(added)))})
+
+        return tell
+
+    found = close_loop(replace(case, refined_at=again(frozenset())), fit, refitting(case.model), 3, None)
+    assert set(found.accepted) == {"ir_drift", "ir_emissivity"} and [len(one) for one in told] == [1, 2]
+    assert found.last.case.doubts["mesh"][0] == 2.0 and found.base is None, "the first optimum is none of this problem"
+
+
 def test_the_loop_says_what_the_problem_that_knows_its_errors_leaves_undetermined() -> None:
     case, _ = with_gain_as_noise(case_of(5, **DRIFTING), 1e-3)
     case, fit = fitted(case)

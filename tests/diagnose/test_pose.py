@@ -116,7 +116,8 @@ def test_all_fits_go_beyond_from_then_on_and_the_landmarks_say_nothing() -> None
     job: Any = SimpleNamespace()
     fitting = JointFit(narrow, joint.settings, joint.model, job, parts=joint)
     bare = replace(fitting, parts=None)
-    sharp = RefinedProblem(joint.model, joint.scored, fitting, bare, np.zeros(1), fitting.heated)
+    last = RefinedProblem(joint.model, joint.scored, fitting, bare, np.zeros(1), fitting.heated)
+    sharp = replace(last, again=lambda _: last)
     case = Case(
         joint.model, at, (), (), frozenset(), scored=joint.scored, refined_at=lambda _: sharp, heated=fitting.heated, bounds=narrow.bounds
     )
@@ -126,10 +127,12 @@ def test_all_fits_go_beyond_from_then_on_and_the_landmarks_say_nothing() -> None
     told, heated = (None if of is None else of(at) for of in (found.refined_at, found.heated))
     assert told is not None and heated is not None and told.scored is not None and found.scored is not None and isinstance(wide, JointFit)
     rows = len(NAMES) + 1
-    for fit in (wide, told.refit, told.nearby):
+    anew = None if told.again is None else told.again(at)
+    assert anew is not None and anew.again is None
+    for fit in (wide, told.refit, told.nearby, anew.refit, anew.nearby):
         assert isinstance(fit, JointFit) and all(fit.study.bounds(n) == physical(n) for n in NAMES)
         assert fit.model.residual(at)[-rows:].tolist() == [0.0] * rows
-    for model in (found.model, told.model, heated.model):
+    for model in (found.model, told.model, anew.model, heated.model):
         assert {p.name: p.sigma for p in model.priors} == {**dict.fromkeys(NAMES, np.inf), jaws.name: 0.5}
     for scored in (found.scored, told.scored):
         assert scored(at, (NAMES[0],), ())[1][-rows:].tolist() == [[0.0]] * rows

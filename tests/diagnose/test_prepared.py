@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -45,7 +45,9 @@ def joint_of(model: StageModel, base: Parameters, **known: Any) -> JointProblem:
 
 
 def prepared_from(monkeypatch: pytest.MonkeyPatch, joint: JointProblem, end: tuple[Parameters, FitResult]) -> Prepared:
-    experiment = SimpleNamespace(start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), fields=(), drive="force")
+    experiment = SimpleNamespace(
+        start=lambda: joint.base, diagnosed=lambda base: joint, unseen=(), fields=(), drive="force", prescribed_errors=dict
+    )
     monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit(end))
     return prepared(STUDY, cast(Any, None), ())
@@ -67,6 +69,7 @@ def test_where_the_force_cannot_be_carried_the_diagnosis_is_driven_by_sections(m
         unseen=(),
         fields=(),
         drive="sections",
+        prescribed_errors=dict,
         sections="the sections y = -23 and 23 mm",
     )
 
@@ -88,7 +91,9 @@ def test_the_pose_of_a_camera_is_of_its_own_test_alone(monkeypatch: pytest.Monke
     joint = replace(joint_of(case.model, base, told={pose: (-0.01, 0.01), "c0": (1.0, 3.0)}), settings=cast(Any, Settings(base.free)))
     seen: list[tuple[str, ...]] = []
     asked: list[dict[str, list[int]]] = []
-    experiment = SimpleNamespace(start=lambda: base, diagnosed=lambda _: joint, unseen=("third",), fields=(), drive="force")
+    experiment = SimpleNamespace(
+        start=lambda: base, diagnosed=lambda _: joint, unseen=("third",), fields=(), drive="force", prescribed_errors=dict
+    )
     monkeypatch.setattr(module, "experiment_after", lambda *_: experiment)
     monkeypatch.setattr(module, "JointFit", lambda *_, **__: Refit((base, fit)))
     monkeypatch.setattr(module, "within", lambda study, *_: study)
@@ -108,3 +113,104 @@ class Settings:
 
     def model_copy(self, update: Any) -> Settings:
         return Settings(**update)
+
+
+ERRORS_NAMED = {"mesh": np.array([2.0]), "time steps": np.array([1.0])}
+
+
+@dataclass
+class Telling:
+    """Stands in for the runs that tell errors: counts them, and says whether the force can be known at the parameters."""
+
+    far: bool = False
+    fails: bool = False
+    at: list[float] = field(default_factory=list)
+
+    def too_far(self, parts: Any, parameters: Parameters) -> bool:
+        assert parts == "whole before" or parts.model == "model told"
+        return self.far
+
+    def told(self, plain: Any, parameters: Parameters) -> Any:
+        assert plain == "plain"
+        self.at.append(parameters["kappa"])
+        if self.fails:
+            raise NumericsError("time step to t = 7 s failed")
+        return known(SimpleNamespace(model="model told", scored="scores"))
+
+
+@dataclass(frozen=True)
+class Known:
+    """Errors of a joint problem that were told."""
+
+    whole: Any
+    far: bool = False
+    left_whole: Any = 0.5
+    causes_whole: Any = field(default_factory=lambda: ERRORS_NAMED)
+
+
+def known(whole: Any, far: bool = False) -> Any:
+    return Known(whole, far)
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How a problem is fitted."""
+
+    model: Any = "model before"
+    parts: Any = "parts before"
+    ends: Any = None
+    heated: Any = "by heat"
+    moved: Any = "by motion"
+    failures: list[str] = field(default_factory=list)
+
+
+def at(*free: str) -> Parameters:
+    return Parameters.of(
+        {"kappa": 50.0, "lamp.absorbed": 0.01, "clamp_drift.rate": 0.01, "clamp_drift.time": 60.0, "air_drift.rate": 0.0}, ("kappa", *free)
+    )
+
+
+def telling(monkeypatch: pytest.MonkeyPatch, runs: Telling, far: bool = False) -> tuple[Any, Fitting]:
+    monkeypatch.setattr(module, "told", runs.told)
+    monkeypatch.setattr(module, "too_far", runs.too_far)
+    fitting = Fitting()
+    before = Known("whole before", far)
+    return module.told_again(cast(Any, "plain"), cast(Any, before), cast(Any, fitting), frozenset({"lamp"})), fitting
+
+
+def test_errors_are_told_anew_with_every_effect_that_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the study frees is no news, nor an exponent that is freed later; the next effect is. The fit, its parts and what may be left
+    are those of the errors told last."""
+    runs = Telling()
+    sharper, _ = telling(monkeypatch, runs)
+    assert sharper(at()) is None and sharper(at("lamp.absorbed")) is None and runs.at == []
+    found = sharper(at("lamp.absorbed", "clamp_drift.rate"))
+    assert found is not None and runs.at == [50.0]
+    assert (found.model, found.scored, found.refit.model, found.nearby.parts) == ("model told", "scores", "model told", None)
+    assert found.refit.parts is not None and found.numerical == 0.5 and found.doubts is ERRORS_NAMED
+    assert found.again(at("lamp.absorbed", "clamp_drift.rate", "clamp_drift.time")) is None and len(runs.at) == 1
+    more = found.again(at("clamp_drift.rate", "air_drift.rate"))
+    assert more is not None and len(runs.at) == 2
+
+
+def test_a_force_that_hides_what_is_missing_is_known_from_where_it_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without any effect; and once it is known, only with a further one."""
+    runs = Telling(far=True)
+    sharper, _ = telling(monkeypatch, runs, far=True)
+    assert sharper(at()) is None and sharper(at("clamp_drift.rate")) is None and runs.at == []
+    runs.far = False
+    found = sharper(at())
+    assert found is not None and runs.at == [50.0] and found.again(at()) is None
+    runs.far = True
+    assert found.again(at("clamp_drift.rate")) is None, "its error would hide what the effect has not explained"
+
+
+def test_errors_that_cannot_be_told_anew_stay_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = Telling(fails=True)
+    monkeypatch.setattr(module, "told", runs.told)
+    monkeypatch.setattr(module, "too_far", lambda *_: False)
+    fitting, before = Fitting(), Known(SimpleNamespace(model="model before", scored="scores before"))
+    found = module.told_again(cast(Any, "plain"), cast(Any, before), cast(Any, fitting), frozenset())(at("clamp_drift.rate"))
+    assert found is not None and found.model == "model before"
+    (said,) = fitting.failures
+    assert "those told before are kept" in said and "time step to t = 7 s failed" in said

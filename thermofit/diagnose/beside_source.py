@@ -3,7 +3,7 @@
 A joint fit spreads a heat that nobody lists over all parameters: they end many of their standard errors away, with small ones. Beside an
 unlisted heat two things are told instead. Parameters that temperatures do not feel are those of the displacements alone. The others are
 those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside the offset of a
-camera they are those fitted with it.
+camera they are those fitted with it. Standard errors hold what the test prescribes and what may be left of the errors of mesh and steps.
 """
 
 from __future__ import annotations
@@ -14,17 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import Unlisted
+from thermofit.diagnose.unlisted_field import Field, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.fit.linear_model import projection
+from thermofit.fit.budget import moves
+from thermofit.fit.linear_model import LinearModel
+from thermofit.identify.combined import taken_for_exact
 
 
 @dataclass(frozen=True)
 class BesideSource:
-    """Values of the fitted parameters beside an unlisted heat or offset and their standard errors by the noise, each in its unit; in words
-    why there are none, where a run failed."""
+    """Values of the fitted parameters beside an unlisted heat or offset and their combined standard errors, each in its unit; in words why
+    there are none, where a run failed."""
 
     value: Mapping[str, float]
     sigma: Mapping[str, float]
@@ -38,28 +43,52 @@ def beside_source(here: Traced, missing: Unlisted | None) -> BesideSource | None
     if missing is None or missing.field is None or missing.field.basis.kind not in ("heat", "offset"):
         return None
     if missing.field.basis.kind == "offset":
-        free, spread = missing.parameters.free, missing.field.uncertainty.tolist()
-        return BesideSource({n: missing.parameters[n] for n in free}, dict(zip(free, spread, strict=True)))
+        return _beside_offset(case, missing.parameters, missing.field)
     if case.heated is None or case.model.segments is not None:
         return None
     try:
         moved = on_its_motion(here)
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)
-        if found is None:
+        if fit is None or found is None:
             return None
         free = moved.case.parameters.free
         _, columns = case.model.linearised(moved.case.parameters, free)
+        errors = _errors(case, moved.case.parameters, columns)
+        thermal = acting_on_temperatures(found.parameters.free)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted heat are not known ({error})")
-    thermal = acting_on_temperatures(found.parameters.free)
+    mine = shown_rows(here)
+    of_heat = np.pad(errors[mine], ((0, len(found.linear.residual) - mine.sum()), (0, 0)))  # usual values are no data
     value = {n: found.parameters[n] for n in thermal}
-    sigma = dict(zip(thermal, found.source.uncertainty.tolist(), strict=True))
+    sigma = dict(zip(thermal, _together(found.source.uncertainty, moves_beside(found.linear, found.source, of_heat)), strict=True))
     others = [n for n in free if n not in acting_on_temperatures(free)]
-    own = ~shown_rows(here)
-    if others and own.any():
-        block = columns[own][:, [free.index(n) for n in others]]
-        white = np.sqrt(np.sum(projection(block).root() ** 2, axis=1))
+    if others and not mine.all():
+        block = LinearModel(np.zeros((~mine).sum()), columns[~mine][:, [free.index(n) for n in others]])
+        white = np.sqrt(np.sum(block.root() ** 2, axis=1))
         value |= {n: moved.case.parameters[n] for n in others}
-        sigma |= dict(zip(others, white.tolist(), strict=True))
+        sigma |= dict(zip(others, _together(white, moves(block, errors[~mine], np.zeros(len(others), dtype=bool))), strict=True))
     return BesideSource({n: value[n] for n in free if n in value}, {n: sigma[n] for n in free if n in sigma})
+
+
+def _beside_offset(case: Case, parameters: Parameters, term: Field) -> BesideSource:
+    """The parameters that were fitted with the offset of a camera."""
+    try:
+        residual, columns = case.model.linearised(parameters, parameters.free)
+        errors = _errors(case, parameters, columns)
+    except NumericsError as error:
+        return BesideSource({}, {}, f"parameters beside the unlisted offset are not known ({error})")
+    sigma = _together(term.uncertainty, moves_beside(LinearModel(residual, columns), term, errors))
+    return BesideSource({n: parameters[n] for n in parameters.free}, dict(zip(parameters.free, sigma, strict=True)))
+
+
+def _errors(case: Case, parameters: Parameters, columns: np.ndarray) -> np.ndarray:
+    """What one standard error of each thing that the case takes for exact makes in its residual (n, m)."""
+    prescribed = {} if case.prescribed is None else case.prescribed(parameters)
+    found = taken_for_exact(case.model, parameters, columns, prescribed, case.doubts)
+    return np.concatenate([np.zeros((len(columns), 0)), *found.values()], axis=1)
+
+
+def _together(noise: np.ndarray, moved: np.ndarray) -> list[float]:
+    """Standard errors (p,) by the noise and by moves (p, m) of unit variance together."""
+    return [float(s) for s in np.sqrt(noise**2 + np.sum(moved**2, axis=1))]

@@ -79,6 +79,10 @@ class RefinedProblem:
     numerical: np.ndarray
     heated: Callable[[Parameters], HeatFit | None] | None = None
     moved: Moved | None = None
+    doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """What (n,) of the errors of mesh and steps is in doubt in its residual, by cause."""
+    again: Callable[[Parameters], RefinedProblem | None] | None = None
+    """The same problem with its errors told anew, for parameters with an effect that was added since; None where they are told once."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +118,9 @@ class Case:
     largest_strain: float = 0.1
     """Largest Lambda of the test, of which strains that are tried are shares."""
     refined_at: Callable[[Parameters], RefinedProblem | None] | None = None
-    """The problem that knows the error of the force, for parameters at which that error could explain what it would hide; None: this one
-    does, or there is none."""
+    """The problem that knows its errors as they are at given parameters: that of the force from where it could explain what it would hide,
+    those of mesh and steps anew where an effect was added since they were told. It gives None where this one knows them; None: there are
+    none."""
     heated: Callable[[Parameters], HeatFit | None] | None = None
     """How the temperatures alone are fitted on the motion of given parameters; None where there are none, or where that spares nothing."""
     moved: Moved | None = None
@@ -130,6 +135,10 @@ class Case:
     """Bounds of every fitted parameter: the study's, or else the physical ones."""
     pose: frozenset[str] = frozenset()
     """Fitted parameters that stand for an error of a camera's landmarks: no effect, as long as they stay within these bounds."""
+    doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """What (n,) of the errors of mesh and steps is in doubt in the residual, by cause: limits of a uniform distribution."""
+    prescribed: Callable[[Parameters], Mapping[str, Mapping[str, float]]] | None = None
+    """By how much parameters move for one standard error of what the test prescribes, by cause (`experiment.prescribed`)."""
 
     def reach(self, name: str) -> tuple[float, float]:
         """Bounds that a linear step keeps to: the physical ones, but those of an error of its landmarks for the pose of a camera."""

@@ -21,11 +21,12 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.case import Case, tried_of
+from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.refit import VAGUE
 from thermofit.diagnose.trial import held_exponents
 from thermofit.diagnose.widened import most_widened, widened
-from thermofit.fit.budget import moves
+from thermofit.fit.budget import EXPONENTS, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
@@ -45,7 +46,8 @@ def with_held_exponents(closed: Closed) -> Closed:
         )
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
     doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, here.case) for name in held]))
-    return replace(closed, fit=doubtful, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
+    closed = with_wider(closed, EXPONENTS, doubtful)
+    return replace(closed, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
 
 
 def spread_of(name: str, case: Case) -> float:

@@ -24,6 +24,7 @@ from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, discriminated, tried
 from thermofit.experiment.known_motion import acting_on_temperatures
+from thermofit.fit.budget import Budget
 from thermofit.fit.result import FitResult
 
 NEAR = 1.0
@@ -79,6 +80,10 @@ class Closed:
     """The fit that ends at `first`; None where `first` is no optimum of the last problem."""
     stand_ins: Mapping[str, tuple[str, ...]] | None = None
     """Effects that the data do not tell from an accepted one at the end, by its name; None where that was not asked."""
+    budget: Budget | None = None
+    """What the standard errors of `fit` are made of; None where they hold the noise alone."""
+    by_noise: np.ndarray | None = None
+    """The standard errors of `fit` (n_p,) by the noise of the data alone, where there is a budget."""
 
     def as_base(self) -> Closed:
         """The base model at its optimum where nothing is added in the end: a refit without what was taken back may stop short of it."""
@@ -312,15 +317,24 @@ def place_of(here: Traced) -> RoundEnd:
 
 
 def _with_refined(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced, FitResult, Refit, np.ndarray] | None:
-    """First and present trace by the problem that knows the error of the force, its fit, how to fit it and its numerical error; None where
-    the model still misses more than that error could explain: its noise would then hide what is missing."""
+    """First and present trace by the problem that knows its errors as they are here, its fit, how to fit it and its numerical error; None
+    where these are known, or the model still misses more than the error of the force could explain: its noise would then hide what is
+    missing."""
     sharp = None if here.case.refined_at is None else here.case.refined_at(here.case.parameters)
     if sharp is None:
         return None
-    case = replace(here.case, model=sharp.model, scored=sharp.scored, heated=sharp.heated, moved=sharp.moved, refined_at=None)
+    case = replace(
+        here.case,
+        model=sharp.model,
+        scored=sharp.scored,
+        heated=sharp.heated,
+        moved=sharp.moved,
+        doubts=sharp.doubts,
+        refined_at=sharp.again,
+    )
     # An exponent that was not told beside a force taken as exact may be told now, and elsewhere: that force was wrong in its favour.
     again = (*case.parameters.free, *vague_exponents(case))
-    parameters, fit = sharp.nearby(case.parameters.with_free(again), "error of the force")
+    parameters, fit = sharp.nearby(case.parameters.with_free(again), "errors told anew")
     now = traced(replace(case, parameters=parameters), sharp.numerical, how, here.split, fit)
     if here is first:
         return now, now, fit, sharp.refit, sharp.numerical

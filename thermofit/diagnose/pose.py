@@ -30,6 +30,8 @@ from thermofit.identify.solve import within
 
 Heated = Callable[[Parameters], HeatFit | None]
 """How the temperatures alone are fitted on the motion of given parameters."""
+Sharper = Callable[[Parameters], RefinedProblem | None]
+"""How the errors of a problem are told anew."""
 
 
 @dataclass(frozen=True)
@@ -96,27 +98,39 @@ def wider(refit: Refit, parameters: Parameters, names: Sequence[str]) -> Refit:
 
 def widened(case: Case, names: Sequence[str], wide: Refit) -> Case:
     """The case within the physical bounds of some parameters, without what was declared of them, in all of its fits; `wide` is one."""
-    bounds, sharper = case.bounds, case.refined_at
-
-    def sharp(parameters: Parameters) -> RefinedProblem | None:
-        found = None if sharper is None else sharper(parameters)
-        if found is None:
-            return None
-        refit, nearby = (wider(f, parameters, names) for f in (found.refit, found.nearby))
-        model = _without_datum(found.model, names)
-        return replace(
-            found, model=model, refit=refit, nearby=nearby, scored=_scored(refit, found.scored), heated=_heated(refit, found.heated)
-        )
-
+    bounds = case.bounds
     return replace(
         case,
         model=_without_datum(case.model, names),
         bounds=lambda name: physical(name) if name in names else bounds(name),
-        refined_at=None if sharper is None else sharp,
+        refined_at=_wider_again(case.refined_at, names),
         pose=case.pose - set(names),
         scored=_scored(wide, case.scored),
         heated=_heated(wide, case.heated),
     )
+
+
+def _wider_again(sharper: Sharper | None, names: Sequence[str]) -> Sharper | None:
+    """How errors are told anew in such a case, as often as that is asked."""
+    if sharper is None:
+        return None
+
+    def sharp(parameters: Parameters) -> RefinedProblem | None:
+        found = sharper(parameters)
+        if found is None:
+            return None
+        refit, nearby = (wider(f, parameters, names) for f in (found.refit, found.nearby))
+        return replace(
+            found,
+            model=_without_datum(found.model, names),
+            refit=refit,
+            nearby=nearby,
+            scored=_scored(refit, found.scored),
+            heated=_heated(refit, found.heated),
+            again=_wider_again(found.again, names),
+        )
+
+    return sharp
 
 
 def _scored(wide: Refit, scored: Scored | None) -> Scored | None:

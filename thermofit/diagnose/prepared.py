@@ -22,7 +22,8 @@ from thermofit.experiment.drive import SECTIONS as BY_SECTIONS
 from thermofit.experiment.fields import with_identified
 from thermofit.experiment.forms import experiment_after, experiment_of
 from thermofit.experiment.instruments import station_names
-from thermofit.experiment.joint_errors import told, too_far
+from thermofit.experiment.joint import JointParts
+from thermofit.experiment.joint_errors import JointWithErrors, told, too_far
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
@@ -37,7 +38,7 @@ from thermofit.study.study import Study
 
 SECTIONS = (
     *("model", "hardening", "yield_surface", "material_axes", "mesh", "geometry", "parameters", "evaluation", "force", "numerics"),
-    *("stages", "coupon", "diagnosis"),
+    *("stages", "coupon", "diagnosis", "uncertainty"),
 )
 DIAGNOSE = "diagnose"
 USUAL = frozenset(name for stage in ("elastic", "plastic", "thermal") for name in getattr(Stages(), stage).free)
@@ -140,6 +141,8 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         correlation_length=joint.correlation_length,
         bounds=fitting.bounds,
         pose=pose,
+        doubts={} if joint.errors is None else joint.errors.causes,
+        prescribed=experiment.prescribed_errors,
     )
     assert joint.numerical is not None
     remarks = (*said, *_unknown_force(experiment, joint), *_computed_motion(experiment))
@@ -166,28 +169,48 @@ def _computed_motion(experiment: Experiment) -> tuple[str, ...]:
 
 
 def _refinement(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], RefinedProblem | None] | None:
-    """The problem that knows the error of the force, which was taken as exact, where that could explain what the residual shows of it. The
-    errors are told again at the parameters at hand: an effect that was added brings gradients of its own."""
-    plain, first = joint.plain, joint.errors
-    if plain is None or first is None or not first.far:
+    """The problem that knows its errors at the parameters at hand; None where there are none to tell."""
+    if joint.plain is None or joint.errors is None:
         return None
+    return told_again(joint.plain, joint.errors, refit, _effects_of(joint.base.free))
+
+
+def told_again(
+    plain: JointParts, before: JointWithErrors, refit: JointFit, added: frozenset[str]
+) -> Callable[[Parameters], RefinedProblem | None]:
+    """Tells the errors of a problem anew, which were told `before` with the effects `added` fitted.
+
+    A force that was taken as exact is known by its error from where that could explain what the residual shows of it. Without that the
+    errors stay while no effect is added. What was missing had driven the parameters off, and the errors of mesh and steps were those of a
+    contact that conducts nothing; an effect that was added brings gradients of its own.
+    """
 
     def sharp(parameters: Parameters) -> RefinedProblem | None:
-        """The sharper problem told at parameters; None while the model misses more there than the error of the force could explain."""
-        found = first
-        if too_far(first.whole, parameters):
+        """The problem told at parameters; None where it is told already, or while the model misses more there than the error of the force
+        could explain."""
+        found = before
+        if not before.far and _effects_of(parameters.free) <= added:
+            return None
+        if too_far(before.whole, parameters):
             return None
         try:
             found = told(plain, parameters)
         except NumericsError as error:
-            refit.failures.append(
-                f"errors of mesh and force: a run that tells them failed, those of the stages' optimum are kept ({error})"
-            )
-        fitting = replace(refit, model=found.whole.model, parts=found.whole, ends={})
+            refit.failures.append(f"errors of mesh and force: a run that tells them failed, those told before are kept ({error})")
+        model = found.whole.model
+        fitting = replace(refit, model=model, parts=found.whole, ends={})
         nearby = replace(fitting, parts=None)
-        return RefinedProblem(found.whole.model, found.whole.scored, fitting, nearby, found.left_whole, fitting.heated, fitting.moved)
+        known = replace(found, far=False)
+        again = told_again(plain, known, refit, added | _effects_of(parameters.free))
+        by_heat, by_motion = fitting.heated, fitting.moved
+        return RefinedProblem(model, found.whole.scored, fitting, nearby, found.left_whole, by_heat, by_motion, found.causes_whole, again)
 
     return sharp
+
+
+def _effects_of(free: Sequence[str]) -> frozenset[str]:
+    """Names of the effects of which something is fitted."""
+    return frozenset(effect_of_param(bare_name(n)).name for n in free if is_of_effect(n))
 
 
 def _refuse_few(residual: np.ndarray, joint: JointProblem) -> None:

@@ -22,10 +22,11 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Param
 from thermofit.diagnose.case import Case, feels_rate
+from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.widened import most_widened, widened
 from thermofit.effects.catalogue import Effect, effect
-from thermofit.fit.budget import moves
+from thermofit.fit.budget import SLOWER_RATES, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.law.page import law_of
 
@@ -64,7 +65,7 @@ def with_slowest_rate(closed: Closed) -> Closed:
         most = most_widened(fit, wider)
         words = f"no rate below {slowest:.2g} 1/s is in the data, and what {e.name} says there rests on its form"
         remarks = (*closed.remarks, f"{words}; intervals hold half of it, most of all {most}") if most else closed.remarks
-        closed = replace(closed, fit=wider, remarks=remarks)
+        closed = replace(with_wider(closed, SLOWER_RATES, wider), remarks=remarks)
     return closed
 
 

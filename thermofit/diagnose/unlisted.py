@@ -42,7 +42,13 @@ BEHIND = 0.1
 """Part of an excess that an effect which is the cause does not leave behind."""
 ALONE = 0.02
 """The same where structure of a coupon is told without a term."""
-COUNTS: Mapping[str, tuple[int, int, int]] = {"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1), "offset": (48, 1, 1)}
+MOST_HATS = 320
+"""Most hats of a term whose place is known, and of the offset of a camera: one for every frame as far as they go, for a camera jumps from
+one frame to the next. A jump that is smeared over a few frames is taken up by conductivity and films."""
+COUNTS: Mapping[str, tuple[int, int, int]] = {
+    **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
+    "offset": (MOST_HATS, 1, 1),
+}
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
@@ -52,8 +58,6 @@ SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
-MOST_HATS = 320
-"""Most hats of a term whose place is known."""
 
 
 @dataclass(frozen=True)

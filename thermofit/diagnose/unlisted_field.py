@@ -156,6 +156,16 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight:
     return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty, posterior)
 
 
+def moves_beside(known: LinearModel, term: Field, errors: np.ndarray) -> np.ndarray:
+    """What errors (n, k) of the residual make of the fitted parameters (p, k) beside a term with its lambda; `known`: the linear model of
+    the parameters where they are."""
+    system = _System(known, term.basis)
+    whole, scale = _scaled(system.gram, system.rough, term.weight, system.p)
+    right = np.concatenate([system.fitted.T @ errors, term.basis.columns.T @ errors[term.basis.rows]])
+    step = -scale[:, None] * (np.linalg.pinv(whole, rcond=_RANK, hermitian=True) @ (scale[:, None] * right))
+    return np.asarray(step[: system.p] / system.size[:, None])
+
+
 def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:
     """Proof on the rows that feel a basis, from held-out residuals (n,) without and with the term."""
     own = basis.rows

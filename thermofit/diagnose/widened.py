@@ -22,6 +22,13 @@ def widened(fit: FitResult, added: np.ndarray) -> FitResult:
     return replace(fit, covariance=wider, sigma=sigma)
 
 
+def with_covariance(fit: FitResult, matrix: np.ndarray, sigma: np.ndarray) -> FitResult:
+    """The fit with another covariance (n_p, n_p) and other standard errors (n_p,), which parameters held at a bound have too."""
+    assert fit.covariance is not None
+    spread = replace(fit.covariance, matrix=matrix, matrix_unit=matrix, sigma=sigma, sigma_unit=sigma)
+    return replace(fit, covariance=replace(spread, correlation_parameters=correlation(matrix)), sigma=sigma)
+
+
 def most_widened(before: FitResult, after: FitResult) -> str:
     """The intervals that grew most, in words; empty where none does in the two digits that are shown."""
     assert before.sigma is not None and after.sigma is not None

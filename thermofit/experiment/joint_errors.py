@@ -24,13 +24,14 @@ standard errors."""
 class JointWithErrors:
     """A joint problem that knows its errors; what (n,) of those of mesh and steps is in doubt in its residual, by cause, and what may be
     left of them as if the data held them wholly; the largest Lambda, and whether the force is taken as exact although its error is known:
-    `whole` and `left_whole` are the problem that takes it for noise."""
+    `whole`, `left_whole` and `causes_whole` are the problem that takes it for noise."""
 
     parts: JointParts
     causes: Parts
     left: np.ndarray
     whole: JointParts
     left_whole: np.ndarray
+    causes_whole: Parts
     largest_strain: float
     far: bool
     fields: Mapping[str, Mapping[str, Errors]]
@@ -57,6 +58,7 @@ def told(plain: JointParts, parameters: Parameters) -> JointWithErrors:
         left=summed(stacked({name: one.causes_exact for name, one in each.items()})) if far else whole,
         whole=parts,
         left_whole=whole,
+        causes_whole=stacked({name: one.doubt(False) for name, one in each.items()}),
         largest_strain=max(one.largest_strain for one in each.values()),
         far=far,
         fields={name: one.fields for name, one in each.items()},

@@ -12,7 +12,7 @@ from thermofit.experiment.channels import field_of
 from thermofit.experiment.discretisation import MESH, SHEET, STEPS
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
-from thermofit.fit.budget import MISFIT, NOISE, Budget
+from thermofit.fit.budget import EXPONENTS, MISFIT, NOISE, SLOWER_RATES, Budget
 from thermofit.records.artefact import Dataset, Record, of_parameters
 
 ROOM = "uncertainty"
@@ -30,6 +30,8 @@ _HELP = {
     MESH: "a finer mesh",
     STEPS: "smaller time steps",
     SHEET: "the mesh of a body in place of the sheet",
+    EXPONENTS: "a test over a wider range of what these exponents act on",
+    SLOWER_RATES: "a phase of the test in which the material flows more slowly",
     **dict.fromkeys(THERMOCOUPLES, "temperatures of air and jaws read to less than 0.1 K, or a longer cooling in the record"),
 }
 

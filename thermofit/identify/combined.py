@@ -1,4 +1,4 @@
-"""Combined uncertainty of a stage: its own noise, and everything that it takes for exact, passed on from stage to stage."""
+"""Combined uncertainty of a fit: its own noise, and everything that it takes for exact, of stages passed on from one to the next."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import THERMOCOUPLES, Parameters, bare_name
+from thermofit.experiment.joint import FORCE_NOISE
+from thermofit.experiment.model import StageModel
+from thermofit.experiment.prescribed import Moved, acting, columns
 from thermofit.experiment.protocol import Experiment
-from thermofit.fit.budget import combined
+from thermofit.fit.budget import Budget, combined
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.blocks import residual_blocks
 from thermofit.identify.budget import earlier_moves
@@ -55,6 +59,49 @@ def with_budget(settings: StageSettings, experiment: Experiment, solved: Solved,
         channels=model.places if model.segments is None else None,
     )
     return replace(solved, budget=budget)
+
+
+def joint_budget(solved: Solved, prescribed: Mapping[str, Moved], limits: Mapping[str, np.ndarray]) -> Budget:
+    """Budget of a joint fit with a covariance. `prescribed`: by how much parameters move for one standard error of what the test takes for
+    exact, by cause; `limits` (n,): errors of mesh and steps that may be left in the residual. NumericsError where a run fails."""
+    model, fit, spread = solved.model, solved.fit, solved.covariance
+    assert spread is not None and fit.jacobian is not None
+    causes = taken_for_exact(model, solved.parameters.with_free(fit.names), fit.jacobian, prescribed, limits)
+    records = model.segments is not None
+    return combined(
+        LinearModel(fit.residual, fit.jacobian, noise_of(model, fit.residual)),
+        spread,
+        causes,
+        within={} if records else _within(model, fit.jacobian),
+        noise_scale=None if records else float(np.mean(model.spread**2)),
+        groups=groups_above_noise(solved),
+        channels=None if records else model.places,
+    )
+
+
+def taken_for_exact(
+    model: StageModel, parameters: Parameters, jacobian: np.ndarray, prescribed: Mapping[str, Moved], limits: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Columns (n, m) that one standard error of everything which a joint fit takes for exact makes in its residual, by cause; `jacobian`
+    (n, n_p) by what is free. The rest as `joint_budget`."""
+    causes = {cause: rows[:, None] / np.sqrt(3.0) for cause, rows in limits.items()}  # of a uniform distribution (JCGM 100, 4.3.7)
+    if prescribed:
+        asked = tuple(name for name in acting(prescribed) if name not in parameters.free)
+        slopes = np.column_stack([jacobian, model.linearised(parameters, asked)[1]]) if asked else jacobian
+        causes |= columns(prescribed, (*parameters.free, *asked), slopes)
+    return causes
+
+
+def _within(model: StageModel, jacobian: np.ndarray) -> dict[str, np.ndarray]:
+    """What of the noise of the joint residual has a name: error of the smoothed force, readings of thermocouples."""
+    n, found = len(jacobian), {}
+    if (shared := model.common_columns()).size:
+        found[FORCE_NOISE] = shared
+    begin = n - len(model.priors)
+    for k, prior in enumerate(model.priors):
+        if bare_name(prior.name) in THERMOCOUPLES and jacobian[begin + k].any():
+            found[prior.name] = np.eye(n, 1, -(begin + k))
+    return found
 
 
 def groups_above_noise(solved: Solved) -> np.ndarray | None:

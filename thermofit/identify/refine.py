@@ -17,18 +17,15 @@ from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name
 from thermofit.experiment.channels import FIELDS
 from thermofit.experiment.discretisation import SHEET, on_mesh
 from thermofit.experiment.force_error import estimated_error
-from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
-from thermofit.experiment.prescribed import acting, columns
 from thermofit.experiment.priors import improbable, off_declared
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.trust import READING
 from thermofit.experiment.verification import FORCE_TOLD, NUMERICAL, known_place
-from thermofit.fit.budget import combined
 from thermofit.fit.linear_model import LinearModel
-from thermofit.identify.combined import groups_above_noise
+from thermofit.identify.combined import joint_budget
 from thermofit.identify.outcome import MISFIT, channel_table, made
 from thermofit.identify.solve import F_TOLERANCE, Solved, covariance_of, minimised
 from thermofit.records.artefact import Dataset, ParameterResult, Record
@@ -94,25 +91,8 @@ def _solved(study: Study, experiment: Experiment, problem: JointProblem, task: J
     solved = Solved(parameters, model, fit, spread, (), (remark,) if remark else ())
     if spread is None or fit.jacobian is None or not fit.converged:
         return solved
-    prescribed = experiment.prescribed_errors(parameters)
-    more = {cause: moved for cause, moved in prescribed.items() if not set(moved) <= set(fit.names)}
     limits = {} if problem.errors is None else problem.errors.causes
-    causes = {cause: rows[:, None] / np.sqrt(3.0) for cause, rows in limits.items()}  # of a uniform distribution (JCGM 100, 4.3.7)
-    if more:
-        asked = tuple(name for name in acting(more) if name not in fit.names)
-        slopes = np.column_stack([fit.jacobian, model.linearised(parameters, asked)[1]])
-        causes |= columns(more, (*fit.names, *asked), slopes)
-    linear = LinearModel(fit.residual, fit.jacobian, None if model.white else model.noise)
-    budget = combined(
-        linear,
-        spread,
-        causes,
-        within=_within(problem, fit.jacobian),
-        noise_scale=float(np.mean(model.spread**2)),
-        groups=groups_above_noise(solved),
-        channels=model.places,
-    )
-    return replace(solved, budget=budget)
+    return replace(solved, budget=joint_budget(solved, experiment.prescribed_errors(parameters), limits))
 
 
 def _far(problem: JointProblem) -> bool:
@@ -154,19 +134,6 @@ def _begun(problem: JointProblem) -> StageModel:
         return exact(parameters, names)
 
     return replace(model, linearise=linearise)
-
-
-def _within(problem: JointProblem, jacobian: np.ndarray) -> dict[str, np.ndarray]:
-    """What of the noise of the joint residual has a name: error of the smoothed force, readings of thermocouples."""
-    model, n = problem.model, len(jacobian)
-    found = {}
-    if (shared := model.common_columns()).size:
-        found[FORCE_NOISE] = shared
-    begin = n - len(model.priors)
-    for k, prior in enumerate(model.priors):
-        if bare_name(prior.name) in THERMOCOUPLES and jacobian[begin + k].any():
-            found[prior.name] = np.eye(n, 1, -(begin + k))
-    return found
 
 
 def _doubtful(problem: JointProblem, solved: Solved) -> str:

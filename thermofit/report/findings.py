@@ -28,8 +28,8 @@ from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.study.study import Study
 
 
-def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, ParameterResult]:
-    """All parameters of the joint model: the fitted ones with standard error."""
+def diagnosis_parameters(study: Study, case: Case, fit: FitResult, by_noise: np.ndarray | None = None) -> dict[str, ParameterResult]:
+    """All parameters of the joint model: the fitted ones with standard error, and with that (n_p,) by the noise alone where it is known."""
     results = {}
     for name in case.parameters.given():
         free = name in fit.names
@@ -38,7 +38,9 @@ def diagnosis_parameters(study: Study, case: Case, fit: FitResult) -> dict[str, 
         sigma = float(fit.sigma[k]) if known else None  # type: ignore[index]
         low, high = study.bounds(name)
         value = case.parameters[name]
-        results[name] = ParameterResult(value, sigma, param(name).unit, free, bool(free and fit.at_bound[k]), value, low, high)
+        noise = None if by_noise is None or sigma is None else float(by_noise[k])
+        at_bound = bool(free and fit.at_bound[k])
+        results[name] = ParameterResult(value, sigma, param(name).unit, free, at_bound, value, low, high, sigma_noise=noise)
     return results
 
 

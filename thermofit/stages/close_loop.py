@@ -10,6 +10,7 @@ from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.study_with_effects import write_study
 from thermofit.diagnose.whole_loop import looped
+from thermofit.identify.budget import budget_datasets, budget_summary
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
 from thermofit.report.balances import local_findings
@@ -36,14 +37,16 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         end = looped(study, prepared(study, task, stages, known))
         found, closed, missing = end.found, end.closed, end.missing
         write_study(study, closed, study.run_dir / STUDY)
-        parameters = diagnosis_parameters(study, closed.last.case, closed.fit)
+        parameters = diagnosis_parameters(study, closed.last.case, closed.fit, closed.by_noise)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
         local = local_findings(study, closed.last, parts or found.refit.parts, closed.numerical)
         beside = beside_source(closed.last, missing)
         said = described(study, closed.last, missing, beside, local.entries["local_balances"])
         summary = {**with_any_form(with_unlisted(told, said), closed), "drive": found.drive, **local.entries}
-        return Made({**loop_datasets(closed), **unlisted_datasets(missing), **local.datasets}, summary, parameters)
+        summary |= {} if closed.budget is None else budget_summary(closed.budget)
+        datasets = {**loop_datasets(closed), **unlisted_datasets(missing), **local.datasets, **budget_datasets(closed.budget)}
+        return Made(datasets, summary, parameters)
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)

@@ -1,0 +1,40 @@
+"""Combined uncertainty of what the loop ends with: the noise of all channels, what the test prescribes, and what may be left of the errors
+of mesh and steps, as the joint fit of the stages has it (`identify.combined`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from thermofit.core.errors import NumericsError
+from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.widened import with_covariance
+from thermofit.fit.budget import root_of
+from thermofit.fit.result import FitResult
+from thermofit.identify.combined import joint_budget
+from thermofit.identify.solve import Solved
+
+
+def with_combined(closed: Closed) -> Closed:
+    """The loop's result with combined standard errors and their budget. Where a run for it fails, a remark says that they hold the noise
+    alone; the same where the last fit has no covariance."""
+    case, fit = closed.last.case, closed.fit
+    if not fit.converged or fit.covariance is None or fit.jacobian is None or fit.names != case.parameters.free:
+        return closed
+    prescribed = {} if case.prescribed is None else case.prescribed(case.parameters)
+    try:
+        budget = joint_budget(Solved(case.parameters, case.model, fit, fit.covariance, (), ()), prescribed, case.doubts)
+    except NumericsError as error:
+        words = f"the uncertainty holds the noise of the data alone: a run that tells the rest failed ({error})"
+        return replace(closed, remarks=(*closed.remarks, words))
+    return replace(closed, fit=with_covariance(fit, budget.covariance, budget.sigma), budget=budget, by_noise=fit.sigma)
+
+
+def with_wider(closed: Closed, cause: str, fit: FitResult) -> Closed:
+    """The loop's result with a fit whose covariance another cause has made larger, which its budget names."""
+    before, after, budget = closed.fit.covariance, fit.covariance, closed.budget
+    if budget is not None and before is not None and after is not None:
+        own = (budget.parts[cause],) if cause in budget.parts else ()
+        budget = replace(budget, parts={**budget.parts, cause: np.column_stack([*own, root_of(after.matrix - before.matrix)])})
+    return replace(closed, fit=fit, budget=budget)

@@ -29,11 +29,12 @@ from thermofit.fit.result import FitResult
 
 NEAR = 1.0
 """Standard errors of a difference in held-out error within which the simpler of two refits is taken."""
-TRIED_PER_ROUND = 2
+OF_A_FAMILY = 2
+"""Most members of the family of a body's winner that are refitted beside it."""
 TRIED_WHERE_CHEAP = 8
 """Most effects that are refitted in a round where a run costs next to nothing; the best of them is accepted."""
 MOST_TRIED = 4
-"""Most effects of a body that are refitted in a round as long as none of them is accepted."""
+"""Most effects of a body that are refitted in a round."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,9 @@ def _without_scores(here: Traced, names: Sequence[str]) -> Traced:
 def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[list[Trial], tuple[Trial, Accepted] | None]:
     """All trials of a round, and the accepted one that predicts held-out data best; none where there is no room for one more effect.
 
+    Of a body none is refitted that could not gain more than the best one has: one that could and is left out leaves its place to whatever
+    stands in for it.
+
     Of coupons, of which all are refitted: of those that predict about as well one of which every parameter is determined, and of these the
     simplest."""
     trials: list[Trial] = []
@@ -186,8 +190,7 @@ def next_round(here: Traced, fit: FitResult, means: Means, room: int) -> tuple[l
     passed: list[tuple[Trial, Accepted]] = []
     winner: tuple[Trial, Accepted] | None = None
     for score in candidates(here) if room > 0 else ():
-        enough = len(trials) >= TRIED_PER_ROUND
-        if winner is not None and not here.case.cheap and (enough or not rivals(here, score.effect, winner[0].gain)):
+        if winner is not None and not here.case.cheap and not rivals(here, score.effect, winner[0].gain):
             continue
         trial, found = tried(here, fit, score, means)
         trials.append(trial)
@@ -225,7 +228,7 @@ def _of_its_family(
     """
     trials: list[Trial] = []
     family = [s for s in here.ranking.scores if s.effect in winner[0].score.family and not s.vetoed and s.effect not in before]
-    for score in family[:TRIED_PER_ROUND]:
+    for score in family[:OF_A_FAMILY]:
         end, end_fit = winner[1]
         if end.excess(end_fit.f) == 0.0:
             break

@@ -29,6 +29,14 @@ from thermofit.law.page import hill, hill_gradient, law_of, pressure_factor, the
 
 FILES = sorted(p.stem for p in Path(thermofit.effects.__file__).parent.glob("*.py") if p.stem not in (*NO_EFFECTS, "__init__"))
 LN2, LN3, LN4 = log(2.0), log(3.0), log(4.0)
+
+
+def curve_at(u: float) -> float:
+    """Lambda over the range at which `hardening_curve` has this u."""
+    offset = 24.0**-1.5
+    return (1.0 / 24.0 + u * ((1.0 + offset) ** (2.0 / 3.0) - 1.0 / 24.0) / 12.0) ** 1.5 - offset
+
+
 ROOT = sqrt(2.0 * pi)
 NONE: Any = None
 """An argument that the effect must not look at."""
@@ -337,12 +345,17 @@ ROWS: dict[str, Row] = {
         ),
     ),
     # Half of Q at b Lambda = ln 2, three quarters at ln 4.
-    # At the first step z = 0, and at first yield z = -(1 - 1/2) 4/3 = -2/3, so that S - S(0) = 1 / sqrt(13).
+    # u = 2 is where the first step has ended, and a sixth of it was done at first yield. With c = (1/24)^(3/2), b = (1 + c)^(2/3), at
+    # u = m is (Lambda / range + c)^(2/3) = 1/24 + m (b - 1/24) / 12. Half of the third step is done at u = 5/2, all of it at u = 4.
     "hardening_curve": Row(
         "yield_stress",
         (
-            ((0.0, 1.0, 300.0, NONE, 3.0, *[5.0] * 10, 0.18), 3.0),
-            ((0.18 * 0.05**1.5, 1.0, 300.0, NONE, 0.0, 13.0, *[0.0] * 9, 0.18), float(np.sqrt(13.0))),
+            ((0.0, 1.0, 300.0, NONE, 3.0, *[5.0] * 12, 0.18), 3.0),
+            ((0.18 * curve_at(2.0), 1.0, 300.0, NONE, 0.0, 12.0, *[0.0] * 11, 0.18), 10.0),
+            ((0.18 * curve_at(2.5), 1.0, 300.0, NONE, 1.0, 0.0, 0.0, 12.0, *[0.0] * 9, 0.18), 7.0),
+            ((0.18 * curve_at(4.0), 1.0, 300.0, NONE, 1.0, 0.0, 0.0, 12.0, *[0.0] * 9, 0.18), 13.0),
+            ((0.18, 1.0, 300.0, NONE, 0.0, *[0.0] * 11, 12.0, 0.18), 10.0),
+            ((1.8, 1.0, 300.0, NONE, 0.0, *[0.0] * 11, 12.0, 0.18), 12.0),
         ),
     ),
     "second_hardening": Row(

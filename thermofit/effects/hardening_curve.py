@@ -13,7 +13,7 @@ from thermofit.core.parameters import Param
 
 SLOT = "yield_stress"
 LAST = True
-N = 10
+N = 12
 """Steps, the denser the smaller the strain."""
 _HIGHEST = 1000.0
 PARAMS = (
@@ -31,23 +31,34 @@ PARAMS = (
         scan_of="strain",
     ),
 )
-FORMULA = "sigma_y += level + sum_k step_k [S(Lambda) - S(0)], S = (1 + z / sqrt(1 + z^2)) / 2, z = (Lambda - e_k) / w_k"
-SOURCE = "smooth steps at e_k = range ((k - 1/2) / N)^(3/2), as wide as half of their distance"
-PLACES = tuple(float(((k - 0.5) / N) ** 1.5) for k in range(1, N + 1))
-"""e_k over the range."""
-WIDTHS = tuple(float(0.75 * ((k - 0.5) / N) ** 0.5 / N) for k in range(1, N + 1))
-"""w_k over the range: half of the derivative of e by k."""
+FORMULA = "sigma_y += level + sum_k step_k [S(u - k) - S(-k)], u from 0 at Lambda = 0 to N at Lambda = range"
+SOURCE = "cubic splines as sums of smooth steps, de Boor 1978, A Practical Guide to Splines, chapter IX; u grows with Lambda^(2/3)"
+_OFFSET = (0.5 / N) ** 1.5
+"""Added to Lambda over the range, so that u begins with a finite slope."""
+_LOW, _HIGH = _OFFSET ** (2.0 / 3.0), (1.0 + _OFFSET) ** (2.0 / 3.0)
 
 
 def yield_stress(
-    accumulated: float, rate: float, theta: float, law: Any, level: float,
-    s1: float, s2: float, s3: float, s4: float, s5: float, s6: float, s7: float, s8: float, s9: float, s10: float, reach: float,
+    accumulated: float, rate: float, theta: float, law: Any, level: float, s1: float, s2: float, s3: float,
+    s4: float, s5: float, s6: float, s7: float, s8: float, s9: float, s10: float, s11: float, s12: float, reach: float,
 ) -> float:  # fmt: skip
-    """The level and the steps, MPa."""
-    steps = (s1, s2, s3, s4, s5, s6, s7, s8, s9, s10)
-    share = accumulated / reach
-    value = level + 0.0 * share
-    for k in range(N):
-        z, z0 = (share - PLACES[k]) / WIDTHS[k], -PLACES[k] / WIDTHS[k]
-        value = value + 0.5 * steps[k] * (z / np.sqrt(1.0 + z * z) - z0 / np.sqrt(1.0 + z0 * z0))
+    """The level and the steps, MPa. The slope by u is a sum of quadratic B-splines, each 3 wide: step k rises between u = k - 2
+    and k + 1, so that S(t) = [(t + 2)_+^3 - 3 (t + 1)_+^3 + 3 t_+^3 - (t - 1)_+^3] / 6, with t_+ = (t + |t|) / 2."""
+    steps = (s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12)
+    u = N * ((accumulated / reach + _OFFSET) ** (2.0 / 3.0) - _LOW) / (_HIGH - _LOW)
+    value = level - steps[0] / 6.0 + 0.0 * u
+    # Of every power (u - m)_+^3 the steps around it have a part.
+    for m in range(-1, N + 2):
+        t = u - m
+        t = 0.5 * (t + np.sqrt(t * t))
+        part = 0.0 * level
+        if m + 1 < N:
+            part = part + steps[m + 1]
+        if 0 <= m < N:
+            part = part - 3.0 * steps[m]
+        if 0 <= m - 1 < N:
+            part = part + 3.0 * steps[m - 1]
+        if m - 2 >= 0:
+            part = part - steps[m - 2]
+        value = value + part * t * t * t / 6.0
     return value

@@ -45,7 +45,7 @@ def yield_stress(
     """The level and the steps, MPa. The slope by u is a sum of quadratic B-splines, each 3 wide: step k rises between u = k - 2
     and k + 1, so that S(t) = [(t + 2)_+^3 - 3 (t + 1)_+^3 + 3 t_+^3 - (t - 1)_+^3] / 6, with t_+ = (t + |t|) / 2."""
     steps = (s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12)
-    u = N * ((accumulated / reach + _OFFSET) ** (2.0 / 3.0) - _LOW) / (_HIGH - _LOW)
+    u = N * (np.exp(2.0 / 3.0 * np.log(accumulated / reach + _OFFSET)) - _LOW) / (_HIGH - _LOW)
     value = level - steps[0] / 6.0 + 0.0 * u
     # Of every power (u - m)_+^3 the steps around it have a part.
     for m in range(-1, N + 2):

@@ -35,7 +35,7 @@ FORMULA = "sigma_y += level + sum_k step_k [S(u - k) - S(-k)], u from 0 at Lambd
 SOURCE = "cubic splines as sums of smooth steps, de Boor 1978, A Practical Guide to Splines, chapter IX; u grows with Lambda^(2/3)"
 _OFFSET = (0.5 / N) ** 1.5
 """Added to Lambda over the range, so that u begins with a finite slope."""
-_LOW, _HIGH = _OFFSET ** (2.0 / 3.0), (1.0 + _OFFSET) ** (2.0 / 3.0)
+_LOW, _HIGH = (float(np.exp(2.0 / 3.0 * np.log(share + _OFFSET))) for share in (0.0, 1.0))
 
 
 def yield_stress(
@@ -46,6 +46,7 @@ def yield_stress(
     and k + 1, so that S(t) = [(t + 2)_+^3 - 3 (t + 1)_+^3 + 3 t_+^3 - (t - 1)_+^3] / 6, with t_+ = (t + |t|) / 2."""
     steps = (s1, s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12)
     u = N * (np.exp(2.0 / 3.0 * np.log(accumulated / reach + _OFFSET)) - _LOW) / (_HIGH - _LOW)
+    u = 0.5 * (u + N + 1.0 - np.sqrt((u - N - 1.0) * (u - N - 1.0)))  # beyond the last step nothing rises, and powers would cancel
     value = level - steps[0] / 6.0 + 0.0 * u
     # Of every power (u - m)_+^3 the steps around it have a part.
     for m in range(-1, N + 2):

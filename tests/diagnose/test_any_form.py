@@ -148,9 +148,27 @@ def test_it_wins_where_the_winner_leaves_more_than_it_takes(
     monkeypatch.setattr(any_form, "discriminated", lambda *_: apart)
     winner: Any = None if gain is None else (trial("lamp", gain), ("end", "fit"))
     nothing: Any = None
-    trials, found = or_any_form(nothing, nothing, nothing, [], winner)
+    trials, found = or_any_form(nothing, nothing, nothing, [], winner, nothing)
     assert bool(made) is asked and len(trials) == len(made)
     assert found is not None and found[0].effects == (wins,)
+
+
+@pytest.mark.parametrize(("now", "asked"), [(1.5, False), (1.7, True)])
+def test_a_form_that_is_listed_and_takes_nine_tenths_is_the_form(monkeypatch: pytest.MonkeyPatch, now: float, asked: bool) -> None:
+    """Of 16 - 1 times the square of the noise in displacements 1.25 or 1.89 are left; temperatures do not count."""
+    made: list[str] = []
+
+    def of_any_form(*_: Any) -> Any:
+        made.append("asked")
+        return [], None
+
+    monkeypatch.setattr(any_form, "of_any_form", of_any_form)
+    nothing: Any = None
+    first = traced(4.0)
+    or_any_form(traced(now), nothing, nothing, [], None, first)
+    assert bool(made) is asked
+    or_any_form(first, nothing, nothing, [], None, first)
+    assert len(made) == 1 + asked, "where nothing was added yet it is asked"
 
 
 def test_strains_over_which_it_cannot_be_run_are_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:

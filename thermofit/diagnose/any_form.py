@@ -20,6 +20,7 @@ from thermofit.diagnose.pairs import leaves_more_than_it_takes
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, End, Trial, discriminated, freed_refit, judged_trial
+from thermofit.diagnose.unlisted import BEHIND
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -37,12 +38,15 @@ Winner = tuple[Trial, Accepted]
 
 
 def or_any_form(
-    here: Traced, fit: FitResult, means: Means, before: Sequence[Trial], winner: Winner | None
+    here: Traced, fit: FitResult, means: Means, before: Sequence[Trial], winner: Winner | None, first: Traced
 ) -> tuple[list[Trial], Winner | None]:
     """The trial of the curve after those of a round (`before`), and what the round accepts: its own `winner`, or the curve where there is
     none, or where the winner leaves more than it takes and the curve predicts held-out data better by two standard errors. What has another
-    form than any that is listed is taken in part by many; the parts would be accepted one after the other."""
+    form than any that is listed is taken in part by many; the parts would be accepted one after the other. Where effects that were accepted
+    since the `first` trace have taken nine tenths of what displacements and force held, the hardening has the form that is listed."""
     if winner is not None and not leaves_more_than_it_takes(here, fit, before):
+        return [], winner
+    if first is not here and _beyond(here) <= BEHIND * _beyond(first):
         return [], winner
     trials, curve = of_any_form(here, fit, means)
     better = curve is not None and (winner is None or (curve[0].gain > winner[0].gain and discriminated(winner[1][0], curve[1][0])))
@@ -101,16 +105,28 @@ def _settled(end: End, own: Effect, means: Means) -> tuple[End, bool]:
     return end, False
 
 
+def _beyond(here: Traced) -> float:
+    """Square sum of what is not temperature beyond its noise and the error of mesh and steps."""
+    return sum(max((square - error - 1.0) * n, 0.0) for square, error, n, _ in _mechanical(here))
+
+
+def _mechanical(here: Traced) -> list[tuple[float, float, int, str]]:
+    """Mean square of the residual and of the error of mesh and steps in it, number, and name of every channel that is not temperature."""
+    numerical = np.zeros(len(here.columns.residual)) if here.problem.numerical is None else here.problem.numerical
+    found = []
+    for k, c in enumerate(here.case.model.comparisons):
+        rows = here.rows.channel == k
+        square, error = (float(np.mean(v[rows] ** 2)) for v in (here.columns.residual, numerical))
+        if field_of(c.channel) != "theta":
+            found.append((square, error, c.n, c.channel))
+    return found
+
+
 def _asked(here: Traced) -> Effect | None:
     """The curve, where the driver is a body that knows it, it is off, and what is not temperature is beyond its floor."""
     case = here.case
     own = next((e for e in case.known if e.last and not e.is_on(case.parameters)), None)
     if own is None or case.cheap:
         return None
-    numerical = np.zeros(len(here.columns.residual)) if here.problem.numerical is None else here.problem.numerical
-    for k, c in enumerate(case.model.comparisons):
-        rows = here.rows.channel == k
-        square, error = (float(np.mean(v[rows] ** 2)) for v in (here.columns.residual, numerical))
-        if field_of(c.channel) != "theta" and level(c.channel, square, error, c.n).above:
-            return own
-    return None
+    above = any(level(channel, square, error, n).above for square, error, n, channel in _mechanical(here))
+    return own if above else None

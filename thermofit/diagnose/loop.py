@@ -136,7 +136,7 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             if moved.accepted is not None:
                 winner, refit = (moved.trials[-1], moved.accepted), moved.refit
         if len(accepted) < max_effects:
-            last_resort, winner = or_any_form(here, fit, Means(refit, numerical, how), trials, winner)
+            last_resort, winner = or_any_form(here, fit, Means(refit, numerical, how), trials, winner, first)
             trials += last_resort
         if winner is None:
             rounds.append(Round(here, tuple(trials), ()))

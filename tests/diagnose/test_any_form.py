@@ -153,6 +153,33 @@ def test_it_wins_where_the_winner_leaves_more_than_it_takes(
     assert found is not None and found[0].effects == (wins,)
 
 
+def test_a_fit_over_fewer_strains_begins_with_the_curve_of_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which is that of the first: half of the strains go on from it, and so does a quarter, for the half was worse."""
+    told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    monkeypatch.setattr(any_form, "judged_trial", lambda *_: (told, ("there", "fit")))
+    monkeypatch.setattr(any_form, "freed_refit", lambda *_: (None, ""))
+    found = {"hardening_curve.level": -2.0, "hardening_curve.step2": 5.0, "hardening_curve.step4": -3.0}
+    begun: list[Parameters] = []
+
+    def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
+        begun.append(start)
+        at = start.replace(**found) if label.endswith(" 0") else start.replace(**{"hardening_curve.level": 50.0})
+        return at, SimpleNamespace(f=50.0 if label.endswith(" 0") else 80.0, converged=True)
+
+    of_any_form(traced(9.0), None, SimpleNamespace(refit=refit))  # type: ignore[arg-type]
+    assert begun[0].free == begun[1].free == begun[2].free and not any(begun[0][n] for n in STEPS)
+    strain = np.linspace(0.0, 0.18, 50)
+
+    def curve(at: Parameters, reach: float) -> np.ndarray:
+        return np.asarray(yield_stress(strain, 0.0, 0.0, None, *(at[n] for n in STEPS), reach))
+
+    wanted = curve(begun[0].replace(**found), 0.18)
+    for k, (reach, off) in enumerate(((0.18, 1e-12), (0.09, 0.06), (0.045, 1.0))):
+        assert begun[k]["hardening_curve.range"] == reach
+        if k:
+            assert np.abs(curve(begun[k], reach) - wanted).max() < off
+
+
 @pytest.mark.parametrize(("now", "asked"), [(1.5, False), (1.7, True)])
 def test_a_form_that_is_listed_and_takes_nine_tenths_is_the_form(monkeypatch: pytest.MonkeyPatch, now: float, asked: bool) -> None:
     """Of 16 - 1 times the square of the noise in displacements 1.25 or 1.89 are left; temperatures do not count."""

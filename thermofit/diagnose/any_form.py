@@ -8,12 +8,13 @@ names nothing: the curve is told as unlisted, and what else is missing is looked
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
 from thermofit.diagnose.pairs import leaves_more_than_it_takes
@@ -27,11 +28,14 @@ from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.trust import level
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
+from thermofit.law.page import law_of
 
 FURTHER = 5
 """Refits at most that go on from where the one before was cut off."""
 GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
+_STRAINS = 400
+"""Strains at which curves are compared."""
 
 
 Winner = tuple[Trial, Accepted]
@@ -63,10 +67,12 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     start, score = here.case.parameters.with_free(free), hidden(own.name)
     (reach,) = (p for p in own.params if p.scan)
     # What is missing may lie in a part of the strains: there the steps are wanted.
-    tried, failures = [], []
+    tried: list[End] = []
+    failures: list[str] = []
     for k, x in enumerate(tried_of(reach, here.case)):
+        begin = carried(min(tried, key=lambda one: one[1].f)[0] if tried else start, own, {reach.name: x}, here.case.largest_strain)
         try:
-            tried.append(means.refit(start.replace(**{reach.name: x}), f"{own.name} {k}"))
+            tried.append(means.refit(begin, f"{own.name} {k}"))
         except NumericsError as error:
             failures.append(str(error))
     if not tried:
@@ -82,6 +88,21 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     words = ("the hardening law is held", said, "" if settled else f"not settled after {FURTHER} further refits", passed_over)
     trial = replace(trial, exponents="; ".join(w for w in words if w))
     return [trial], None if found is None else (trial, found)
+
+
+def carried(parameters: Parameters, own: Effect, exponents: Mapping[str, float], largest_strain: float) -> Parameters:
+    """The parameters with the curve that they have by other exponents, the nearest over all strains up to the largest: a fit from nothing
+    would not come as far in the same time."""
+    there = parameters.replace(**exponents)
+    strain, law, names = np.linspace(0.0, largest_strain, _STRAINS), law_of(parameters), [p.name for p in own.amplitudes]
+
+    def curve(at: Parameters) -> np.ndarray:
+        return np.asarray(own.act(strain, 0.0, at["theta_ref"], law, *(at[n] for n in own.names)))
+
+    nothing = there.replace(**dict.fromkeys(names, 0.0))
+    columns = np.stack([curve(nothing.replace(**{n: 1.0})) for n in names], axis=1)
+    heights = np.linalg.lstsq(columns, curve(parameters), rcond=None)[0]
+    return there.replace(**dict(zip(names, heights.tolist(), strict=True)))
 
 
 def beside_any_form(here: Traced, accepted: Sequence[str]) -> Traced:

@@ -115,7 +115,7 @@ class Settings:
         return Settings(**update)
 
 
-ERRORS_NAMED = {"mesh": np.array([2.0]), "time steps": np.array([1.0])}
+ERRORS_NAMED, EXACT_NAMED = {"mesh": np.array([2.0]), "time steps": np.array([1.0])}, {"mesh": np.array([3.0])}
 
 
 @dataclass
@@ -146,6 +146,9 @@ class Known:
     far: bool = False
     left_whole: Any = 0.5
     causes_whole: Any = field(default_factory=lambda: ERRORS_NAMED)
+    parts: Any = field(default_factory=lambda: SimpleNamespace(model="model of an exact force", scored="its scores"))
+    left: Any = 0.7
+    causes: Any = field(default_factory=lambda: EXACT_NAMED)
 
 
 def known(whole: Any, far: bool = False) -> Any:
@@ -197,12 +200,28 @@ def test_a_force_that_hides_what_is_missing_is_known_from_where_it_can_be(monkey
     """Without any effect; and once it is known, only with a further one."""
     runs = Telling(far=True)
     sharper, _ = telling(monkeypatch, runs, far=True)
-    assert sharper(at()) is None and sharper(at("clamp_drift.rate")) is None and runs.at == []
+    assert sharper(at()) is None and runs.at == []
     runs.far = False
     found = sharper(at())
-    assert found is not None and runs.at == [50.0] and found.again(at()) is None
+    assert found is not None and runs.at == [50.0] and found.model == "model told" and found.again(at()) is None
     runs.far = True
-    assert found.again(at("clamp_drift.rate")) is None, "its error would hide what the effect has not explained"
+    more = found.again(at("clamp_drift.rate"))
+    assert more is not None and more.model == "model told", "known once, known from then on"
+
+
+def test_errors_of_the_mesh_are_told_anew_while_the_force_stays_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect was added that does not explain enough for the error of the force to be known: what is fitted next may."""
+    runs = Telling(far=True)
+    sharper, fitting = telling(monkeypatch, runs, far=True)
+    found = sharper(at("clamp_drift.rate"))
+    assert found is not None and len(runs.at) == 1
+    assert (found.model, found.scored, found.numerical) == ("model of an exact force", "its scores", 0.7) and found.doubts is EXACT_NAMED
+    assert found.again(at("clamp_drift.rate")) is None and len(runs.at) == 1
+    runs.far = False
+    known = found.again(at("clamp_drift.rate"))
+    assert known is not None and known.model == "model told" and known.numerical == 0.5, "and then it is"
+    runs.far, runs.fails = True, True
+    assert sharper(at("clamp_drift.rate")) is None and "those told before are kept" in fitting.failures[-1]
 
 
 def test_errors_that_cannot_be_told_anew_stay_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,12 +87,29 @@ def test_the_share_of_the_smooth_error_is_not_that_of_arcs() -> None:
     smooth, arcs = np.sin(place / 300.0) + 5.0 * fitted[:, 1], 1.5 * np.where(place % 2 == 0, 1.0, -1.0)
     told = {MESH: smooth, WITHIN: arcs, THEIRS: np.roll(arcs, 1) * (place % 3 == 0), STEPS: 0.001 * smooth}
     residual = 0.8 * smooth + arcs + random.normal(size=n)
-    found = shares_held(told, residual, fitted)
+    whole = {"du": slice(0, n)}
+    found = shares_held(told, residual, fitted, whole)
     assert abs(found[MESH] - 0.8) < 0.05 and found[WITHIN] > 0.95 and found[THEIRS] < 0.05
     assert found[STEPS] == 1.0, "too small to tell"
-    assert shares_held(told, -residual, fitted)[MESH] == 0.0
-    few = shares_held({part: 0.01 * rows for part, rows in told.items()}, residual, fitted)
+    assert shares_held(told, -0.1 * residual, fitted, whole)[MESH] == 0.0
+    few = shares_held({part: 0.01 * rows for part, rows in told.items()}, random.normal(size=n), fitted, whole)
     assert few == {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0}, "as of a specimen"
+
+
+def test_a_channel_that_misses_something_tells_nothing_of_the_mesh() -> None:
+    """Displacements hold eight tenths of an error; temperatures hold the opposite of it, and far more. Where both miss something, the data
+    are taken for those of a specimen."""
+    n, random = 4000, np.random.default_rng(8)
+    place = np.arange(n)
+    smooth = np.sin(place / 300.0)
+    told, fitted = {MESH: smooth, STEPS: 0.001 * smooth}, np.ones((n, 1))
+    missing = np.where(place < n // 2, 0.8 * smooth, -5.0 * smooth + 3.0 * np.sign(np.sin(place / 90.0)))
+    residual = missing + 0.5 * random.normal(size=n)
+    places = {"du": slice(0, n // 2), "dtheta": slice(n // 2, n)}
+    assert abs(shares_held(told, residual, fitted, places)[MESH] - 0.8) < 0.1
+    assert shares_held(told, residual, fitted, {"both": slice(0, n)})[MESH] == 1.0
+    residual[: n // 2] += 4.0 * np.sign(np.sin(place[: n // 2] / 50.0))
+    assert shares_held(told, residual, fitted, places) == {MESH: 1.0, STEPS: 1.0}
 
 
 def test_arcs_stay_with_their_mesh() -> None:

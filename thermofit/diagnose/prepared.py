@@ -180,30 +180,36 @@ def told_again(
 ) -> Callable[[Parameters], RefinedProblem | None]:
     """Tells the errors of a problem anew, which were told `before` with the effects `added` fitted.
 
-    A force that was taken as exact is known by its error from where that could explain what the residual shows of it. Without that the
-    errors stay while no effect is added. What was missing had driven the parameters off, and the errors of mesh and steps were those of a
-    contact that conducts nothing; an effect that was added brings gradients of its own.
+    A force that was taken as exact is known by its error from where that could explain what the residual shows of it. Errors of mesh and
+    steps are told anew with every effect that is added, while the force stays exact too. What was missing had driven the parameters off,
+    and these errors were those of a contact that conducts nothing; an effect that was added brings gradients of its own.
     """
 
     def sharp(parameters: Parameters) -> RefinedProblem | None:
-        """The problem told at parameters; None where it is told already, or while the model misses more there than the error of the force
-        could explain."""
-        found = before
-        if not before.far and _effects_of(parameters.free) <= added:
+        """The problem told at parameters; None where it is told already, or nothing was added while the model misses more there than the
+        error of the force could explain."""
+        found, news = before, not _effects_of(parameters.free) <= added
+        if not news and not before.far:
             return None
-        if too_far(before.whole, parameters):
+        exact = before.far and too_far(before.whole, parameters)
+        if exact and not news:
             return None
         try:
             found = told(plain, parameters)
         except NumericsError as error:
             refit.failures.append(f"errors of mesh and force: a run that tells them failed, those told before are kept ({error})")
-        model = found.whole.model
-        fitting = replace(refit, model=model, parts=found.whole, ends={})
+            if exact:
+                return None
+        else:
+            # An effect that was added may be what hid the error of the force, which is known from then on.
+            exact = before.far and news and found.far
+        parts, left, doubts = (found.whole, found.left_whole, found.causes_whole)
+        if exact:
+            parts, left, doubts = found.parts, found.left, found.causes
+        fitting = replace(refit, model=parts.model, parts=parts, ends={})
         nearby = replace(fitting, parts=None)
-        known = replace(found, far=False)
-        again = told_again(plain, known, refit, added | _effects_of(parameters.free))
-        by_heat, by_motion = fitting.heated, fitting.moved
-        return RefinedProblem(model, found.whole.scored, fitting, nearby, found.left_whole, by_heat, by_motion, found.causes_whole, again)
+        again = told_again(plain, replace(found, far=exact), refit, added | _effects_of(parameters.free))
+        return RefinedProblem(parts.model, parts.scored, fitting, nearby, left, fitting.heated, fitting.moved, doubts, again)
 
     return sharp
 

@@ -47,6 +47,8 @@ WITHIN, THEIRS = "mesh, inside its elements", "mesh of the data, inside its elem
 _OF_MESH = (MESH, WITHIN, THEIRS)
 OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0, SHEET: 1.0}
 """Shares of the errors that data of a specimen hold: it has no elements."""
+NEAR = 1.5
+"""Error of a channel over its noise up to which it tells what the data hold of the errors of a model; the limit of a misfit."""
 _PLAIN = 3.0
 """Length of an error in the residual, in units of the noise, below which the data cannot say whether they hold it."""
 
@@ -146,7 +148,7 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
     model, names = joint.model, parameters.free or joint.settings.free
     assert model.linearise is not None
     plain, slopes = model.linearise(parameters, names)
-    shares = shares_held(own, *model.assembled(parameters, names, plain, slopes))
+    shares = shares_held(own, *model.assembled(parameters, names, plain, slopes), model.places)
     held = {part: {name: shares[part] * field for name, field in error.items()} for part, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(
@@ -190,9 +192,28 @@ def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Er
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 
 
-def shares_held(told: Parts, residual: np.ndarray, fitted: np.ndarray) -> dict[str, float]:
+def shares_held(told: Parts, residual: np.ndarray, fitted: np.ndarray, places: Mapping[str, slice]) -> dict[str, float]:
     """Shares of errors (n,) that a residual (n,) shows beyond the columns (n, p) of the fitted parameters, each 0 to 1; of one that is too
-    small to tell, what data of a specimen hold."""
+    small to tell, what data of a specimen hold. `places`: rows of every channel.
+
+    What a model lacks would be taken for an error of its mesh, or for the opposite of one. So a channel that is left far above its noise
+    does not tell, and where none does, the data are taken for those of a specimen.
+    """
+    near = np.ones(len(residual), dtype=bool)
+    while any(near[rows].any() for rows in places.values()):
+        shares = _shares({cause: rows[near] for cause, rows in told.items()}, residual[near], fitted[near])
+        left = np.zeros(len(residual))
+        left[near] = LinearModel((residual - sum(shares[cause] * rows for cause, rows in told.items()))[near], fitted[near]).left
+        far = [rows for rows in places.values() if near[rows].any() and float(np.mean(left[rows] ** 2)) > NEAR**2]
+        if not far:
+            return shares
+        for rows in far:
+            near[rows] = False
+    return {cause: OF_A_SPECIMEN[cause] for cause in told}
+
+
+def _shares(told: Parts, residual: np.ndarray, fitted: np.ndarray) -> dict[str, float]:
+    """The same by all rows."""
     own = {cause: LinearModel(rows, fitted).left for cause, rows in told.items()}
     shares = {cause: OF_A_SPECIMEN[cause] for cause in told}
     plain = [cause for cause, rows in own.items() if float(rows @ rows) > _PLAIN**2]

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from point_tools import ANISOTROPIC, PROBES
 
 from thermofit.core.errors import StudyError
-from thermofit.effects.catalogue import Effect
+from thermofit.effects.catalogue import Effect, effect
 from thermofit.law.composition import STRUCTURE, law_effects, number_of
+from thermofit.law.hardening.table import STRAINS, STRESSES
 from thermofit.law.page import (
     Law,
     dissipated_energy,
@@ -149,3 +150,19 @@ def test_only_what_the_law_feels_is_differentiated(model: int, heat: list[str]) 
     assert [NUMBERS[i] for i in along.in_heat] == heat
     assert [NUMBERS[i] for i in along.in_pressure] == ["lame", "mu", "bulk", "alpha_exp", "theta_ref"]
     assert along.numbers.shape == (N_NUMBERS, padded(len(names))) and not along.numbers[:, len(names) :].any()
+
+
+@pytest.mark.parametrize("reach", [0.01, 0.15, 1.0])
+def test_a_number_that_acts_over_few_strains_is_felt(reach: float) -> None:
+    """A step of a curve acts behind its place, a knot of a table between its neighbours: no single strain shows all of them."""
+    curve = effect("hardening_curve")
+    steps = tuple(p.name for p in curve.amplitudes)
+    here = PARAMETERS.replace(**{"hardening_curve.level": 2.0, "hardening_curve.range": reach})
+    assert {NUMBERS[i] for i in directions(here, steps, law_of(here)).in_yield} == {number_of(name) for name in steps}
+    strains = {name: reach * share for name, share in zip(STRAINS, (0.02, 0.1, 0.11, 0.5, 1.0), strict=True)}
+    stresses = dict(zip(STRESSES, (140.0, 160.0, 162.0, 247.0, 280.0), strict=True))
+    table = PARAMETERS.replace(**strains, **stresses)
+    names = ("M_y0", *STRESSES)
+    found = directions(table, names, law_of(table, "table"))
+    rates = number_rates(table, names, law_of(table, "table"))
+    assert {NUMBERS[i] for i in np.flatnonzero(np.any(rates != 0.0, axis=1))} == {NUMBERS[i] for i in found.in_yield}

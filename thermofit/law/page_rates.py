@@ -109,10 +109,10 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     structured = is_structured(parameters, law, names)
     return Directions(
         numbers,
-        _felt(yield_gradients, (0.031, 0.017, 0.007, 297.3), law, moved),
-        _felt(dissipation_gradients, (0.031, 0.036, 0.007, 0.017, 297.3), law, moved),
+        _felt(yield_gradients, (0.031 * _FLOWED, 0.017 * _FLOWED, 0.007 * _FLOWED, 297.3), law, moved),
+        _felt(dissipation_gradients, (0.031 * _FLOWED, 0.036 * _FLOWED, 0.007 * _FLOWED, 0.017 * _FLOWED, 297.3), law, moved),
         _felt(pressure_gradients, (0.003, 297.3), law, moved),
-        _felt(_structure_slopes, (0.017, 0.007, 297.3), law, moved & structured),
+        _felt(_structure_slopes, (0.017 * _FLOWED, 0.007 * _FLOWED, 297.3), law, moved & structured),
         _felt(_sense_slopes, (-0.3,), law, moved & structured),
         (SURFACE + np.flatnonzero(moved[SURFACE : SURFACE + len(OF_SURFACE)])).astype(np.int64),
         structured,
@@ -146,13 +146,18 @@ Complex = Any
 Gradients = Callable[[tuple[np.ndarray, ...], Law, np.ndarray], np.ndarray]
 
 
-def _felt(gradients: Gradients, arguments: tuple[float, ...], law: Law, moved: np.ndarray) -> np.ndarray:
-    """Numbers that a function of the law page depends on at a general point, of those that any direction moves."""
+_FLOWED = np.geomspace(1e-4, 1e3, 256)
+"""Plastic strains over a usual one: a knot of a table, or a step of a curve, is felt between its neighbours alone."""
+
+
+def _felt(gradients: Gradients, arguments: tuple[Any, ...], law: Law, moved: np.ndarray) -> np.ndarray:
+    """Numbers that a function of the law page depends on at any of several general points, of those that any direction moves."""
     generic = law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == arguments[-1] else law.theta_ref, per_second=0.3)
     if not np.any(moved):
         return np.empty(0, dtype=np.int64)
-    found = gradients(tuple(np.array([x]) for x in arguments), generic, np.arange(N_NUMBERS))
-    felt = np.any(found[..., len(arguments) :, 0].reshape(-1, N_NUMBERS) != 0.0, axis=0)
+    points = tuple(np.array(x) for x in np.broadcast_arrays(*(np.atleast_1d(x) for x in arguments)))
+    found = gradients(points, generic, np.arange(N_NUMBERS))
+    felt = np.any(found[..., len(arguments) :, :] != 0.0, axis=(*range(found.ndim - 2), -1))
     return np.flatnonzero(moved & felt).astype(np.int64)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.held_exponents import in_doubt, spread_of, with_held_exponents
+from thermofit.diagnose.held_exponents import in_doubt, spread_of, with_held_exponents, with_held_law
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
@@ -136,7 +136,50 @@ def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(whole_loop, "with_stand_ins", lambda one: one)
     monkeypatch.setattr(whole_loop, "with_combined", lambda _: "combined")
     monkeypatch.setattr(whole_loop, "with_held_exponents", lambda one: f"{one} beside exponents")
+    monkeypatch.setattr(whole_loop, "with_held_law", lambda one: f"{one} and a law")
     monkeypatch.setattr(whole_loop, "with_slowest_rate", lambda one: f"{one} to the slowest rate")
     study: Any = SimpleNamespace(diagnosis=SimpleNamespace(held_out="auto", max_effects=2))
     found: Any = SimpleNamespace(case=None, fit=None, refit=None, numerical=None)
-    assert whole_loop.looped(study, found).closed == "combined beside exponents to the slowest rate"
+    assert whole_loop.looped(study, found).closed == "combined beside exponents and a law to the slowest rate"
+
+
+def beside_curve(fails: bool = False, accepted: tuple[str, ...] = ("hardening_curve",)) -> Any:
+    """A loop that has added a curve of 2 MPa, beta and c0 fitted; the columns of the law are 0.01, 0.02 and 0.03 times that of beta."""
+    from thermofit.diagnose.loop import Closed
+
+    jacobian = np.random.default_rng(6).normal(size=(50, 2))
+    linear = LinearModel(np.zeros(50), jacobian)
+    spread = linear.covariance(("beta", "c0"), np.zeros(2, dtype=bool))
+    fit: Any = replace(
+        fitted()[0], names=("beta", "c0"), x=np.array([0.8, 2.2]), at_bound=np.zeros(2, dtype=bool),
+        jacobian=jacobian, residual=np.zeros(50), covariance=spread, sigma=spread.sigma,
+    )  # fmt: skip
+    given = {"M_y0": 100.0, "M_yinf": 250.0, "H_exp": 10.0, "hardening_curve.level": 2.0, "hardening_curve.range": 0.1}
+    by_beta = {"M_y0": 0.01, "M_yinf": 0.02, "H_exp": 0.03}
+
+    def linearised(_: Any, names: tuple[str, ...]) -> Any:
+        if fails:
+            raise NumericsError("no equilibrium")
+        return None, np.stack([by_beta.get(n, 0.0) * jacobian[:, 0] for n in names], axis=1)
+
+    case = SimpleNamespace(
+        parameters=Parameters.of(given, ("beta", "c0")), model=SimpleNamespace(linearised=linearised), largest_strain=0.1
+    )
+    here: Any = SimpleNamespace(case=case, problem=SimpleNamespace(model=linear))
+    return Closed((), here, here, fit, accepted, (), None, None)  # type: ignore[arg-type]
+
+
+def test_a_law_that_is_held_beside_a_curve_is_known_no_better_than_the_curve_is_large() -> None:
+    """2 MPa for its stresses, and for H_exp the part of itself that 2 MPa is of the rise of the law, uniform."""
+    before = beside_curve()
+    found = with_held_law(before)
+    rise = 150.0 * (1.0 - np.exp(-10.0 * 0.1))
+    sizes = np.array([2.0, 2.0, 10.0 * 2.0 / rise]) * np.array([0.01, 0.02, 0.03])
+    added = found.fit.sigma**2 - before.fit.sigma**2
+    assert added[0] == pytest.approx(np.sum(sizes**2) / 3.0, rel=0.02) and added[1] < 1e-9
+    (said,) = found.remarks
+    assert said.startswith("M_y0, M_yinf, H_exp") and "held beside the curve" in said and "beta +- " in said
+    nothing = beside_curve(accepted=("lamp",))
+    assert with_held_law(nothing) is nothing
+    failed = with_held_law(beside_curve(fails=True))
+    assert "count as exact" in failed.remarks[0] and "no equilibrium" in failed.remarks[0]

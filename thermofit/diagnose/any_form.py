@@ -93,16 +93,17 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
 def carried(parameters: Parameters, own: Effect, exponents: Mapping[str, float], largest_strain: float) -> Parameters:
     """The parameters with the curve that they have by other exponents, the nearest over all strains up to the largest: a fit from nothing
     would not come as far in the same time."""
-    there = parameters.replace(**exponents)
-    strain, law, names = np.linspace(0.0, largest_strain, _STRAINS), law_of(parameters), [p.name for p in own.amplitudes]
-
-    def curve(at: Parameters) -> np.ndarray:
-        return np.asarray(own.act(strain, 0.0, at["theta_ref"], law, *(at[n] for n in own.names)))
-
+    there, names = parameters.replace(**exponents), [p.name for p in own.amplitudes]
     nothing = there.replace(**dict.fromkeys(names, 0.0))
-    columns = np.stack([curve(nothing.replace(**{n: 1.0})) for n in names], axis=1)
-    heights = np.linalg.lstsq(columns, curve(parameters), rcond=None)[0]
+    columns = np.stack([curve_at(nothing.replace(**{n: 1.0}), own, largest_strain) for n in names], axis=1)
+    heights = np.linalg.lstsq(columns, curve_at(parameters, own, largest_strain), rcond=None)[0]
     return there.replace(**dict(zip(names, heights.tolist(), strict=True)))
+
+
+def curve_at(parameters: Parameters, own: Effect, largest_strain: float) -> np.ndarray:
+    """What the curve adds to the yield stress, MPa (n,), from no plastic strain to the largest."""
+    strain = np.linspace(0.0, largest_strain, _STRAINS)
+    return np.asarray(own.act(strain, 0.0, parameters["theta_ref"], law_of(parameters), *(parameters[n] for n in own.names)))
 
 
 def beside_any_form(here: Traced, accepted: Sequence[str]) -> Traced:

@@ -19,16 +19,21 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import param
+from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose.any_form import curve_at
 from thermofit.diagnose.case import Case, tried_of
 from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.refit import VAGUE
 from thermofit.diagnose.trial import held_exponents
 from thermofit.diagnose.widened import most_widened, widened
-from thermofit.fit.budget import EXPONENTS, moves
+from thermofit.effects.catalogue import effect
+from thermofit.fit.budget import EXPONENTS, HELD_LAW, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
+from thermofit.law.composition import hardening_along
+from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
+from thermofit.law.page import law_of
 
 
 def with_held_exponents(closed: Closed) -> Closed:
@@ -48,6 +53,45 @@ def with_held_exponents(closed: Closed) -> Closed:
     doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, here.case) for name in held]))
     closed = with_wider(closed, EXPONENTS, doubtful)
     return replace(closed, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
+
+
+def with_held_law(closed: Closed) -> Closed:
+    """The loop's result with standard errors that know of a hardening law which is held beside a curve of any form; the same where there is
+    no curve. Where the run of its columns fails, a remark says so.
+
+    Only the sum of both is seen by displacements, but not by temperatures: a part of what the law hardens by is stored, what the curve adds
+    becomes heat. How the sum is shared out nobody knows. So each stress of the law may be off by as much as the curve adds at most, and any
+    other number of it by that part of itself which this is of the rise of the law (uniform, JCGM 100, 4.3.7).
+    """
+    here, fit = closed.last, closed.fit
+    curve = next((e for e in map(effect, closed.accepted) if e.last and e.is_on(here.case.parameters)), None)
+    names = () if curve is None else tuple(n for n in held_law(here.case.parameters) if n not in fit.names)
+    if curve is None or not names or fit.covariance is None or fit.jacobian is None:
+        return closed
+    at = here.case.parameters
+    try:
+        columns = here.case.model.linearised(at, names)[1]
+    except NumericsError as error:
+        words = f"{', '.join(names)} count as exact: the run of their derivatives failed ({error})"
+        return replace(closed, remarks=(*closed.remarks, words))
+    most = float(np.abs(curve_at(at, curve, here.case.largest_strain)).max())
+    law = law_of(at)
+    rise = float(hardening_along(here.case.largest_strain, law)[0] - hardening_along(0.0, law)[0])
+    part = most / max(rise, most)
+    spread = np.array([most if param(n).unit == "MPa" else part * abs(at[n]) for n in names]) / np.sqrt(3.0)
+    wider = in_doubt(fit, LinearModel(fit.residual, fit.jacobian, here.problem.model.noise), columns * spread)
+    told = most_widened(fit, wider)
+    words = (
+        f"{', '.join(names)} are held beside the curve, and what of both is stored is not known; intervals hold that, most of all {told}"
+    )
+    closed = with_wider(closed, HELD_LAW, wider)
+    return replace(closed, remarks=(*closed.remarks, f"{words}; intervals hold that, most of all {told}")) if told else closed
+
+
+def held_law(parameters: Parameters) -> tuple[str, ...]:
+    """Numbers of the hardening laws that say something of this material."""
+    given = set(parameters.given())
+    return tuple(dict.fromkeys(n for law in hardening_laws() for n in law.fitted if n in given and n != LINEAR))
 
 
 def spread_of(name: str, case: Case) -> float:

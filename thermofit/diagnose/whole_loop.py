@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from thermofit.diagnose.combined import with_combined
-from thermofit.diagnose.held_exponents import with_held_exponents
+from thermofit.diagnose.held_exponents import with_held_exponents, with_held_law
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.slowest_rate import with_slowest_rate
@@ -33,4 +33,4 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    return Looped(found, with_slowest_rate(with_held_exponents(with_combined(with_stand_ins(closed)))), missing)
+    return Looped(found, with_slowest_rate(with_held_law(with_held_exponents(with_combined(with_stand_ins(closed))))), missing)

@@ -22,8 +22,9 @@ NOISE = "noise"
 """What of the noise of the residual no other cause names: that of the cameras or sensors."""
 MISFIT = "misfit"
 """What the residual shows beyond its noise."""
-EXPONENTS, SLOWER_RATES = "held exponents", "rates below the slowest"
-"""Exponents of added effects that a fit holds, and what a law of the rate says where the test has no data."""
+EXPONENTS, HELD_LAW, SLOWER_RATES = "held exponents", "held hardening law", "rates below the slowest"
+"""Exponents of added effects that a fit holds, a hardening law that it holds beside a curve of any form, and what a law of the rate says
+where the test has no data."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ FURTHER = 5
 """Refits at most that go on from where the one before was cut off."""
 GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
-_STRAINS = 400
+_POINTS = 400
 """Strains at which curves are compared."""
 
 
@@ -102,7 +102,7 @@ def carried(parameters: Parameters, own: Effect, exponents: Mapping[str, float],
 
 def curve_at(parameters: Parameters, own: Effect, largest_strain: float) -> np.ndarray:
     """What the curve adds to the yield stress, MPa (n,), from no plastic strain to the largest."""
-    strain = np.linspace(0.0, largest_strain, _STRAINS)
+    strain = np.linspace(0.0, largest_strain, _POINTS)
     return np.asarray(own.act(strain, 0.0, parameters["theta_ref"], law_of(parameters), *(parameters[n] for n in own.names)))
 
 

@@ -43,8 +43,8 @@ BEHIND = 0.1
 ALONE = 0.02
 """The same where structure of a coupon is told without a term."""
 MOST_HATS = 320
-"""Most hats of a term whose place is known, and of the offset of a camera: one for every frame as far as they go, for a camera jumps from
-one frame to the next. A jump that is smeared over a few frames is taken up by conductivity and films."""
+"""Most hats of a term whose place is known, and of the offset of a camera, one for every frame as far as they go. A camera jumps from one
+frame to the next; smeared over a few of them, the jump is taken up by conductivity and films."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {
     **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
     "offset": (MOST_HATS, 1, 1),

@@ -15,8 +15,10 @@ from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
+from thermofit.core.parameters import param
 from thermofit.core.slots import Slots
 from thermofit.law.composition import STRUCTURAL, law_effects
+from thermofit.law.hardening.catalogue import Hardening, hardening_laws
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
 PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in law_effects() for p in e.params}
@@ -36,6 +38,7 @@ def run(
     loading: Loading = FORCE,
     times: np.ndarray = TIMES,
     yields: str = "hill",
+    hardening: int | str = 2,
     **changes: float,
 ) -> tuple[History, dict[str, np.ndarray]]:
     """A run and the derivatives of its fields (n_t, ..., n_p)."""
@@ -46,7 +49,7 @@ def run(
             values.append(np.array(getattr(at, field)))
 
     watch = Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-9)) if names else Watch()
-    settings = replace(SETTINGS, model=Slots(2, yields))
+    settings = replace(SETTINGS, model=Slots(hardening, yields))
     history = march(body(loading.control), BASE.replace(**changes), loading, times, settings, watch)
     return history, {field: np.stack(values) for field, values in kept.items() if values}
 
@@ -116,6 +119,29 @@ def test_by_parameters_of_a_surface_as_differences_of_the_run() -> None:
             expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
             noise = 2e-8 * np.abs(getattr(there, field)).max() / h
             assert np.abs(rates[field][..., k] - expected).max() < 1e-4 * np.abs(expected).max() + noise, (name, field)
+
+
+STRAINS_OF_TABLE = {f"table.strain{k}": 0.0035 * k for k in range(1, 6)}
+STRESSES_OF_TABLE = {"table.stress1": 140.0, "table.stress2": 147.0, "table.stress3": 153.0, "table.stress4": 158.0, "table.stress5": 162.0}
+
+
+@pytest.mark.parametrize("law", hardening_laws(), ids=lambda law: law.name)
+def test_by_every_number_of_a_hardening_law_as_differences_of_the_run(law: Hardening) -> None:
+    """Pulled to a strain beyond the last knot of the table: a knot acts between its neighbours alone, and each has a part in the motion."""
+    values = {**{n: param(n).neutral for n in law.names}, **{n: BASE[n] for n in LAW if n in law.fitted}}
+    if law.name == "table":
+        values |= {**STRAINS_OF_TABLE, **STRESSES_OF_TABLE, "M_y0": 130.0}
+    driven = (END, np.linspace(0.0, 20.0, 21))
+    _, rates = run(law.fitted, *driven, hardening=law.name, **values)
+    for k, name in enumerate(law.fitted):
+        h = 1e-3 * values[name]
+        there, back = (run((), *driven, hardening=law.name, **{**values, name: values[name] + x})[0] for x in (h, -h))
+        for field in ("u", "theta", "force"):
+            expected = (getattr(there, field) - getattr(back, field)) / (2.0 * h)
+            noise = 4e-8 * np.abs(getattr(there, field)).max() / h
+            size = float(np.abs(expected).max())
+            assert size > 3.0 * noise, (name, field)
+            assert np.abs(rates[field][..., k] - expected).max() < 3e-3 * size + noise, (name, field)
 
 
 @pytest.mark.parametrize("yields", SEEDS)

@@ -116,6 +116,7 @@ def _wider_again(sharper: Sharper | None, names: Sequence[str]) -> Sharper | Non
         return None
 
     def sharp(parameters: Parameters) -> RefinedProblem | None:
+        """The problem told at parameters, without these bounds and data in any of its fits; None where there is nothing to tell."""
         found = sharper(parameters)
         if found is None:
             return None

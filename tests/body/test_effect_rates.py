@@ -129,6 +129,8 @@ STRESSES_OF_TABLE = {"table.stress1": 140.0, "table.stress2": 147.0, "table.stre
 def test_by_every_number_of_a_hardening_law_as_differences_of_the_run(law: Hardening) -> None:
     """Pulled to a strain beyond the last knot of the table: a knot acts between its neighbours alone, and each has a part in the motion."""
     values = {**{n: param(n).neutral for n in law.names}, **{n: BASE[n] for n in LAW if n in law.fitted}}
+    if "H_lin" in law.fitted:
+        values["H_lin"] = 200.0
     if law.name == "table":
         values |= {**STRAINS_OF_TABLE, **STRESSES_OF_TABLE, "M_y0": 130.0}
     driven = (END, np.linspace(0.0, 20.0, 21))

@@ -119,6 +119,32 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
     assert none is None and failed[0].refused == "the refit failed: no equilibrium" and failed[0].unjudged
 
 
+@pytest.mark.parametrize(("fell", "fitted"), [(79.0, True), (80.0, False)])
+def test_what_is_stored_is_fitted_with_the_curve(monkeypatch: pytest.MonkeyPatch, fell: float, fitted: bool) -> None:
+    """With all that the curve has, from its end, and kept where it takes something; never where temperatures are not fitted, or the study
+    has it on already."""
+    asked: list[Parameters] = []
+    ends: list[Any] = []
+
+    def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
+        asked.append(start)
+        return start, SimpleNamespace(f=fell if label.endswith("stored_energy") else 80.0, converged=True)
+
+    told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    monkeypatch.setattr(any_form, "judged_trial", lambda _h, _f, _s, end, _m: ends.append(end) or (told, ("there", "fit")))
+    stored = effect("stored_energy")
+    ((trial,), _) = of_any_form(traced(9.0, known=(CURVE, stored)), None, SimpleNamespace(refit=refit))  # type: ignore[arg-type]
+    assert asked[-1].free == (*asked[-2].free, "stored_energy.slope") and (ends[0][0] is asked[-1]) is fitted
+    assert ("stored_energy.slope = 0 is fitted with it" in trial.exponents) is fitted
+    count = len(asked)
+    cold, warm = traced(9.0, known=(CURVE, stored)), traced(9.0, known=(CURVE, stored))
+    cold.case.parameters = cold.case.parameters.with_free(("E", "M_y0"))
+    warm.case.parameters = warm.case.parameters.replace(**{"stored_energy.slope": 0.3})
+    for here in (cold, warm):
+        of_any_form(here, None, SimpleNamespace(refit=refit))  # type: ignore[arg-type]
+    assert not any("stored_energy.slope" in p.free for p in asked[count:])
+
+
 @pytest.mark.parametrize(
     ("gain", "leaves", "apart", "asked", "wins"),
     [

@@ -164,6 +164,7 @@ class Fitting:
     ends: Any = None
     heated: Any = "by heat"
     moved: Any = "by motion"
+    mechanically: Any = "by displacements"
     failures: list[str] = field(default_factory=list)
 
 
@@ -220,6 +221,7 @@ def test_errors_of_the_mesh_are_told_anew_while_the_force_stays_exact(monkeypatc
     runs.far = False
     known = found.again(at("clamp_drift.rate"))
     assert known is not None and known.model == "model told" and known.numerical == 0.5, "and then it is"
+    assert sharper(at("clamp_drift.rate")).model == "model told", "by the errors told before, whatever those told anew say"
     runs.far, runs.fails = True, True
     assert sharper(at("clamp_drift.rate")) is None and "those told before are kept" in fitting.failures[-1]
 

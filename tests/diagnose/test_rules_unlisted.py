@@ -12,7 +12,8 @@ import pytest
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Proof, Rows
-from thermofit.diagnose.unlisted import believed, closer_grid, sought, unlisted
+from thermofit.diagnose.unlisted import closer_grid, sought, unlisted
+from thermofit.diagnose.unlisted_field import believed
 from thermofit.diagnose.unlisted_loop import in_their_stead, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
 from thermofit.diagnose.unlisted_structure import Blocks, Structure
@@ -63,6 +64,7 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda _here, _s, names: ("refused", 0.9) if "refused" in names else ("lamp", explained))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
+    monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "")
     found = unlisted(here, None, ["lamp"])
@@ -98,6 +100,7 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for(
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
+    monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "stress")
     monkeypatch.setattr(module, "state_law", lambda *_: term)
@@ -122,6 +125,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
         rows=SimpleNamespace(time=np.arange(20.0)),
         problem=SimpleNamespace(model=SimpleNamespace(left=left)),
     )
+    monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
     monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])

@@ -121,8 +121,12 @@ class StripMissing:
     def of_instruments(self) -> Mapping[str, str]:
         return {"theta": "offset"}
 
+    @property
+    def of_surface(self) -> Mapping[str, str]:
+        return {"theta": "flux"}
+
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
-        if kind == "offset":
+        if kind in ("offset", "flux"):
             return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), np.zeros(1), np.zeros(1))
         x, y = (np.linspace(v.min(), v.max(), n) for v, n in ((MODEL.x, counts[2] + 2), (MODEL.y, counts[1])))
         return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), x, y)
@@ -134,7 +138,8 @@ class StripMissing:
         middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         strength = time_hats(grid, middle, np.zeros(len(middle), dtype=int))[:, k]
-        theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place])
+        over = THICK if kind == "flux" else 1.0
+        theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place] / over)
         return theta[:, :, None, :]
 
     def volumes(self, grid: Grid) -> np.ndarray:

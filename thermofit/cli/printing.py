@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
-from thermofit.report.local_words import balance_lines, drift_line, with_article
+from thermofit.report.local_words import balance_lines, drift_line, steps_in_words, with_article
 
 
 def number(value: Any, digits: int = 5) -> str:
@@ -535,6 +535,8 @@ def unlisted_lines(console: Console, said: Mapping[str, Any]) -> None:
     out.add_row("phases", ", ".join(said["phases"]))
     amount = said["amount"]
     out.add_row(f"mean in that window, {said['unit']}", f"{number(amount['value'])} +- {amount['sigma']:.1g}")
+    if said.get("steps"):
+        out.add_row("steps", steps_in_words(said))
     for channel, before in said["before"]["held_out"].items():
         out.add_row(f"held-out {channel} without, with", f"{before:.4g}, {said['after']['held_out'][channel]:.4g}")
     for hint in said["hints"][:3]:

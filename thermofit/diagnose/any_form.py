@@ -4,6 +4,9 @@ A law that is wrong leaves displacements, and drives off everything else that is
 displacements or force are beyond their floor, and nothing listed was accepted or it leaves more than it takes, the yield stress is fitted
 as a curve of any form, with the hardening law held where it is. It has to predict held-out data better, as any other effect has to. It
 names nothing: the curve is told as unlisted, and what else is missing is looked for beside it.
+
+What of a law is stored is a part of its form as well, and is not known of one that is held where a wrong form has driven it. So how the
+dissipation changes with plastic strain is fitted with the curve. Else a heat that goes with flow would be taken for another effect.
 """
 
 from __future__ import annotations
@@ -17,15 +20,14 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
+from thermofit.diagnose.on_displacements import above_floor, beyond
 from thermofit.diagnose.pairs import leaves_more_than_it_takes
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, End, Trial, discriminated, freed_refit, judged_trial
-from thermofit.diagnose.unlisted import BEHIND
+from thermofit.diagnose.unlisted_field import BEHIND
 from thermofit.effects.catalogue import Effect, effect
-from thermofit.experiment.channels import field_of
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.experiment.trust import level
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
 from thermofit.law.page import law_of
@@ -34,6 +36,8 @@ FURTHER = 5
 """Refits at most that go on from where the one before was cut off."""
 GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
+STORED = "stored_energy"
+"""The effect that says how the dissipation changes with plastic strain."""
 _POINTS = 400
 """Strains at which curves are compared."""
 
@@ -50,7 +54,7 @@ def or_any_form(
     since the `first` trace have taken nine tenths of what displacements and force held, the hardening has the form that is listed."""
     if winner is not None and not leaves_more_than_it_takes(here, fit, before):
         return [], winner
-    if first is not here and _beyond(here) <= BEHIND * _beyond(first):
+    if first is not here and beyond(here) <= BEHIND * beyond(first):
         return [], winner
     trials, curve = of_any_form(here, fit, means)
     better = curve is not None and (winner is None or (curve[0].gain > winner[0].gain and discriminated(winner[1][0], curve[1][0])))
@@ -81,11 +85,12 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
         end = min(tried, key=lambda one: one[1].f)
         freed, said = freed_refit(end, (reach.name,), own.name, means.refit)
         end, settled = _settled(freed or end, own, means)
+        end, stored = _with_stored(end, here, own, means)
         trial, found = judged_trial(here, fit, (score,), end, means)
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
     passed_over = f"{len(failures)} of {len(failures) + len(tried)} ranges of strain could not be run ({failures[0]})" if failures else ""
-    words = ("the hardening law is held", said, "" if settled else f"not settled after {FURTHER} further refits", passed_over)
+    words = ("the hardening law is held", stored, said, "" if settled else f"not settled after {FURTHER} further refits", passed_over)
     trial = replace(trial, exponents="; ".join(w for w in words if w))
     return [trial], None if found is None else (trial, found)
 
@@ -127,21 +132,17 @@ def _settled(end: End, own: Effect, means: Means) -> tuple[End, bool]:
     return end, False
 
 
-def _beyond(here: Traced) -> float:
-    """Square sum of what is not temperature beyond its noise and the error of mesh and steps."""
-    return sum(max((square - error - 1.0) * n, 0.0) for square, error, n, _ in _mechanical(here))
-
-
-def _mechanical(here: Traced) -> list[tuple[float, float, int, str]]:
-    """Mean square of the residual and of the error of mesh and steps in it, number, and name of every channel that is not temperature."""
-    numerical = np.zeros(len(here.columns.residual)) if here.problem.numerical is None else here.problem.numerical
-    found = []
-    for k, c in enumerate(here.case.model.comparisons):
-        rows = here.rows.channel == k
-        square, error = (float(np.mean(v[rows] ** 2)) for v in (here.columns.residual, numerical))
-        if field_of(c.channel) != "theta":
-            found.append((square, error, c.n, c.channel))
-    return found
+def _with_stored(end: End, here: Traced, own: Effect, means: Means) -> tuple[End, str]:
+    """The end with the change of the dissipation over plastic strain fitted as well, and words of it; as it is where temperatures are not
+    fitted, the model knows of none, or has it already. NumericsError where the refit fails."""
+    dissipation = next((e for e in here.case.known if e.name == STORED and not e.is_on(end[0])), None)
+    if dissipation is None or not acting_on_temperatures(end[0].free):
+        return end, ""
+    (slope,) = dissipation.amplitudes
+    found = means.refit(end[0].with_free((*end[0].free, slope.name)), f"{own.name} {STORED}", exponents=True)
+    if found[1].f >= end[1].f:
+        return end, ""
+    return found, f"what of the hardening is stored is not known, and {slope.name} = {found[0][slope.name]:.3g} is fitted with it"
 
 
 def _asked(here: Traced) -> Effect | None:
@@ -150,5 +151,4 @@ def _asked(here: Traced) -> Effect | None:
     own = next((e for e in case.known if e.last and not e.is_on(case.parameters)), None)
     if own is None or case.cheap:
         return None
-    above = any(level(channel, square, error, n).above for square, error, n, channel in _mechanical(here))
-    return own if above else None
+    return own if above_floor(here) else None

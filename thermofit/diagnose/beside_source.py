@@ -40,10 +40,10 @@ def beside_source(here: Traced, missing: Unlisted | None) -> BesideSource | None
     """The parameters beside an unlisted heat of a body, or offset of its camera; None where none is unlisted, or the model knows of no
     broad source."""
     case = here.case
-    if missing is None or missing.field is None or missing.field.basis.kind not in ("heat", "offset"):
+    if missing is None or missing.field is None or missing.field.basis.kind not in ("heat", "offset", "flux"):
         return None
-    if missing.field.basis.kind == "offset":
-        return _beside_offset(case, missing.parameters, missing.field)
+    if missing.field.basis.grid.places == 1:
+        return _beside_one_place(missing.case or case, missing.parameters, missing.field)
     if case.heated is None or case.model.segments is not None:
         return None
     try:
@@ -71,13 +71,13 @@ def beside_source(here: Traced, missing: Unlisted | None) -> BesideSource | None
     return BesideSource({n: value[n] for n in free if n in value}, {n: sigma[n] for n in free if n in sigma})
 
 
-def _beside_offset(case: Case, parameters: Parameters, term: Field) -> BesideSource:
-    """The parameters that were fitted with the offset of a camera."""
+def _beside_one_place(case: Case, parameters: Parameters, term: Field) -> BesideSource:
+    """The parameters that were fitted with a term over time that is the same everywhere."""
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)
         errors = _errors(case, parameters, columns)
     except NumericsError as error:
-        return BesideSource({}, {}, f"parameters beside the unlisted offset are not known ({error})")
+        return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
     sigma = _together(term.uncertainty, moves_beside(LinearModel(residual, columns), term, errors))
     return BesideSource({n: parameters[n] for n in parameters.free}, dict(zip(parameters.free, sigma, strict=True)))
 

@@ -18,6 +18,7 @@ from thermofit.experiment.channels import field_of
 from thermofit.experiment.flow_conditions import ONE_RATE, ONE_TEMPERATURE, FlowConditions
 from thermofit.experiment.known_motion import Direction, acts_in_heat
 from thermofit.experiment.model import StageModel
+from thermofit.experiment.prediction import Errors
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span, span_of
 from thermofit.experiment.trust import Bounds, physical
@@ -45,6 +46,9 @@ Scored = Callable[[Parameters, tuple[str, ...], Sequence[Direction]], tuple[np.n
 
 
 Moved = Callable[[Parameters], Parameters]
+Mechanics = Callable[[Parameters, str, float], tuple[Parameters, FitResult]]
+"""A coarse fit of the free parameters that temperatures do not feel to the displacements alone, from where they are; given up where at its
+pace it would not come below a square sum. NumericsError where it cannot be run."""
 
 
 class Refit(Protocol):
@@ -67,6 +71,13 @@ class HeatFit:
     first: Mapping[str, float] = field(default_factory=dict)
 
 
+class Sharper(Protocol):
+    """How the errors of a problem are told at parameters; None where it knows them. `beside`: fields that a term which the model lacks adds
+    to its prediction; where they are given, the errors are told in any case."""
+
+    def __call__(self, parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None: ...
+
+
 @dataclass(frozen=True)
 class RefinedProblem:
     """The problem of a case with what the error of its prescribed force makes counted as noise: model, scores, how to fit it, also from
@@ -79,9 +90,10 @@ class RefinedProblem:
     numerical: np.ndarray
     heated: Callable[[Parameters], HeatFit | None] | None = None
     moved: Moved | None = None
+    mechanics: Mechanics | None = None
     doubts: Mapping[str, np.ndarray] = field(default_factory=dict)
     """What (n,) of the errors of mesh and steps is in doubt in its residual, by cause."""
-    again: Callable[[Parameters], RefinedProblem | None] | None = None
+    again: Sharper | None = None
     """The same problem with its errors told anew, for parameters with an effect that was added since; None where they are told once."""
 
 
@@ -117,7 +129,7 @@ class Case:
     """Where the rows of the residual are from; None: what `rows_of` says."""
     largest_strain: float = 0.1
     """Largest Lambda of the test, of which strains that are tried are shares."""
-    refined_at: Callable[[Parameters], RefinedProblem | None] | None = None
+    refined_at: Sharper | None = None
     """The problem that knows its errors as they are at given parameters: that of the force from where it could explain what it would hide,
     those of mesh and steps anew where an effect was added since they were told. It gives None where this one knows them; None: there are
     none."""
@@ -126,6 +138,8 @@ class Case:
     moved: Moved | None = None
     """Parameters with those that temperatures do not feel fitted to the displacements alone, NumericsError where that cannot be run; None
     where the driver does not tell the two fields apart."""
+    mechanics: Mechanics | None = None
+    """The same coarsely, with what effects have free but their exponents; None where the driver does not tell the two fields apart."""
     flowing: Callable[[Parameters], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
     """Lambda, its rate in 1/s and its increment where a body flows, each (n,), by a run (NumericsError where it fails); None of coupons,
     where `flow` tells them."""

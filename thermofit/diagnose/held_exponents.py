@@ -59,9 +59,10 @@ def with_held_law(closed: Closed) -> Closed:
     """The loop's result with standard errors that know of a hardening law which is held beside a curve of any form; the same where there is
     no curve. Where the run of its columns fails, a remark says so.
 
-    Only the sum of both is seen by displacements, but not by temperatures: a part of what the law hardens by is stored, what the curve adds
-    becomes heat. How the sum is shared out nobody knows. So each stress of the law may be off by as much as the curve adds at most, and any
-    other number of it by that part of itself which this is of the rise of the law (uniform, JCGM 100, 4.3.7).
+    Only the sum of both is seen by displacements, but not by temperatures: what the law hardens by is stored, what the curve adds becomes
+    heat. How the sum is shared out nobody knows, and a law that is wrong may end with far more, or less, stored than the material does. So
+    the yield stress at no plastic strain may be off by as much as the curve adds at most, and any other number of the law by itself
+    (uniform, JCGM 100, 4.3.7). Temperatures alone tell ratios; what capacity, conductivity, films, expansion and beta are hangs on it.
     """
     here, fit = closed.last, closed.fit
     curve = next((e for e in map(effect, closed.accepted) if e.last and e.is_on(here.case.parameters)), None)
@@ -75,17 +76,20 @@ def with_held_law(closed: Closed) -> Closed:
         words = f"{', '.join(names)} count as exact: the run of their derivatives failed ({error})"
         return replace(closed, remarks=(*closed.remarks, words))
     most = float(np.abs(curve_at(at, curve, here.case.largest_strain)).max())
-    law = law_of(at)
-    rise = float(hardening_along(here.case.largest_strain, law)[0] - hardening_along(0.0, law)[0])
-    part = most / max(rise, most)
-    spread = np.array([most if param(n).unit == "MPa" else part * abs(at[n]) for n in names]) / np.sqrt(3.0)
+    spread = np.array([most if n in first_yield(at) else abs(at[n]) for n in names]) / np.sqrt(3.0)
     wider = in_doubt(fit, LinearModel(fit.residual, fit.jacobian, here.problem.model.noise), columns * spread)
     told = most_widened(fit, wider)
-    words = (
-        f"{', '.join(names)} are held beside the curve, and what of both is stored is not known; intervals hold that, most of all {told}"
-    )
+    words = f"{', '.join(names)} are held beside the curve, and what of both is stored is not known"
     closed = with_wider(closed, HELD_LAW, wider)
     return replace(closed, remarks=(*closed.remarks, f"{words}; intervals hold that, most of all {told}")) if told else closed
+
+
+def first_yield(parameters: Parameters) -> tuple[str, ...]:
+    """Numbers of the hardening laws that the yield stress at no plastic strain hangs on."""
+    nothing = float(hardening_along(0.0, law_of(parameters))[0])
+    names = held_law(parameters)
+    moved = {n: hardening_along(0.0, law_of(parameters.replace(**{n: 1.01 * parameters[n] + 1e-3 * param(n).scale})))[0] for n in names}
+    return tuple(n for n in names if float(moved[n]) != nothing)
 
 
 def held_law(parameters: Parameters) -> tuple[str, ...]:

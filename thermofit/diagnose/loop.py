@@ -14,6 +14,7 @@ from thermofit.diagnose.any_form import beside_any_form, or_any_form
 from thermofit.diagnose.backward import Means, compensated, held_out_of, still_needed, without
 from thermofit.diagnose.case import Case, Refit
 from thermofit.diagnose.held_out import SURE, compared
+from thermofit.diagnose.on_displacements import by_displacements
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.pose import released
 from thermofit.diagnose.proof_other_tests import proof_of_refit
@@ -135,6 +136,9 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             trials += moved.trials
             if moved.accepted is not None:
                 winner, refit = (moved.trials[-1], moved.accepted), moved.refit
+        if len(accepted) < max_effects and (winner is None or leaves_more_than_it_takes(here, fit, trials)):
+            heard, winner = by_displacements(here, fit, Means(refit, numerical, how), trials, winner)
+            trials += heard
         if len(accepted) < max_effects:
             last_resort, winner = or_any_form(here, fit, Means(refit, numerical, how), trials, winner, first)
             trials += last_resort
@@ -332,6 +336,7 @@ def _with_refined(here: Traced, first: Traced, how: str) -> tuple[Traced, Traced
         scored=sharp.scored,
         heated=sharp.heated,
         moved=sharp.moved,
+        mechanics=sharp.mechanics,
         doubts=sharp.doubts,
         refined_at=sharp.again,
     )

@@ -16,13 +16,14 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means
-from thermofit.diagnose.case import Case, HeatFit, RefinedProblem, Refit, Scored
+from thermofit.diagnose.case import Case, HeatFit, RefinedProblem, Refit, Scored, Sharper
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, Trial, judged_trial
 from thermofit.effects.catalogue import effect, effect_of_param
 from thermofit.experiment.model import Prior, StageModel
+from thermofit.experiment.prediction import Errors
 from thermofit.experiment.several import free_in
 from thermofit.experiment.trust import at_bound, physical
 from thermofit.fit.result import FitResult
@@ -30,8 +31,6 @@ from thermofit.identify.solve import within
 
 Heated = Callable[[Parameters], HeatFit | None]
 """How the temperatures alone are fitted on the motion of given parameters."""
-Sharper = Callable[[Parameters], RefinedProblem | None]
-"""How the errors of a problem are told anew."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,9 @@ def _wider_again(sharper: Sharper | None, names: Sequence[str]) -> Sharper | Non
     if sharper is None:
         return None
 
-    def sharp(parameters: Parameters) -> RefinedProblem | None:
+    def sharp(parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None:
         """The problem told at parameters, without these bounds and data in any of its fits; None where there is nothing to tell."""
-        found = sharper(parameters)
+        found = sharper(parameters) if beside is None else sharper(parameters, beside)
         if found is None:
             return None
         refit, nearby = (wider(f, parameters, names) for f in (found.refit, found.nearby))

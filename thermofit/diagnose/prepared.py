@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError, UntrustworthyError
 from thermofit.core.parameters import Parameters, bare_name, param
-from thermofit.diagnose.case import Case, RefinedProblem, not_identifiable, rows_of_tests
+from thermofit.diagnose.case import Case, RefinedProblem, Sharper, not_identifiable, rows_of_tests
 from thermofit.diagnose.known_fit import KnownFit
 from thermofit.diagnose.other_tests import other_test_of
 from thermofit.diagnose.refit import JointFit
@@ -24,6 +24,7 @@ from thermofit.experiment.forms import experiment_after, experiment_of
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.joint_errors import JointWithErrors, told, too_far
+from thermofit.experiment.prediction import Errors
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
@@ -137,6 +138,7 @@ def _prepared(study: Study, task: Job, stages: tuple[str, ...], known: KnownFit 
         refined_at=_refinement(joint, refit),
         heated=refit.heated,
         moved=None if joint.parts is None else refit.moved,
+        mechanics=None if joint.parts is None or joint.parts.mechanics is None else refit.mechanically,
         flowing=None if joint.parts is None else refit.flowing,
         correlation_length=joint.correlation_length,
         bounds=fitting.bounds,
@@ -168,16 +170,14 @@ def _computed_motion(experiment: Experiment) -> tuple[str, ...]:
     )
 
 
-def _refinement(joint: JointProblem, refit: JointFit) -> Callable[[Parameters], RefinedProblem | None] | None:
+def _refinement(joint: JointProblem, refit: JointFit) -> Sharper | None:
     """The problem that knows its errors at the parameters at hand; None where there are none to tell."""
     if joint.plain is None or joint.errors is None:
         return None
     return told_again(joint.plain, joint.errors, refit, _effects_of(joint.base.free))
 
 
-def told_again(
-    plain: JointParts, before: JointWithErrors, refit: JointFit, added: frozenset[str]
-) -> Callable[[Parameters], RefinedProblem | None]:
+def told_again(plain: JointParts, before: JointWithErrors, refit: JointFit, added: frozenset[str]) -> Sharper:
     """Tells the errors of a problem anew, which were told `before` with the effects `added` fitted.
 
     A force that was taken as exact is known by its error from where that could explain what the residual shows of it. Errors of mesh and
@@ -185,31 +185,33 @@ def told_again(
     and these errors were those of a contact that conducts nothing; an effect that was added brings gradients of its own.
     """
 
-    def sharp(parameters: Parameters) -> RefinedProblem | None:
+    def sharp(parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None:
         """The problem told at parameters; None where it is told already, or nothing was added while the model misses more there than the
         error of the force could explain."""
-        found, news = before, not _effects_of(parameters.free) <= added
+        found, news = before, beside is not None or not _effects_of(parameters.free) <= added
         if not news and not before.far:
             return None
         exact = before.far and too_far(before.whole, parameters)
         if exact and not news:
             return None
         try:
-            found = told(plain, parameters)
+            found = told(plain, parameters) if beside is None else told(plain, parameters, beside)
         except NumericsError as error:
             refit.failures.append(f"errors of mesh and force: a run that tells them failed, those told before are kept ({error})")
             if exact:
                 return None
         else:
-            # An effect that was added may be what hid the error of the force, which is known from then on.
-            exact = before.far and news and found.far
+            # An effect that was added may be what hid the error of the force, which is known from then on. Where it is known by the errors
+            # told before it stays so: beside a force that is exact a fit may end far from where it belongs.
+            exact = exact and found.far
         parts, left, doubts = (found.whole, found.left_whole, found.causes_whole)
         if exact:
             parts, left, doubts = found.parts, found.left, found.causes
         fitting = replace(refit, model=parts.model, parts=parts, ends={})
         nearby = replace(fitting, parts=None)
         again = told_again(plain, replace(found, far=exact), refit, added | _effects_of(parameters.free))
-        return RefinedProblem(parts.model, parts.scored, fitting, nearby, left, fitting.heated, fitting.moved, doubts, again)
+        by_motion = (fitting.moved, fitting.mechanically)
+        return RefinedProblem(parts.model, parts.scored, fitting, nearby, left, fitting.heated, *by_motion, doubts, again)
 
     return sharp
 

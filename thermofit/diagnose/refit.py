@@ -286,6 +286,15 @@ class JointFit:
             self.ends[key] = (self._moved(parameters, model, mechanical, "motion").with_free(parameters.free), ())
         return self.ends[key][0]
 
+    def mechanically(self, start: Parameters, label: str, to_beat: float = np.inf) -> tuple[Parameters, FitResult]:
+        """The free parameters that temperatures do not feel after a coarse fit to the displacements alone, all others as they are; given up
+        where at its pace it would not come below the square sum `to_beat`. NumericsError where it cannot be run."""
+        model = None if self.parts is None else self.parts.mechanics
+        assert model is not None, "asked where displacements are compared"
+        thermal = acting_on_temperatures(start.free)
+        own = start.with_free(tuple(name for name in start.free if name not in thermal))
+        return self.minimised_on(own, model, label, PART_EVALUATIONS, COARSELY, to_beat=to_beat)
+
     def flowing(self, parameters: Parameters) -> Flow:
         """Where and how fast the tests flow at parameters, by runs of all of them. NumericsError where one fails."""
         assert self.parts is not None

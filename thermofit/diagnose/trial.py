@@ -16,7 +16,7 @@ from thermofit.diagnose.held_out import SURE, Proof, compared
 from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.rescored import missed
-from thermofit.diagnose.score import Score, ranked
+from thermofit.diagnose.score import Score, scored_alone
 from thermofit.diagnose.trace import Scan, Traced, best_scans
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, is_of_effect
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -90,12 +90,16 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     own = effect(score.effect)
     scanned = here.scanned.get(score.effect, ())
     settings = here.settings.get(score.effect)
-    if settings is None and len(scans(own, here.case)) > 1:
+    heard = here.heard.get(score.effect)
+    if heard is not None:
+        settings = {p.name: heard[p.name] for p in own.exponents}
+    elif settings is None and len(scans(own, here.case)) > 1:
         scanned = best_scans(here.case, here.problem, own)
         score, settings = at_settings(here, score, scanned[0]), scanned[0][0]
     starts = [(score, settings or {})]
     # The first values of the exponents are those of the score; at others the same run may be possible.
-    starts += [(at_settings(here, score, scan), scan[0]) for scan in scanned if scan[0] != settings]
+    others = [scan for scan in scanned if scan[0] != settings]
+    starts += [(at_settings(here, score, scan), scan[0]) for scan in (others if here.case.cheap else others[:OTHER_SCANS])]
     failures: list[str] = []
     best: tuple[Trial, Accepted | None] | None = None
     first: Trial | None = None
@@ -123,9 +127,7 @@ def _begun(
     One step ranks the exponents near the optimum without the effect. Where the effect takes over a part of the base law (a fast term the
     knee, and that the slow rest), the least square sum lies in another valley, which only a refit begun at other exponents reaches.
     """
-    found = (
-        (score, nearer(here, (score,), chosen, means.refit)) for score, chosen in (starts if here.case.cheap else starts[: 1 + OTHER_SCANS])
-    )
+    found = ((score, nearer(here, (score,), chosen, means.refit)) for score, chosen in starts)
     ends = []
     for score, end in found:
         if isinstance(end, str):
@@ -165,9 +167,8 @@ def _failed(scores: tuple[Score, ...], why: str) -> Trial:
 def at_settings(here: Traced, score: Score, scan: Scan) -> Score:
     """The score of an effect at other values of its exponents."""
     names = tuple(p.name for p in effect(score.effect).amplitudes)
-    alone = replace(here.problem, dormant={score.effect: (names, scan[1])})
-    found = ranked(alone).scores
-    return replace(found[0], family=score.family) if found else score
+    found = scored_alone(here.problem, score.effect, names, scan[1], here.ranking.threshold)
+    return score if found is None else replace(found, family=score.family)
 
 
 def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], refit: Refit) -> End | str:
@@ -180,6 +181,10 @@ def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], r
         for score in scores:
             names = effect(score.effect).names
             estimate = {n: param(n).neutral + part * (v - param(n).neutral) for n, v in score.estimate.items()}
+            heard = here.heard.get(score.effect)
+            if heard is not None and part == 1.0:
+                moved = (n for n in start.free if n not in acting_on_temperatures(start.free))
+                start, estimate = start.replace(**{n: heard[n] for n in moved}), {n: heard[n] for n in names}
             start = with_effect(start, score.effect, {**estimate, **{n: v for n, v in chosen.items() if n in names}})
         label = " ".join(s.effect for s in scores) + ("" if part == 1.0 else f" from {part:g}")
         try:

@@ -22,10 +22,11 @@ from thermofit.diagnose.held_out import Proof, compared
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
-from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, basis_of, field_of, proved
+from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, Field, basis_of, believed, field_of, proved
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
+from thermofit.diagnose.unlisted_steps import better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
@@ -35,19 +36,13 @@ from thermofit.fit.linear_model import LinearModel
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
-SURE, PRACTICAL = 3.0, 5e-3
-"""Standard errors, and least relative fall of the held-out mean square of the channel, for which a field is believed."""
-UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K"}
-BEHIND = 0.1
-"""Part of an excess that an effect which is the cause does not leave behind."""
-ALONE = 0.02
-"""The same where structure of a coupon is told without a term."""
+UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K", "flux": "mW/mm^2"}
 MOST_HATS = 320
 """Most hats of a term whose place is known, and of the offset of a camera, one for every frame as far as they go. A camera jumps from one
 frame to the next; smeared over a few of them, the jump is taken up by conductivity and films."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {
     **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
-    "offset": (MOST_HATS, 1, 1),
+    **dict.fromkeys(("offset", "flux"), (MOST_HATS, 1, 1)),
 }
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
@@ -81,6 +76,8 @@ class Unlisted:
     """The missing stress of a coupon as a law, with its own proof."""
     beside: tuple[str, ...] = ()
     """Accepted effects that stay, although this is left beside them: they are a part of the answer, or only resemble it."""
+    case: Case | None = None
+    """The case that knows its errors as they are beside the field; None: they are those at the optimum without it."""
 
 
 def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
@@ -96,9 +93,10 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
         term, there, failed = sought(here, structure)
-        offset = of_instrument(here, structure, term)
-        if offset is not None:
-            term, there = offset, here
+        for other in (through_surface, of_instrument):
+            instead = other(here, structure, term)
+            if instead is not None:
+                term, there = instead, here
         law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
         proofs = [p.gain for p in (None if term is None else term.proof, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
@@ -110,7 +108,10 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
             return alone
         first = term
         term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
-        remark = "; ".join(words for words in (failed, remark) if words)
+        case, said = here.case, ""
+        if there is here and not remark and term.basis.grid.places == 1 and case.model.segments is None:
+            case, term, parameters, said = told_beside(here, structure, term, parameters)
+        remark = "; ".join(words for words in (failed, remark, said) if words)
         place = place_of(term, volumes(here.case, term.basis))
         if term is not first:
             # Neither the parameters at the optimum nor those that have followed a term of few hats are those without what is missing.
@@ -118,7 +119,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
             place = replace(place, doubt=float(np.hypot(place.doubt, moved)))
         inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
         if inside.sum() >= LEAST_ROWS:
-            return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark)
+            return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
         # The term has taken wild samples; there may be structure besides.
         if believed_law(law) is not None or _told_alone(here, structure, base):
             return alone
@@ -165,23 +166,38 @@ def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, st
     return term_of(here, structure), here, failed
 
 
+def through_surface(here: Traced, structure: Structure, term: Field | None) -> Field | None:
+    """A heat through all of the free surface alike, over time of any form, in the stead of one that has places, or of none; None where
+    held-out data do not ask for it, or the one with places predicts them better. What warms a sheet evenly has no place."""
+    missing = here.case.model.missing
+    own = None if missing is None else everywhere_alike(here, structure, missing.of_surface)
+    if own is None or term is None:
+        return own
+    better = compared(own.after, term.after, here.rows, len(here.split.held_out), here.problem.model.noise, term.residual)
+    return None if better.convinces else own
+
+
 def of_instrument(here: Traced, structure: Structure, term: Field | None) -> Field | None:
     """An offset of the camera over time in the stead of a term of the body, or of none; None where held-out data do not ask for it, or
     the term of the body predicts them no worse.
 
     What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps."""
     missing = here.case.model.missing
-    kind = "" if missing is None else missing.of_instruments.get(observed_field(structure.blocks.channel), "")
-    if missing is None or not kind:
-        return None
-    grid = missing.grid(kind, COUNTS[kind])
-    own = solved(here, basis(here.case, structure, kind, grid, np.arange(grid.size)))
-    if not believed(own):
-        return None
-    if term is None:
+    own = None if missing is None else everywhere_alike(here, structure, missing.of_instruments)
+    if own is None or term is None:
         return own
     better = compared(term.after, own.after, here.rows, len(here.split.held_out), here.problem.model.noise, own.residual)
     return own if better.convinces else None
+
+
+def everywhere_alike(here: Traced, structure: Structure, kinds: Mapping[str, str]) -> Field | None:
+    """The term of the kind that a channel has among `kinds`, which is the same everywhere; None where held-out data do not ask for it."""
+    kind, missing = kinds.get(observed_field(structure.blocks.channel), ""), here.case.model.missing
+    if missing is None or not kind:
+        return None
+    grid = missing.grid(kind, COUNTS[kind])
+    own = over_time(here.problem.model, basis(here.case, structure, kind, grid, np.arange(grid.size)), here)
+    return own if believed(own) else None
 
 
 def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
@@ -233,11 +249,6 @@ def kind_of(case: Case, structure: Structure) -> str:
     if case.model.missing is None:
         return ""
     return case.model.missing.kinds.get(observed_field(structure.blocks.channel), "")
-
-
-def believed(field: Field) -> bool:
-    """True where held-out data ask for a field."""
-    return field.proof.gain > max(SURE * field.proof.sigma, PRACTICAL)
 
 
 def broad_basis(case: Case, structure: Structure) -> Basis | None:
@@ -306,7 +317,11 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
-        term = field_of(known, hat, here.rows, here.split)
+        term = (
+            over_time(known, hat, here)
+            if hat.grid.places == 1 and case.model.segments is None
+            else field_of(known, hat, here.rows, here.split)
+        )
         if change.max(initial=0.0) < SETTLED:
             break
     folds = len(here.split.held_out)
@@ -322,6 +337,39 @@ def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.nd
     assert case.model.missing is not None
     answers = case.model.missing.answers(kind, case.parameters, grid, chosen)
     return basis_of((kind, UNITS[kind]), grid, chosen, structure.blocks.rows, (answers, comparison.residual))
+
+
+def told_beside(here: Traced, structure: Structure, term: Field, parameters: Parameters) -> tuple[Case, Field, Parameters, str]:
+    """The case with its errors of mesh, steps and force told at the parameters beside a term of one place, the term and the parameters that
+    follow it there, and why they are those of before, where a run fails. Errors that were told where what is missing had driven the
+    parameters are those of another contact and other gradients, and would be taken for the parameters' own."""
+    case, kind = here.case, term.basis.kind
+    assert case.model.missing is not None
+    seen = observed_field(structure.blocks.channel)
+    adds = case.model.missing.answers(kind, parameters, term.basis.grid, term.basis.chosen) @ term.q
+    try:
+        sharp = None if case.refined_at is None else case.refined_at(parameters, {seen: adds})
+        if sharp is None:
+            return case, term, parameters, ""
+        told = replace(case, model=sharp.model, doubts=sharp.doubts, parameters=parameters)
+        known = LinearModel(*told.model.linearised(parameters, parameters.free))
+        there = replace(here, case=told)
+        found = over_time(known, basis(told, structure, kind, term.basis.grid, term.basis.chosen), here)
+        found, moved, remark = settled(there, structure, replace(found, before=term.before))
+    except NumericsError as error:
+        return (
+            case,
+            term,
+            parameters,
+            f"errors of mesh and steps are those at the optimum without the term: a run that tells them failed ({error})",
+        )
+    return (case, term, parameters, remark) if remark else (told, found, moved, "")
+
+
+def over_time(known: LinearModel, hat: Basis, here: Traced) -> Field:
+    """Field of a basis of one place of a body: steps, unless held-out data ask for hats."""
+    smooth, steps = field_of(known, hat, here.rows, here.split), in_steps(known, hat, here.rows, here.split)
+    return smooth if steps is None or better(steps, smooth, here.rows, here.split) else steps
 
 
 def solved(here: Traced, hat: Basis) -> Field:

@@ -72,6 +72,27 @@ def heat_source(
     return head + tables + _HATS + body
 
 
+def surface_file(name: str, source: str, time: np.ndarray, values: np.ndarray) -> str:
+    """Effect of slot surface_flux from what comes in (n_k,) mW/mm^2 at times (n_k,) s."""
+    head = _HEAD.format(
+        what="A heat through the free surface over time",
+        slot="surface_flux",
+        name=name,
+        formula="q -= scale q_in(t)",
+        source=source,
+        imports=_NUMPY,
+    )
+    head = head.replace('SLOT = "surface_flux"\n', 'SLOT = "surface_flux"\nON = ("air",)\n')
+    tables = _array("TIME", time, "s; knots in time.") + _array("POWER", values, "mW/mm^2 of current area that comes in at the knots.")
+    body = '''
+
+def surface_flux(theta: np.ndarray, time: float, surroundings: np.ndarray, scale: float) -> np.ndarray:
+    """Outward flux, mW/mm^2."""
+    return np.asarray(-scale * np.interp(time, TIME, POWER, left=0.0, right=0.0) + 0.0 * theta)
+'''
+    return head + tables + body
+
+
 def camera_file(name: str, source: str, grid: Grid, values: np.ndarray) -> str:
     """Effect of slot camera from coefficients (n_k, n_y, n_x, 2) in mm."""
     head = _HEAD.format(

@@ -21,6 +21,12 @@ from thermofit.fit.linear_model import LinearModel
 
 WEIGHTS = tuple(10.0**k for k in np.arange(-6.0, 3.01, 0.75))
 """lambda tried, in units of tr(B^T B) / tr(R)."""
+SURE, PRACTICAL = 3.0, 5e-3
+"""Standard errors, and least relative fall of the held-out mean square of the channel, for which a field is believed."""
+BEHIND = 0.1
+"""Part of an excess that an effect which is the cause does not leave behind."""
+ALONE = 0.02
+"""Part of an excess below which nothing is told of what a term, or an effect of a coupon, leaves."""
 SETTLED = 0.02
 """Largest of the steps of parameters beside a term, in units of their scale, with which they have settled."""
 SIZE = 0.002
@@ -70,6 +76,10 @@ class Field:
     effective: float = 0.0
     uncertainty: np.ndarray = field(default_factory=lambda: np.zeros(0))
     posterior: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    solved: Basis | None = None
+    """The steps over time that were fitted in the stead of the hats; None where the hats were."""
+    steps: tuple[tuple[float, float], ...] = ()
+    """Their times in s and amounts, each in the unit of the term."""
 
     @property
     def values(self) -> np.ndarray:
@@ -159,9 +169,10 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight:
 def moves_beside(known: LinearModel, term: Field, errors: np.ndarray) -> np.ndarray:
     """What errors (n, k) of the residual make of the fitted parameters (p, k) beside a term with its lambda; `known`: the linear model of
     the parameters where they are."""
-    system = _System(known, term.basis)
+    fitted = term.basis if term.solved is None else term.solved
+    system = _System(known, fitted)
     whole, scale = _scaled(system.gram, system.rough, term.weight, system.p)
-    right = np.concatenate([system.fitted.T @ errors, term.basis.columns.T @ errors[term.basis.rows]])
+    right = np.concatenate([system.fitted.T @ errors, fitted.columns.T @ errors[fitted.rows]])
     step = -scale[:, None] * (np.linalg.pinv(whole, rcond=_RANK, hermitian=True) @ (scale[:, None] * right))
     return np.asarray(step[: system.p] / system.size[:, None])
 
@@ -171,6 +182,11 @@ def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], fo
     own = basis.rows
     part = Rows(rows.channel[own], rows.time[own], rows.xy[own], rows.phase[own])
     return compared(held_out[0][own], held_out[1][own], part, folds)
+
+
+def believed(field: Field) -> bool:
+    """True where held-out data ask for a field."""
+    return field.proof.gain > max(SURE * field.proof.sigma, PRACTICAL)
 
 
 class _System:

@@ -15,8 +15,8 @@ from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
-from thermofit.diagnose.unlisted import BEHIND, PRACTICAL, SURE, Unlisted, broad_basis, standing, unlisted
-from thermofit.diagnose.unlisted_field import Basis, Field, field_of
+from thermofit.diagnose.unlisted import Unlisted, broad_basis, over_time, standing, unlisted
+from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Field, field_of
 from thermofit.effects.catalogue import effect
 
 
@@ -64,8 +64,8 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
         return False
     if found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual):
         return False
-    here = closed.last
-    alone = field_of(without_effects(here, names), field.basis, here.rows, here.split)
+    here, known = closed.last, without_effects(closed.last, names)
+    alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)
     return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
 
 

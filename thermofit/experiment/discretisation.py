@@ -128,8 +128,9 @@ def numerical_errors(joint: Joint, parameters: Parameters, history: History, coa
     return found
 
 
-def corrected(joint: Joint, parameters: Parameters) -> Discretised:
-    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters. NumericsError where a run fails.
+def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None) -> Discretised:
+    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters; `beside`: what a term that the
+    model lacks adds to its prediction. NumericsError where a run fails.
 
     Data of a specimen hold all of these errors, those of a virtual test on the same mesh nothing of them: the shares are those that the
     residual shows beyond what the fitted parameters could take up.
@@ -148,7 +149,8 @@ def corrected(joint: Joint, parameters: Parameters) -> Discretised:
     model, names = joint.model, parameters.free or joint.settings.free
     assert model.linearise is not None
     plain, slopes = model.linearise(parameters, names)
-    shares = shares_held(own, *model.assembled(parameters, names, plain, slopes), model.places)
+    with_term = {name: error if beside is None or name not in beside else error + beside[name] for name, error in plain.items()}
+    shares = shares_held(own, *model.assembled(parameters, names, with_term, slopes), model.places)
     held = {part: {name: shares[part] * field for name, field in error.items()} for part, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(

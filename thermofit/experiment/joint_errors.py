@@ -40,9 +40,10 @@ class JointWithErrors:
     """Error fields of each test where they were told, and their derivatives by what is free."""
 
 
-def told(plain: JointParts, parameters: Parameters) -> JointWithErrors:
-    """Errors of a joint problem at given parameters. NumericsError where a run fails."""
-    each = {name: corrected(part, plain.seen_by(parameters, name)) for name, part in plain.each.items()}
+def told(plain: JointParts, parameters: Parameters, beside: Errors | None = None) -> JointWithErrors:
+    """Errors of a joint problem at given parameters; `beside`: what a term that the model lacks adds to the prediction of its only test.
+    NumericsError where a run fails."""
+    each = {name: corrected(part, plain.seen_by(parameters, name), beside) for name, part in plain.each.items()}
     parts = plain.rebuilt({name: one.joint for name, one in each.items()})
 
     def stacked(found: Mapping[str, Parts]) -> dict[str, np.ndarray]:

@@ -80,7 +80,8 @@ class YieldTerms(Protocol):
 
 
 class Missing(Protocol):
-    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K)."""
+    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K),
+    "flux" through the free surface (mW/mm^2 of its area)."""
 
     @property
     def records(self) -> tuple[CouponTest, ...]:
@@ -105,6 +106,10 @@ class Missing(Protocol):
     @property
     def of_instruments(self) -> Mapping[str, str]:
         """Kind by the observed field of what its instrument may add to it: the same wherever it looks, and any history over time."""
+
+    @property
+    def of_surface(self) -> Mapping[str, str]:
+        """Kind by the observed field of what may come through all of the free surface of a body alike, with any history over time."""
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed, about `counts` of them in time, y and x."""

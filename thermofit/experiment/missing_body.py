@@ -23,8 +23,12 @@ from thermofit.observe.observation import FieldObservation
 from thermofit.observe.stations import chain, seen_along
 
 FIELDS = {"theta": "heat", "u": "displacement"}
+FREE = "air"
+"""How names of facet sets begin that the jaws leave free."""
 OFFSETS = {"theta": "offset"}
 """What a camera may add to all of its image."""
+SURFACES = {"theta": "flux"}
+"""What may come through all of the free surface."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,12 @@ class BodyMissing:
     def of_instruments(self) -> Mapping[str, str]:
         """Kind of what a camera may add to an observed field."""
         return {field: kind for field, kind in OFFSETS.items() if field in self.instruments.observations}
+
+    @property
+    def of_surface(self) -> Mapping[str, str]:
+        """Kind of what may come through the free surface, where the mesh says which that is."""
+        free = any(name.startswith(FREE) and facets.size for name, facets in self.body.mesh.facets.items())
+        return {field: kind for field, kind in SURFACES.items() if free and field in self.instruments.observations}
 
     @property
     def records(self) -> tuple[()]:
@@ -70,11 +80,11 @@ class BodyMissing:
         return self.whole.body
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
-        """Hats over all that is observed; a heat source of a folded model is one of |x|. An offset is the same everywhere, with hats as
-        dense in time as it is observed."""
+        """Hats over all that is observed; a heat source of a folded model is one of |x|. What is the same everywhere has hats as dense in
+        time as it is observed."""
         field = _field_of(kind)
         seen = self.instruments.observations[field]
-        if kind in OFFSETS.values():
+        if kind in (*OFFSETS.values(), *SURFACES.values()):
             time = np.quantile(seen.time, np.linspace(0.0, 1.0, min(counts[0], len(seen.time))))
             return Grid(time, np.zeros(len(time), dtype=int), np.zeros(1), np.zeros(1))
         used = seen.mask.any(axis=0)
@@ -95,9 +105,10 @@ class BodyMissing:
         return replace(observed, time=time, x=np.zeros(1), y=np.array([ends.min(), *observed.y, ends.max()]))
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
-        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and mm."""
-        if kind == "heat":
-            return self._warmed(parameters, grid, chosen)
+        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, mm and
+        K."""
+        if kind in ("heat", *SURFACES.values()):
+            return self._warmed(parameters, kind, grid, chosen)
         return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
@@ -117,10 +128,10 @@ class BodyMissing:
             self.kept[key] = self.instruments.run(parameters)
         return self.kept[key]
 
-    def _warmed(self, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+    def _warmed(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         history, sampler = self.history(parameters), self.instruments.samplers["theta"]
         seen = self.instruments.observations["theta"]
-        loads = nodal_heat(self.body, place_hats(grid, *self._points(grid)))
+        loads = None if kind in SURFACES.values() else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
         links = chain(SLOTS["theta"], parameters)
         out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
         view = self.instruments.view("theta", history) if links else None
@@ -137,21 +148,23 @@ class BodyMissing:
         return seen.averaged(out)
 
     def _marched(
-        self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray, chosen: np.ndarray
+        self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray | None, chosen: np.ndarray
     ) -> Iterator[tuple[int, np.ndarray]]:
-        """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation."""
+        """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation. `loads`
+        (n_np, n_places): mW of each place; None: they come through the free surface."""
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         strength = _means(grid, history.time)[:, k]
         state = np.zeros((self.body.mesh.n_nodes, len(chosen)))
-        for n, step in enumerate(self._steps(parameters, history)):
+        for n, (step, area) in enumerate(self._steps(parameters, history)):
             active = np.flatnonzero(strength[: n + 1].any(axis=0))
             if active.size:
-                heat = step.length * loads[:, place[active]] * strength[n, active]
+                heat = step.length * (area[:, None] if loads is None else loads[:, place[active]]) * strength[n, active]
                 state[:, active] = _answered(self.body, step, np.ascontiguousarray(state[:, active]), heat)
             yield n + 1, state
 
-    def _steps(self, parameters: Parameters, history: History) -> Iterator[HeatStep]:
-        """The steps of the heat equation on the known motion; the capacity is that of constant stress, because the body expands freely."""
+    def _steps(self, parameters: Parameters, history: History) -> Iterator[tuple[HeatStep, np.ndarray]]:
+        """The steps of the heat equation on the known motion, and the free area (n_np,) mm^2 of the nodes; the capacity is that of constant
+        stress, because the body expands freely."""
         settings = self.whole.settings
         law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
         conditions = at_constant_stress(conditions_of(self.body, parameters, settings.films), law)
@@ -160,7 +173,9 @@ class BodyMissing:
         for n, dt in enumerate(np.diff(history.time)):
             after = thermal_geometry(self.body, history.u[n + 1])
             here = conditions.at(first, float(history.time[n]), history.theta[n])
-            yield heat_step(self.body, before.mean_with(after), here, history.theta[n], nothing, (float(dt), settings.heat_scheme))
+            mean = before.mean_with(after)
+            area = np.sum([nothing, *(own for name, own in mean.film_area.items() if name.startswith(FREE))], axis=0)
+            yield heat_step(self.body, mean, here, history.theta[n], nothing, (float(dt), settings.heat_scheme)), area
             before = after
 
     def states(self, parameters: Parameters, grid: Grid) -> Mapping[str, np.ndarray]:
@@ -184,7 +199,7 @@ class BodyMissing:
 
 def _field_of(kind: str) -> str:
     """The observed field that shows a kind of term."""
-    return next(f for f, k in (*FIELDS.items(), *OFFSETS.items()) if k == kind)
+    return next(f for f, k in (*FIELDS.items(), *OFFSETS.items(), *SURFACES.items()) if k == kind)
 
 
 def _means(grid: Grid, time: np.ndarray) -> np.ndarray:

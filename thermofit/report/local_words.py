@@ -50,3 +50,8 @@ def _value(value: float, sigma: float | None) -> str:
 def with_article(kind: str) -> str:
     """The kind of a term with its article."""
     return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
+def steps_in_words(said: Mapping[str, Any]) -> str:
+    """When an unlisted term is switched, and by how much."""
+    return ", ".join(f"{one['amount']:+.3g} {said['unit']} at {one['time_s']:.4g} s" for one in said["steps"])

@@ -19,7 +19,7 @@ from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
-from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, sensor_file, yield_file
+from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, sensor_file, surface_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
 from thermofit.effects.catalogue import Effect, effect
@@ -30,11 +30,16 @@ from thermofit.law.page import law_of
 from thermofit.records.artefact import Dataset
 from thermofit.report.figures import NOISE, STYLE, new_figure, save_figures, shade_phases, symmetric_limit
 from thermofit.report.figures_maps import Scale, draw_map
-from thermofit.report.local_words import with_article
+from thermofit.report.local_words import steps_in_words, with_article
 from thermofit.study.study import Study
 
-NAMES = {"heat": "unlisted_heat", "displacement": "unlisted_displacement", "stress": "unlisted_stress", "offset": "unlisted_offset"}
-WORDS = {"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"}
+NAMES = {kind: f"unlisted_{kind}" for kind in ("heat", "displacement", "stress", "offset", "flux")}
+WORDS = {
+    **{"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"},
+    "flux": "heat through the free surface",
+}
+WHOLE = {"offset": "image", "flux": "free surface"}
+"""Where a term is that is the same everywhere."""
 BALANCES = {"theta": "heat", "u": "motion"}
 """Balance that lacks something by the observed field that shows it; any other one shows stresses."""
 FIGURE = "unlisted"
@@ -163,7 +168,8 @@ def in_words(said: dict[str, Any]) -> str:
         return share if law is None else f"a yield stress over {law['variable']}, up to {number(law['largest_MPa'])} MPa ({share})"
     a, b = said["when_s"]
     size = amount_in_words(said)
-    return f"{with_article(said['kind'])} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s ({share})"
+    steps = f", in steps of {steps_in_words(said)}" if said.get("steps") else ""
+    return f"{with_article(said['kind'])} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s{steps} ({share})"
 
 
 def amount_in_words(said: Mapping[str, Any]) -> str:
@@ -178,6 +184,8 @@ def place_in_words(where: dict[str, Any]) -> str:
         return f"in record {where['record']}"
     if "image" in where:
         return f"in {where['image']} of the image"
+    if "free surface" in where:
+        return "the same everywhere"
     side = "|x|" if where["both_sides"] else "x"
     return f"at {side} = {where['x_mm']:.3g}, y = {where['y_mm']:.3g} mm"
 
@@ -231,8 +239,8 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
         when, time = when - missing.offsets[record], time[own] - missing.offsets[record]
         strength, sigma = place.strength[own], place.sigma[own]
         position: dict[str, Any] = {"record": missing.records[record].name}
-    elif field.basis.kind == "offset":
-        strength, sigma, position = place.strength, place.sigma, {"image": "all"}
+    elif field.basis.kind in WHOLE:
+        strength, sigma, position = place.strength, place.sigma, {WHOLE[field.basis.kind]: "all"}
     else:
         strength, sigma = place.strength, place.sigma
         position = {
@@ -255,6 +263,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
         "mean_in_window": place.size,
         "energy_mJ": place.total if unit == "mW" else None,
         "over_time": {"time_s": time.tolist(), "value": strength.tolist(), "sigma": sigma.tolist()},
+        "steps": [{"time_s": t, "amount": amount} for t, amount in field.steps],
         **_proof(field.proof),
         **errors(here, field),
     }
@@ -288,6 +297,9 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     name = NAMES[kind]
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
+    if kind == "flux":
+        text = surface_file(name, source, grid.time, field.values[:, 0, 0, 0])
+        return EffectFile(name, text, "the missing heat through the free surface over time", field.proof)
     if kind == "offset":
         text = sensor_file(name, source, OF_CAMERA, [("", grid.time, field.values[:, 0, 0, 0])])
         return EffectFile(name, text, "the offset of the infrared camera over time", field.proof)
@@ -321,7 +333,7 @@ def unlisted_datasets(found: Unlisted | None) -> dict[str, Dataset]:
 
 
 _FINE = 41
-_WORDS = {**{kind: f"missing {WORDS[kind]}" for kind in ("heat", "displacement", "stress")}, "offset": WORDS["offset"]}
+_WORDS = {kind: WORDS[kind] if kind == "offset" else f"missing {WORDS[kind]}" for kind in WORDS}
 
 
 def unlisted_figure(here: Traced, found: Unlisted) -> Figure:

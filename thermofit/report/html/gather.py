@@ -30,7 +30,7 @@ from thermofit.report.html.content import (
     Verdict,
 )
 from thermofit.report.html.run_folder import IDENTIFY, NEEDED, REFINE, RunFolder
-from thermofit.report.local_words import with_article
+from thermofit.report.local_words import steps_in_words, with_article
 from thermofit.report.unlisted import place_in_words
 from thermofit.study.section import recorded_mesh
 from thermofit.study.study import Study
@@ -227,7 +227,8 @@ def unlisted_words(said: Mapping[str, Any]) -> str:
     doubt = "" if amount["sigma"] is None else f" +- {amount['sigma']:.1g}"
     size = f"{amount['value']:.3g}{doubt} {amount['unit']}"
     what = f"{with_article(str(said.get('kind')))} of {size} {place_in_words(where)} from {when[0]:.4g} to {when[1]:.4g} s"
-    return f"{what} that no listed effect explains ({share})"
+    steps = f", in steps of {steps_in_words(said)}" if said.get("steps") else ""
+    return f"{what}{steps} that no listed effect explains ({share})"
 
 
 # Errors.

@@ -19,6 +19,7 @@ from thermofit.diagnose.unlisted import unlisted
 from thermofit.diagnose.unlisted_field import Basis, field_of, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import Grid
+from thermofit.fit.budget import Budget
 from thermofit.fit.linear_model import LinearModel
 
 __all__ = ["problem"]
@@ -84,6 +85,24 @@ def test_they_are_told_no_better_than_what_is_taken_for_exact_lets_them(problem:
     by_beta = {"heat of plastic work": {"beta": 0.01}}
     again = beside_source(replace(here, case=replace(here.case, prescribed=lambda _: by_beta)), missing)
     assert again is not None and np.sqrt(again.sigma["beta"] ** 2 - bare.sigma["beta"] ** 2) > 3e-3
+
+
+def test_they_are_known_no_better_than_the_form_of_what_was_added(problem: Made) -> None:
+    """Exponents that are held and rates below the slowest widen these as those of the joint fit; noise and mesh are their own."""
+    case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
+    here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
+    missing = unlisted(here, None, ())
+    bare = beside_source(here, missing)
+    names = ("beta", "c0")
+    parts = {
+        "held exponents": np.array([[0.3], [0.0]]),
+        "rates below the slowest": np.array([[0.0], [0.4]]),
+        "mesh": np.array([[9.0], [9.0]]),
+    }
+    told = beside_source(here, missing, Budget(names, parts, np.zeros(2, dtype=bool)))
+    assert bare is not None and told is not None and dict(told.value) == dict(bare.value)
+    assert told.sigma["beta"] == pytest.approx(np.hypot(bare.sigma["beta"], 0.3))
+    assert told.sigma["c0"] == pytest.approx(np.hypot(bare.sigma["c0"], 0.4)) and told.sigma["kappa"] == bare.sigma["kappa"]
 
 
 @pytest.mark.parametrize("weight", [1e-3, 1.0])

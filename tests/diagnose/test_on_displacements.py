@@ -104,7 +104,7 @@ def test_what_displacements_show_is_refitted_from_where_they_have_brought_it(mon
 
 def test_what_takes_less_than_half_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
     made = gains(monkeypatch, rate_power=0.7)
-    none = by_displacements(trace(Mechanics({n: 9.0 * N for n in ENDS})), None, None, ())  # type: ignore[arg-type]
+    none = by_displacements(trace(Mechanics(dict.fromkeys(ENDS, 9.0 * N))), None, None, ())  # type: ignore[arg-type]
     assert none == ([], None) and not made
     failing = Mechanics({})
     assert by_displacements(trace(failing), None, None, ()) == ([], None)  # type: ignore[arg-type]

@@ -278,6 +278,8 @@ def looped(
     monkeypatch.setattr(module, "rejudged", judged)
     monkeypatch.setattr(module, "exponents_again", lambda here, fit, earlier, means: said.append(("again", earlier)) or Rejudged(here, fit))
     monkeypatch.setattr(module, "released", lambda *_: SimpleNamespace(trials=(), accepted=None))
+    monkeypatch.setattr(module, "leaves_more_than_it_takes", lambda *_: True)
+    monkeypatch.setattr(module, "by_displacements", lambda _here, _fit, _means, _trials, winner: ([], winner))
     monkeypatch.setattr(module, "or_any_form", lambda _here, _fit, _means, _trials, winner, _first: ([], winner))
     monkeypatch.setattr(module, "beside_any_form", lambda here, _: here)
     monkeypatch.setattr(module, "ends_of_fit", lambda *_: {"E": "at its bound"})

@@ -116,7 +116,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch: pytest.MonkeyPatch, rows: int, smooth: bool, there: bool
 ) -> None:
     """Of 20 values of a coupon, one a second, the term has every second one."""
-    term: Any = SimpleNamespace(basis=SimpleNamespace(rows=np.arange(0, 20, 2)), proof=GOOD)
+    term: Any = SimpleNamespace(basis=SimpleNamespace(rows=np.arange(0, 20, 2), grid=SimpleNamespace(places=2)), proof=GOOD)
     channel = Blocks("theta", np.arange(20), np.zeros(20, dtype=int), np.array([20.0]), np.ones(1), np.zeros(1))
     left = np.full(20, 3.0) if smooth else np.concatenate([np.zeros(19), [40.0]])
     here: Any = SimpleNamespace(
@@ -239,7 +239,7 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
     monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
     found: Any = SimpleNamespace(structure=structure_of(excess))
-    field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None)
+    field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None, steps=())
     assert resembled_by(closed_of(), ("a",), found, field) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
     assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"

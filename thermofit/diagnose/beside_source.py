@@ -2,14 +2,15 @@
 
 A joint fit spreads a heat that nobody lists over all parameters: they end many of their standard errors away, with small ones. Beside an
 unlisted heat two things are told instead. Parameters that temperatures do not feel are those of the displacements alone. The others are
-those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside the offset of a
-camera they are those fitted with it. Standard errors hold what the test prescribes and what may be left of the errors of mesh and steps.
+those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside a term that is the
+same everywhere they are those fitted with it. Standard errors hold what the test prescribes, what may be left of the errors of mesh and
+steps, and what the loop holds of the law that it has added (`FORM`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,9 +22,12 @@ from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_field import Field, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.fit.budget import moves
+from thermofit.fit.budget import EXPONENTS, HELD_LAW, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.combined import taken_for_exact
+
+FORM = (EXPONENTS, HELD_LAW, SLOWER_RATES)
+"""Causes of doubt that lie in the form of what was added, and not in the data."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,18 @@ class BesideSource:
     failed: str = ""
 
 
-def beside_source(here: Traced, missing: Unlisted | None) -> BesideSource | None:
+def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
     """The parameters beside an unlisted heat of a body, or offset of its camera; None where none is unlisted, or the model knows of no
-    broad source."""
+    broad source. `budget`: that of the joint fit."""
+    found = _beside(here, missing)
+    if found is None or budget is None:
+        return found
+    form = {n: np.linalg.norm([budget.of(c)[k] for c in FORM if c in budget.parts]) for k, n in enumerate(budget.names)}
+    return replace(found, sigma={n: float(np.hypot(s, form.get(n, 0.0))) for n, s in found.sigma.items()})
+
+
+def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
+    """The same without what is known of the form of added laws."""
     case = here.case
     if missing is None or missing.field is None or missing.field.basis.kind not in ("heat", "offset", "flux"):
         return None

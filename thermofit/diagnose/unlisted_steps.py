@@ -25,7 +25,9 @@ MOST = 8
 """Most steps."""
 _SWEEPS = 5
 """Times that every step is sought again beside the others, at most."""
-_NOTHING = 1e-9
+Step = tuple[int, ...]
+"""Columns of one step: that of a knot, and of the neighbour with which it is shared."""
+_NOTHING = 1e-7
 """Part of the square of a column that parameters and other steps leave, below which it is none of its own."""
 
 
@@ -36,9 +38,11 @@ def in_steps(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Fiel
     shape = np.tril(np.ones((basis.columns.shape[1], basis.columns.shape[1])))
     columns = basis.columns @ shape
     found: list[Field] = []
-    for places in _chosen(known, basis, columns):
-        own = replace(basis, columns=columns[:, places], rough=np.eye(len(places)), chosen=basis.chosen[list(places)])
-        found.append(_of_hats(field_of(known, own, rows, split, 0.0), basis, shape[:, places], places))
+    for steps in _chosen(known, basis, columns):
+        places = list(dict.fromkeys(k for step in steps for k in step))
+        own = replace(basis, columns=columns[:, places], rough=np.eye(len(places)), chosen=basis.chosen[places])
+        least = _NOTHING * float(np.mean(own.columns**2)) * len(own.columns)  # what a fold does not see of a step stays at nothing
+        found.append(_of_hats(field_of(known, own, rows, split, least), basis, shape[:, places], steps, places))
     if not found:
         return None
     best = min(found, key=lambda f: float(np.nanmean(f.after[basis.rows] ** 2)))
@@ -54,23 +58,29 @@ def better(one: Field, other: Field, rows: Rows, split: Split) -> bool:
     return leaves and believed(replace(other, proof=proved(other.basis, rows, (one.after, other.after), len(split.held_out))))
 
 
-def _of_hats(field: Field, basis: Basis, shape: np.ndarray, places: Sequence[int]) -> Field:
-    """A field of steps (m, k) in the coefficients of the hats."""
-    grid, amounts = basis.grid, field.q
-    at = tuple(float(0.5 * (grid.time[max(k - 1, 0)] + grid.time[k])) for k in places)
+def _of_hats(field: Field, basis: Basis, shape: np.ndarray, steps: Sequence[Step], places: Sequence[int]) -> Field:
+    """A field of steps (m, k) in the coefficients of the hats. A step between two knots is shared out to both by its time."""
+    amount = dict(zip(places, field.q.tolist(), strict=True))
+    told = []
+    for step in steps:
+        at = [0.5 * (basis.grid.time[max(k - 1, 0)] + basis.grid.time[k]) for k in step]
+        whole = sum(amount[k] for k in step)
+        mean = sum(amount[k] * t for k, t in zip(step, at, strict=True)) / whole if whole else at[0]
+        told.append((float(np.clip(mean, min(at), max(at))), whole))
     return replace(
         field,
         basis=basis,
-        q=shape @ amounts,
+        q=shape @ field.q,
         covariance=shape @ field.covariance @ shape.T,
         posterior=shape @ field.posterior @ shape.T,
         solved=field.basis,
-        steps=tuple(zip(at, amounts.tolist(), strict=True)),
+        steps=tuple(sorted(told)),
     )
 
 
-def _chosen(known: LinearModel, basis: Basis, columns: np.ndarray) -> list[tuple[int, ...]]:
-    """Steps (indices of columns (n_rows, m)) of every number from 1 to MOST that take most of r.r away beside the parameters."""
+def _chosen(known: LinearModel, basis: Basis, columns: np.ndarray) -> list[tuple[Step, ...]]:
+    """Steps of every number from 1 to MOST that take most of r.r away beside the parameters, each with the neighbour that takes more with
+    it: where between knots it is. Columns (n_rows, m) are those of the unit steps."""
     inside = known.basis[basis.rows]
     cross = inside.T @ columns
     gram = columns.T @ columns - cross.T @ cross
@@ -78,7 +88,7 @@ def _chosen(known: LinearModel, basis: Basis, columns: np.ndarray) -> list[tuple
     own = np.einsum("nk,nk->k", columns, columns)
     usable = np.diag(gram) > _NOTHING * own
     chosen: list[int] = []
-    out: list[tuple[int, ...]] = []
+    out: list[tuple[Step, ...]] = []
     while len(chosen) < MOST:
         best = _next(gram, right, own, chosen, usable)
         if best is None:
@@ -92,7 +102,14 @@ def _chosen(known: LinearModel, basis: Basis, columns: np.ndarray) -> list[tuple
                 chosen[k] = chosen[k] if again is None else again
             if chosen == before:
                 break
-        out.append(tuple(sorted(chosen)))
+        every = list(chosen)
+        steps: list[Step] = []
+        for k in sorted(chosen):
+            beside = [n for n in (k - 1, k + 1) if 0 <= n < len(own)]
+            near = _next(gram, right, own, every, usable & np.isin(np.arange(len(own)), beside))
+            steps.append((k,) if near is None else (k, near))
+            every += steps[-1][1:]
+        out.append(tuple(steps))
     return out
 
 

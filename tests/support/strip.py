@@ -127,7 +127,8 @@ class StripMissing:
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         if kind in ("offset", "flux"):
-            return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), np.zeros(1), np.zeros(1))
+            count = min(counts[0], len(MODEL.time))
+            return Grid(np.linspace(0.0, 120.0, count), np.zeros(count, dtype=int), np.zeros(1), np.zeros(1))
         x, y = (np.linspace(v.min(), v.max(), n) for v, n in ((MODEL.x, counts[2] + 2), (MODEL.y, counts[1])))
         return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), x, y)
 

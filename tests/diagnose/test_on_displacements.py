@@ -27,10 +27,13 @@ class Mechanics:
     """Stands in for fits to the displacements alone: where every effect ends, and what was asked."""
 
     ends: dict[str, float]
+    alone: float = 16.0 * N
     asked: list[tuple[str, Parameters, float]] = field(default_factory=list)
 
     def __call__(self, start: Parameters, label: str, to_beat: float) -> Any:
         name = label.split()[0]
+        if label == "nothing added on displacements":
+            return start, SimpleNamespace(f=self.alone)
         assert label == f"{name} on displacements"
         self.asked.append((name, start, to_beat))
         if name not in self.ends:
@@ -123,6 +126,16 @@ def test_when_displacements_are_not_asked(monkeypatch: pytest.MonkeyPatch) -> No
     assert not mechanics.asked
     assert by_displacements(trace(mechanics), None, None, (), half)[1] is half, "nothing else was accepted"  # type: ignore[arg-type]
     assert mechanics.asked
+
+
+def test_what_an_effect_takes_is_told_beside_the_same_fit_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Temperatures had drawn the parameters off; and what is left without that is no more than an effect has to take."""
+    made = gains(monkeypatch, rate_power=0.7)
+    for alone, asked in ((1.9 * N, True), (1.003 * N, False)):
+        mechanics = Mechanics(dict.fromkeys(ENDS, 1.6 * N), alone)
+        by_displacements(trace(mechanics), None, None, ())  # type: ignore[arg-type]
+        assert bool(mechanics.asked) is asked
+    assert not made, "0.3 of 0.9 is less than half"
 
 
 def test_no_further_effect_is_asked_once_two_leave_hardly_anything(monkeypatch: pytest.MonkeyPatch) -> None:

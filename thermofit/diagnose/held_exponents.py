@@ -62,7 +62,8 @@ def with_held_law(closed: Closed) -> Closed:
     Only the sum of both is seen by displacements, but not by temperatures: what the law hardens by is stored, what the curve adds becomes
     heat. How the sum is shared out nobody knows, and a law that is wrong may end with far more, or less, stored than the material does. So
     the yield stress at no plastic strain may be off by as much as the curve adds at most, and any other number of the law by itself
-    (uniform, JCGM 100, 4.3.7). Temperatures alone tell ratios; what capacity, conductivity, films, expansion and beta are hangs on it.
+    (uniform, JCGM 100, 4.3.7). Temperatures alone tell ratios; what capacity, conductivity, films, expansion and beta are hangs on it. What
+    the data would tell of the law counts for nothing: it is held, and not where they would have it.
     """
     here, fit = closed.last, closed.fit
     curve = next((e for e in map(effect, closed.accepted) if e.last and e.is_on(here.case.parameters)), None)
@@ -77,7 +78,8 @@ def with_held_law(closed: Closed) -> Closed:
         return replace(closed, remarks=(*closed.remarks, words))
     most = float(np.abs(curve_at(at, curve, here.case.largest_strain)).max())
     spread = np.array([most if n in first_yield(at) else abs(at[n]) for n in names]) / np.sqrt(3.0)
-    wider = in_doubt(fit, LinearModel(fit.residual, fit.jacobian, here.problem.model.noise), columns * spread)
+    gone = moves(LinearModel(fit.residual, fit.jacobian, here.problem.model.noise), columns * spread, fit.at_bound)
+    wider = widened(fit, gone @ gone.T)
     told = most_widened(fit, wider)
     words = f"{', '.join(names)} are held beside the curve, and what of both is stored is not known"
     closed = with_wider(closed, HELD_LAW, wider)

@@ -17,6 +17,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import scans
+from thermofit.diagnose.held_out import PRACTICAL
 from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced
@@ -43,14 +44,23 @@ def by_displacements(
 ) -> tuple[list[Trial], Winner | None]:
     """Trials of effects that take most where they are fitted to the displacements alone, and what the round accepts: its own `winner`, or
     the one of these that predicts held-out data best. None of those that were tried `before`, and none where the displacements hold no more
-    than their floor, or the winner has taken nine tenths of that. `fit`: the one that ends here."""
-    case, left = here.case, beyond(here)
+    than their floor, or the winner has taken nine tenths of that. `fit`: the one that ends here.
+
+    What an effect takes is told beside the same fit without it: temperatures may have drawn the parameters from where displacements want
+    them. Where that leaves less than an effect has to take to be believed, none is asked."""
+    case = here.case
     if case.cheap or case.mechanics is None or not above_floor(here):
         return [], winner
-    if winner is not None and beyond(winner[1][0]) <= BEHIND * left:
+    if winner is not None and beyond(winner[1][0]) <= BEHIND * beyond(here):
         return [], winner
     taken: dict[str, tuple[float, Parameters]] = {}
-    square = sum(error * n for error, _, n, _ in mechanical(here))
+    try:
+        square = case.mechanics(case.parameters, "nothing added on displacements", np.inf)[1].f
+    except NumericsError:
+        return [], winner  # what cannot be run here cannot be told beside it
+    left = square - sum((1.0 + error) * n for _, error, n, _ in mechanical(here))
+    if left <= PRACTICAL * float(here.columns.residual @ here.columns.residual):
+        return [], winner
     for score in _asked(here, before):
         to_beat = min((f for f, _ in taken.values()), default=np.inf)
         try:

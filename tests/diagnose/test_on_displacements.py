@@ -33,6 +33,8 @@ class Mechanics:
     def __call__(self, start: Parameters, label: str, to_beat: float) -> Any:
         name = label.split()[0]
         if label == "nothing added on displacements":
+            if np.isnan(self.alone):
+                raise NumericsError("no equilibrium")
             return start, SimpleNamespace(f=self.alone)
         assert label == f"{name} on displacements"
         self.asked.append((name, start, to_beat))
@@ -70,7 +72,7 @@ class Here:
     ranking: Any
     problem: Any
     settings: Any
-    heard: Any = field(default_factory=dict)
+    from_displacements: Any = field(default_factory=dict)
 
 
 def gains(monkeypatch: pytest.MonkeyPatch, **of: float) -> list[tuple[str, Any]]:
@@ -78,7 +80,7 @@ def gains(monkeypatch: pytest.MonkeyPatch, **of: float) -> list[tuple[str, Any]]
     made: list[tuple[str, Any]] = []
 
     def tried(here: Any, fit: Any, score: Any, means: Any) -> Any:
-        made.append((score.effect, here.heard))
+        made.append((score.effect, here.from_displacements))
         trial: Any = SimpleNamespace(effects=(score.effect,), gain=of.get(score.effect, 0.0), unjudged=False)
         return trial, ("end", "fit") if score.effect in of else None
 
@@ -110,8 +112,17 @@ def test_what_takes_less_than_half_is_not_refitted(monkeypatch: pytest.MonkeyPat
     none = by_displacements(trace(Mechanics(dict.fromkeys(ENDS, 9.0 * N))), None, None, ())  # type: ignore[arg-type]
     assert none == ([], None) and not made
     failing = Mechanics({})
-    assert by_displacements(trace(failing), None, None, ()) == ([], None)  # type: ignore[arg-type]
-    assert len(failing.asked) == 4, "what cannot be run is passed over"
+    trials, winner = by_displacements(trace(failing), None, None, ())  # type: ignore[arg-type]
+    assert winner is None and len(failing.asked) == len(trials) == 4
+    assert all(t.unjudged and t.refused == "its fit to the displacements alone failed: no equilibrium" for t in trials)
+
+
+def test_where_the_fit_without_any_effect_fails_none_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains(monkeypatch)
+    mechanics = Mechanics(ENDS, float("nan"))
+    trials, winner = by_displacements(trace(mechanics), None, None, ())  # type: ignore[arg-type]
+    assert winner is None and not mechanics.asked and {t.effects[0] for t in trials} == set(ENDS)
+    assert all(t.unjudged and "the fit without it failed: no equilibrium" in t.refused for t in trials)
 
 
 def test_when_displacements_are_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,10 +159,10 @@ def test_no_further_effect_is_asked_once_two_leave_hardly_anything(monkeypatch: 
 def test_a_refit_begins_where_the_displacements_have_brought_it() -> None:
     """Mechanical parameters, amplitude and exponents of that end; what temperatures feel stays. From nearer to neutral as without it."""
     here = trace(None)
-    heard = here.case.parameters.replace(
+    from_displacements = here.case.parameters.replace(
         **{"E": 210.0, "kappa": 1.0, "rate_power.K": 90.0, "rate_power.m": 0.1, "rate_power.reference": 1e-3}
     )
-    here = SimpleNamespace(**{**vars_of(here), "heard": {"rate_power": heard}, "shown": {}})
+    here = SimpleNamespace(**{**vars_of(here), "from_displacements": {"rate_power": from_displacements}, "shown": {}})
     begun: list[Parameters] = []
 
     def refit(start: Parameters, label: str, exponents: bool = False) -> Any:

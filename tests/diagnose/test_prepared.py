@@ -226,6 +226,16 @@ def test_errors_of_the_mesh_are_told_anew_while_the_force_stays_exact(monkeypatc
     assert sharper(at("clamp_drift.rate")) is None and "those told before are kept" in fitting.failures[-1]
 
 
+def test_errors_are_told_beside_a_term_that_the_model_lacks_in_any_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though they are known and nothing was added; what the term adds to the prediction goes with the parameters."""
+    beside, seen = {"theta": np.array([0.3])}, []
+    runs = Telling()
+    sharper, _ = telling(monkeypatch, runs)
+    monkeypatch.setattr(module, "told", lambda plain, parameters, adds: seen.append(adds) or runs.told(plain, parameters))
+    found = sharper(at(), beside)
+    assert found is not None and found.model == "model told" and seen == [beside] and runs.at == [50.0]
+
+
 def test_errors_that_cannot_be_told_anew_stay_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = Telling(fails=True)
     monkeypatch.setattr(module, "told", runs.told)

@@ -166,7 +166,7 @@ def here_of(parameters: Parameters = BASE, **case: Any) -> Any:
         problem=problem,
         columns=SimpleNamespace(residual=None),
         shown={},
-        heard={},
+        from_displacements={},
         unpredicted={},
         scanned={},
         settings={},

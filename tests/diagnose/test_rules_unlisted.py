@@ -241,6 +241,10 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     found: Any = SimpleNamespace(structure=structure_of(excess))
     field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None, steps=())
     assert resembled_by(closed_of(), ("a",), found, field) is taken
+    monkeypatch.setattr(loop, "field_of", lambda *_: pytest.fail("hats in the stead of steps would hold against the effect what they miss"))
+    monkeypatch.setattr(loop, "over_time", lambda *_: SimpleNamespace(after=None))
+    steps: Any = SimpleNamespace(basis=SimpleNamespace(kind="flux"), after=None, steps=((30.0, 0.01),))
+    assert resembled_by(closed_of(), ("a",), found, steps) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
     assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
 

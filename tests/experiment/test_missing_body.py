@@ -10,7 +10,7 @@ from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.unlisted_effect import heat_file
+from thermofit.diagnose.unlisted_effect import heat_file, surface_file
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
 from thermofit.experiment.missing_body import BodyMissing
@@ -42,3 +42,25 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path, monkeypatc
     assert np.abs(change).max() > 5.0
     assert np.abs(expected - change).max() < 0.04 * np.abs(change).max()
     assert SIZE.n_y == 8 and len(data().phases) == 4
+
+
+def test_answer_of_a_heat_through_the_surface_is_that_of_a_run_with_its_effect_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On for a part of the test, per current area of what the jaws leave free; in every whitened row within 2 % of the largest."""
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
+    joint, base = model(study()), Parameters.of(TRUTH)
+    assert isinstance(joint.missing, BodyMissing) and joint.missing.of_surface == {"theta": "flux"}
+    grid = joint.missing.grid("flux", (320, 1, 1))
+    assert np.array_equal(grid.time, joint.observations["theta"].time), "as dense as it is observed"
+    values = np.where((grid.time > 0.3 * grid.time[-1]) & (grid.time < 0.7 * grid.time[-1]), 0.02, 0.0)
+    path = tmp_path / f"{NAME}.py"
+    path.write_text(surface_file(NAME, "a test", grid.time, values), encoding="utf-8")
+    load_effect(path)
+    rows = part(joint, "dtheta")
+    change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
+    answers = joint.missing.answers("flux", base, grid, np.arange(grid.size))
+    expected = joint.comparisons[-1].residual(answers @ values)
+    assert np.abs(change).max() > 5.0
+    assert np.abs(expected - change).max() < 0.02 * np.abs(change).max()

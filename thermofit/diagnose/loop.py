@@ -137,8 +137,8 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             if moved.accepted is not None:
                 winner, refit = (moved.trials[-1], moved.accepted), moved.refit
         if len(accepted) < max_effects and (winner is None or leaves_more_than_it_takes(here, fit, trials)):
-            heard, winner = by_displacements(here, fit, Means(refit, numerical, how), trials, winner)
-            trials += heard
+            of_displacements, winner = by_displacements(here, fit, Means(refit, numerical, how), trials, winner)
+            trials += of_displacements
         if len(accepted) < max_effects:
             last_resort, winner = or_any_form(here, fit, Means(refit, numerical, how), trials, winner, first)
             trials += last_resort

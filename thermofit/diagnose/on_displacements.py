@@ -54,32 +54,39 @@ def by_displacements(
     if winner is not None and beyond(winner[1][0]) <= BEHIND * beyond(here):
         return [], winner
     taken: dict[str, tuple[float, Parameters]] = {}
+    asked = _asked(here, before)
     try:
         square = case.mechanics(case.parameters, "nothing added on displacements", np.inf)[1].f
-    except NumericsError:
-        return [], winner  # what cannot be run here cannot be told beside it
+    except NumericsError as error:
+        return [_unasked(score, f"the fit without it failed: {error}") for score in asked], winner
     left = square - sum((1.0 + error) * n for _, error, n, _ in mechanical(here))
     if left <= PRACTICAL * float(here.columns.residual @ here.columns.residual):
         return [], winner
-    for score in _asked(here, before):
+    trials: list[Trial] = []
+    for score in asked:
         to_beat = min((f for f, _ in taken.values()), default=np.inf)
         try:
             end, alone = case.mechanics(_begin(here, score), f"{score.effect} on displacements", to_beat)
-        except NumericsError:
-            continue  # it may be run in full where the linear step says so; here it is only looked for
+        except NumericsError as error:
+            trials.append(_unasked(score, str(error)))
+            continue
         taken[score.effect] = alone.f, end
         if sum(square - f >= (1.0 - BEHIND) * left for f, _ in taken.values()) >= MOST:
             break
     best = max((square - f for f, _ in taken.values()), default=0.0)
     worth = [n for n, (f, _) in taken.items() if square - f >= max(HALF * left, OF_THE_BEST * best)]
-    trials: list[Trial] = []
     for name in sorted(worth, key=lambda n: taken[n][0])[:MOST]:
         score = next(s for s in here.ranking.scores if s.effect == name)
-        trial, found = tried(replace(here, heard={name: taken[name][1]}), fit, score, means)
+        trial, found = tried(replace(here, from_displacements={name: taken[name][1]}), fit, score, means)
         trials.append(trial)
         if found is not None and (winner is None or trial.gain > winner[0].gain):
             winner = trial, found
     return trials, winner
+
+
+def _unasked(score: Score, why: str) -> Trial:
+    """The trial of an effect that could not be fitted to the displacements alone."""
+    return Trial((score,), None, {}, {}, 0.0, f"its fit to the displacements alone failed: {why}", unjudged=True)
 
 
 def _asked(here: Traced, before: Sequence[Trial]) -> list[Score]:

@@ -67,7 +67,7 @@ class Traced:
     takes no more than noise, two effects of heat take no more either."""
     protected: Any = None
     """The parameters beside that source, and the source (`protected.Protected`)."""
-    heard: Mapping[str, Parameters] = field(default_factory=dict)
+    from_displacements: Mapping[str, Parameters] = field(default_factory=dict)
     """Where fits of effects to the displacements alone end, which a refit begins with."""
     whole: bool = True
     """False where no dormant effect was asked: the end of a refit, whose own parameters are all that judges it."""

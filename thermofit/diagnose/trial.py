@@ -90,9 +90,9 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     own = effect(score.effect)
     scanned = here.scanned.get(score.effect, ())
     settings = here.settings.get(score.effect)
-    heard = here.heard.get(score.effect)
-    if heard is not None:
-        settings = {p.name: heard[p.name] for p in own.exponents}
+    begin = here.from_displacements.get(score.effect)
+    if begin is not None:
+        settings = {p.name: begin[p.name] for p in own.exponents}
     elif settings is None and len(scans(own, here.case)) > 1:
         scanned = best_scans(here.case, here.problem, own)
         score, settings = at_settings(here, score, scanned[0]), scanned[0][0]
@@ -181,10 +181,10 @@ def nearer(here: Traced, scores: Sequence[Score], chosen: Mapping[str, float], r
         for score in scores:
             names = effect(score.effect).names
             estimate = {n: param(n).neutral + part * (v - param(n).neutral) for n, v in score.estimate.items()}
-            heard = here.heard.get(score.effect)
-            if heard is not None and part == 1.0:
+            begin = here.from_displacements.get(score.effect)
+            if begin is not None and part == 1.0:
                 moved = (n for n in start.free if n not in acting_on_temperatures(start.free))
-                start, estimate = start.replace(**{n: heard[n] for n in moved}), {n: heard[n] for n in names}
+                start, estimate = start.replace(**{n: begin[n] for n in moved}), {n: begin[n] for n in names}
             start = with_effect(start, score.effect, {**estimate, **{n: v for n, v in chosen.items() if n in names}})
         label = " ".join(s.effect for s in scores) + ("" if part == 1.0 else f" from {part:g}")
         try:

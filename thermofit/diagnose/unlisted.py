@@ -49,6 +49,9 @@ IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
 CLIPPED = 5.0
 """Standard deviations of the noise beyond which a value counts as that much, where structure is told without a term."""
+OF_ITS_ERROR, MOST_STEPS = 0.3, 8
+"""Part of their standard errors that is left of a step where parameters beside a term that is the same everywhere have settled: the step
+after it is far smaller. Most such steps."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5
@@ -109,7 +112,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         first = term
         term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
         case, said = here.case, ""
-        if there is here and not remark and term.basis.grid.places == 1 and case.model.segments is None:
+        if term is not first and term.basis.grid.places == 1 and case.model.segments is None:
             case, term, parameters, said = told_beside(here, structure, term, parameters)
         remark = "; ".join(words for words in (failed, remark, said) if words)
         place = place_of(term, volumes(here.case, term.basis))
@@ -159,8 +162,8 @@ def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, st
         before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
         term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
         if believed(term):
-            near, folds = term_of(here, structure), len(here.split.held_out)
-            if near is None or not compared(term.after, near.after, here.rows, folds, here.problem.model.noise, near.residual).convinces:
+            near = term_of(here, structure)
+            if near is None or not predicts_better(here, near, term):
                 return term, there, failed
             return near, here, failed
     return term_of(here, structure), here, failed
@@ -171,10 +174,7 @@ def through_surface(here: Traced, structure: Structure, term: Field | None) -> F
     held-out data do not ask for it, or the one with places predicts them better. What warms a sheet evenly has no place."""
     missing = here.case.model.missing
     own = None if missing is None else everywhere_alike(here, structure, missing.of_surface)
-    if own is None or term is None:
-        return own
-    better = compared(own.after, term.after, here.rows, len(here.split.held_out), here.problem.model.noise, term.residual)
-    return None if better.convinces else own
+    return own if own is None or term is None or not predicts_better(here, term, own) else None
 
 
 def of_instrument(here: Traced, structure: Structure, term: Field | None) -> Field | None:
@@ -184,10 +184,12 @@ def of_instrument(here: Traced, structure: Structure, term: Field | None) -> Fie
     What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps."""
     missing = here.case.model.missing
     own = None if missing is None else everywhere_alike(here, structure, missing.of_instruments)
-    if own is None or term is None:
-        return own
-    better = compared(term.after, own.after, here.rows, len(here.split.held_out), here.problem.model.noise, own.residual)
-    return own if better.convinces else None
+    return own if own is None or term is None or predicts_better(here, own, term) else None
+
+
+def predicts_better(here: Traced, one: Field, other: Field) -> bool:
+    """Whether a term predicts held-out data better than another one, surely."""
+    return compared(other.after, one.after, here.rows, len(here.split.held_out), here.problem.model.noise, one.residual).convinces
 
 
 def everywhere_alike(here: Traced, structure: Structure, kinds: Mapping[str, str]) -> Field | None:
@@ -303,11 +305,15 @@ def _lasting(whole: Field) -> np.ndarray:
 
 def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
-    hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum."""
+    hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum.
+
+    Beside a term that is the same everywhere the parameters are told as those that were fitted with it. So they step until what is left of
+    a step is a small part of their standard errors, and take that too."""
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
-    for _ in range(SETTLING):
+    alike = term.basis.grid.places == 1 and case.model.segments is None
+    for _ in range(MOST_STEPS if alike else SETTLING):
         x = np.clip(moved + term.step, *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
@@ -317,17 +323,19 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
-        term = (
-            over_time(known, hat, here)
-            if hat.grid.places == 1 and case.model.segments is None
-            else field_of(known, hat, here.rows, here.split)
-        )
-        if change.max(initial=0.0) < SETTLED:
+        term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
+        rest = np.clip(moved + term.step, *room) - moved
+        near = np.all(np.abs(rest) <= OF_ITS_ERROR * term.uncertainty) if alike else change.max(initial=0.0) < SETTLED
+        if near:
             break
+    words = ""
+    if alike:
+        parameters = parameters.with_vector(parameters.vector() + rest)
+        words = "" if near else f"parameters beside the term have not settled after {MOST_STEPS} steps"
     folds = len(here.split.held_out)
     term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
     if believed(term):
-        return term, parameters, ""
+        return term, parameters, words
     return first, case.parameters, "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
 
 
@@ -354,16 +362,12 @@ def told_beside(here: Traced, structure: Structure, term: Field, parameters: Par
         told = replace(case, model=sharp.model, doubts=sharp.doubts, parameters=parameters)
         known = LinearModel(*told.model.linearised(parameters, parameters.free))
         there = replace(here, case=told)
-        found = over_time(known, basis(told, structure, kind, term.basis.grid, term.basis.chosen), here)
-        found, moved, remark = settled(there, structure, replace(found, before=term.before))
+        begin = replace(over_time(known, basis(told, structure, kind, term.basis.grid, term.basis.chosen), here), before=term.before)
+        found, moved, remark = settled(there, structure, begin)
     except NumericsError as error:
-        return (
-            case,
-            term,
-            parameters,
-            f"errors of mesh and steps are those at the optimum without the term: a run that tells them failed ({error})",
-        )
-    return (case, term, parameters, remark) if remark else (told, found, moved, "")
+        words = f"errors of mesh and steps are those at the optimum without the term: a run that tells them failed ({error})"
+        return case, term, parameters, words
+    return (case, term, parameters, remark) if found is begin else (told, found, moved, remark)
 
 
 def over_time(known: LinearModel, hat: Basis, here: Traced) -> Field:

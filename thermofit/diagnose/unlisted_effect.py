@@ -20,7 +20,7 @@ from __future__ import annotations
 {imports}
 
 SLOT = "{slot}"
-PARAMS = (Param("{name}.scale", "1", 0.0, -10.0, 10.0, 0.1, "share of the reconstructed term", probe=1.0),)
+{on}PARAMS = (Param("{name}.scale", "1", 0.0, -10.0, 10.0, 0.1, "share of the reconstructed term", probe=1.0),)
 FORMULA = "{formula}"
 SOURCE = "reconstructed from the residual of {source}"
 
@@ -36,6 +36,11 @@ def _hats(knots: np.ndarray, at: np.ndarray) -> np.ndarray:
 '''
 
 
+def _head(what: str, slot: str, name: str, formula: str, source: str, imports: str, on: Sequence[str] = ()) -> str:
+    """The head of an effect file; `on`: the facet sets on which it acts."""
+    return _HEAD.format(what=what, slot=slot, name=name, formula=formula, source=source, imports=imports, on=f"ON = {on!r}\n" if on else "")
+
+
 def _array(name: str, values: np.ndarray, comment: str) -> str:
     """An array as source text, six digits."""
     text = np.array2string(np.asarray(values), separator=", ", precision=6, threshold=10**9, max_line_width=130)
@@ -45,7 +50,7 @@ def _array(name: str, values: np.ndarray, comment: str) -> str:
 
 def heat_file(name: str, source: str, grid: Grid, values: np.ndarray, folded: bool) -> str:
     """Effect of slot heat_source from coefficients (n_k, n_y, n_x) in mW/mm^3."""
-    head = _HEAD.format(
+    head = _head(
         what="A heat source over place and time",
         slot="heat_source",
         name=name,
@@ -74,15 +79,15 @@ def heat_source(
 
 def surface_file(name: str, source: str, time: np.ndarray, values: np.ndarray) -> str:
     """Effect of slot surface_flux from what comes in (n_k,) mW/mm^2 at times (n_k,) s."""
-    head = _HEAD.format(
+    head = _head(
         what="A heat through the free surface over time",
         slot="surface_flux",
+        on=("air",),
         name=name,
         formula="q -= scale q_in(t)",
         source=source,
         imports=_NUMPY,
     )
-    head = head.replace('SLOT = "surface_flux"\n', 'SLOT = "surface_flux"\nON = ("air",)\n')
     tables = _array("TIME", time, "s; knots in time.") + _array("POWER", values, "mW/mm^2 of current area that comes in at the knots.")
     body = '''
 
@@ -95,7 +100,7 @@ def surface_flux(theta: np.ndarray, time: float, surroundings: np.ndarray, scale
 
 def camera_file(name: str, source: str, grid: Grid, values: np.ndarray) -> str:
     """Effect of slot camera from coefficients (n_k, n_y, n_x, 2) in mm."""
-    head = _HEAD.format(
+    head = _head(
         what="A displacement that the model does not have",
         slot="camera",
         name=name,
@@ -129,7 +134,7 @@ OF_CAMERA = ("Offset of the infrared camera over time", "theta_camera = theta + 
 
 def sensor_file(name: str, source: str, words: tuple[str, str], records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
     """Effect of slot sensor: per record its name, times s and the temperature K that is missing there; `words`: what it is, its formula."""
-    head = _HEAD.format(
+    head = _head(
         what=words[0],
         slot="sensor",
         name=name,
@@ -170,7 +175,7 @@ def yield_file(name: str, source: str, variable: str, steps: tuple[np.ndarray, f
     """Effect of slot yield_stress: smooth steps of given heights in MPa at edges of a state variable, all of one width; `steps` = (edges,
     width, heights)."""
     edges, width, heights = steps
-    head = _HEAD.format(
+    head = _head(
         what=f"Yield stress over {variable}",
         slot="yield_stress",
         name=name,

@@ -38,7 +38,7 @@ WORDS = {
     **{"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"},
     "flux": "heat through the free surface",
 }
-WHOLE = {"offset": "image", "flux": "free surface"}
+WHOLE = {"offset": "image", "flux": "surface"}
 """Where a term is that is the same everywhere."""
 BALANCES = {"theta": "heat", "u": "motion"}
 """Balance that lacks something by the observed field that shows it; any other one shows stresses."""
@@ -184,7 +184,7 @@ def place_in_words(where: dict[str, Any]) -> str:
         return f"in record {where['record']}"
     if "image" in where:
         return f"in {where['image']} of the image"
-    if "free surface" in where:
+    if "surface" in where:
         return "the same everywhere"
     side = "|x|" if where["both_sides"] else "x"
     return f"at {side} = {where['x_mm']:.3g}, y = {where['y_mm']:.3g} mm"

@@ -49,9 +49,11 @@ IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
 CLIPPED = 5.0
 """Standard deviations of the noise beyond which a value counts as that much, where structure is told without a term."""
-OF_ITS_ERROR, MOST_STEPS = 0.3, 8
-"""Part of their standard errors that is left of a step where parameters beside a term that is the same everywhere have settled: the step
-after it is far smaller. Most such steps."""
+OF_ITS_ERROR = 0.3
+"""Part of their standard errors to which a step has come down where parameters beside a term that is the same everywhere have settled; that
+step is taken as well."""
+MOST_STEPS = 8
+"""Most such steps."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5

@@ -21,7 +21,7 @@ from thermofit.diagnose.held_out import PRACTICAL
 from thermofit.diagnose.refit import with_effect
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import Accepted, Trial, tried
+from thermofit.diagnose.trial import Accepted, Trial, not_judged, tried
 from thermofit.diagnose.unlisted_field import BEHIND
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
@@ -58,7 +58,7 @@ def by_displacements(
     try:
         square = case.mechanics(case.parameters, "nothing added on displacements", np.inf)[1].f
     except NumericsError as error:
-        return [_unasked(score, f"the fit without it failed: {error}") for score in asked], winner
+        return [not_judged((score,), f"the fit to the displacements alone without it failed: {error}") for score in asked], winner
     left = square - sum((1.0 + error) * n for _, error, n, _ in mechanical(here))
     if left <= PRACTICAL * float(here.columns.residual @ here.columns.residual):
         return [], winner
@@ -68,7 +68,7 @@ def by_displacements(
         try:
             end, alone = case.mechanics(_begin(here, score), f"{score.effect} on displacements", to_beat)
         except NumericsError as error:
-            trials.append(_unasked(score, str(error)))
+            trials.append(not_judged((score,), f"its fit to the displacements alone failed: {error}"))
             continue
         taken[score.effect] = alone.f, end
         if sum(square - f >= (1.0 - BEHIND) * left for f, _ in taken.values()) >= MOST:
@@ -82,11 +82,6 @@ def by_displacements(
         if found is not None and (winner is None or trial.gain > winner[0].gain):
             winner = trial, found
     return trials, winner
-
-
-def _unasked(score: Score, why: str) -> Trial:
-    """The trial of an effect that could not be fitted to the displacements alone."""
-    return Trial((score,), None, {}, {}, 0.0, f"its fit to the displacements alone failed: {why}", unjudged=True)
 
 
 def _asked(here: Traced, before: Sequence[Trial]) -> list[Score]:

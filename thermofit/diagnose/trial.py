@@ -83,7 +83,7 @@ def tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tri
     try:
         return _tried(here, fit, score, means)
     except NumericsError as error:
-        return _failed((score,), f"a run that judges it failed: {error}"), None
+        return not_judged((score,), f"a run that judges it failed: {error}"), None
 
 
 def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Trial, Accepted | None]:
@@ -111,7 +111,7 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
         if not here.case.cheap or not _undetermined(here, own, ended[0]):
             break  # where an amplitude has no value of its own, the values of the exponents may be the wrong ones
     if best is None:
-        return _failed((starts[0][0],), f"the refit failed: {failures[0]}"), None
+        return not_judged((starts[0][0],), f"the refit failed: {failures[0]}"), None
     trial, proof = best[0], first.proof if first is not None else None
     if best[1] is not None and proof is not None and trial.proof is not None and not trial.proof.not_less_than(proof):
         said = f"has no value of its own at other exponents, where {proof.words}; here {trial.proof.words} only"
@@ -153,13 +153,14 @@ def tried_together(
     try:
         begun = nearer(here, scores, chosen, means.refit)
         if isinstance(begun, str):
-            return _failed(tuple(scores), f"the refit failed: {begun}"), None
+            return not_judged(tuple(scores), f"the refit failed: {begun}"), None
         return ended_at(here, fit, tuple(scores), begun, means)
     except NumericsError as error:
-        return _failed(tuple(scores), f"a run that judges it failed: {error}"), None
+        return not_judged(tuple(scores), f"a run that judges it failed: {error}"), None
 
 
-def _failed(scores: tuple[Score, ...], why: str) -> Trial:
+def not_judged(scores: tuple[Score, ...], why: str) -> Trial:
+    """The trial of effects that no run could judge, and why."""
     estimate = {n: v for s in scores for n, v in s.estimate.items()}
     return Trial(scores, None, estimate, {}, 0.0, why, unjudged=True)
 

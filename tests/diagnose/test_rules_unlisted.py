@@ -179,11 +179,10 @@ def test_a_heat_at_protected_parameters_has_to_predict_better_than_the_optimum(
     left = np.random.default_rng(2).normal(size=200)
     optimum = None if near is None else Term("optimum", after=near * left, residual=left)
     terms = {id(here): optimum, id(there): Term("protected", after=left, residual=left)}
-    monkeypatch.setattr(module, "undriven", lambda *_: (there, ""))
     monkeypatch.setattr(module, "term_of", lambda where, _: terms[id(where)])
     monkeypatch.setattr(module, "proved", lambda *_: GOOD if better else replace(GOOD, gain=0.001))
-    term, where, failed = sought(here, cast(Any, None))
-    assert cast(Any, term).name == taken and (where is there) is (taken == "protected") and failed == ""
+    term, where = sought(here, there, cast(Any, None))
+    assert cast(Any, term).name == taken and (where is there) is (taken == "protected")
 
 
 @pytest.mark.parametrize(("worse", "closer"), [(0.09, True), (0.11, False)])
@@ -220,7 +219,7 @@ def test_a_place_belongs_to_the_term_from_three_tenths_of_the_largest() -> None:
 def closed_of(first: float = 1000.0, accepted: tuple[str, ...] = ("a", "b", "c"), cheap: bool = False) -> Any:
     split, problem = SimpleNamespace(held_out=()), SimpleNamespace(model=SimpleNamespace(noise=None))
     columns = SimpleNamespace(residual=first, fitted=None)
-    last = SimpleNamespace(case=SimpleNamespace(cheap=cheap), columns=columns, rows=None, split=split, problem=problem)
+    last = SimpleNamespace(case=SimpleNamespace(cheap=cheap, model=SimpleNamespace(priors=()), parameters=None), columns=columns, rows=None, split=split, problem=problem)
     return SimpleNamespace(first=SimpleNamespace(columns=columns), last=last, accepted=accepted)
 
 
@@ -247,6 +246,8 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     assert resembled_by(closed_of(), ("a",), found, steps) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
     assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
+    monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
+    assert resembled_by(closed_of(), ("a",), found, steps) is not needed, "what drives a declared reading is no answer, whatever it takes"
 
 
 def stead(

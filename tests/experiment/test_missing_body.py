@@ -10,10 +10,10 @@ from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.unlisted_effect import heat_file, surface_file
+from thermofit.diagnose.unlisted_effect import heat_file, jaws_file, scale_file, surface_file
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
-from thermofit.experiment.missing_body import BodyMissing
+from thermofit.experiment.missing_body import JAWS, BodyMissing
 
 NAME = "planted_for_missing_body"
 
@@ -44,23 +44,51 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path, monkeypatc
     assert SIZE.n_y == 8 and len(data().phases) == 4
 
 
-def test_answer_of_a_heat_through_the_surface_is_that_of_a_run_with_its_effect_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("kind", "channel", "amount", "within"),
+    [
+        ("flux", "dtheta", 0.02, 0.02),
+        ("jaws", "dtheta", 2.0, 0.04),
+        ("jaw_upper", "dtheta", 2.0, 0.04),
+        ("jaw_lower", "dtheta", 2.0, 0.04),
+        ("strain", "du", 1.0, 0.02),
+        ("scale", "du", 40.0, 0.02),
+    ],
+)
+def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, channel: str, amount: float, within: float
 ) -> None:
-    """On for a part of the test, per current area of what the jaws leave free; in every whitened row within 2 % of the largest."""
+    """On for a part of the test: mW per current area of what the jaws leave free, K of jaws, mm/m of lengths or displacements; in every
+    whitened row within 2 % of the largest, of jaws 4 %: their steps lie between those of the run."""
     monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
     monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     joint, base = model(study()), Parameters.of(TRUTH)
-    assert isinstance(joint.missing, BodyMissing) and joint.missing.of_surface == {"theta": "flux"}
-    grid = joint.missing.grid("flux", (320, 1, 1))
-    assert np.array_equal(grid.time, joint.observations["theta"].time), "as dense as it is observed"
-    values = np.where((grid.time > 0.3 * grid.time[-1]) & (grid.time < 0.7 * grid.time[-1]), 0.02, 0.0)
+    assert isinstance(joint.missing, BodyMissing) and joint.missing.of_surface == {"theta": ("flux", *JAWS)}
+    assert joint.missing.of_instruments == {"theta": ("offset",), "u": ("strain", "scale")}
+    grid = joint.missing.grid(kind, (320, 1, 1))
+    assert np.array_equal(grid.time, joint.observations["theta" if channel == "dtheta" else "u"].time), "as dense as it is observed"
+    values = np.where((grid.time > 0.3 * grid.time[-1]) & (grid.time < 0.7 * grid.time[-1]), amount, 0.0)
+    text = {
+        **{k: jaws_file(NAME, "a test", JAWS[k], (grid.time, values)) for k in JAWS},
+        **{k: scale_file(NAME, "a test", k, (grid.time, values)) for k in ("strain", "scale")},
+        "flux": surface_file(NAME, "a test", grid.time, values),
+    }
     path = tmp_path / f"{NAME}.py"
-    path.write_text(surface_file(NAME, "a test", grid.time, values), encoding="utf-8")
+    path.write_text(text[kind], encoding="utf-8")
     load_effect(path)
-    rows = part(joint, "dtheta")
+    rows = part(joint, channel)
     change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
-    answers = joint.missing.answers("flux", base, grid, np.arange(grid.size))
-    expected = joint.comparisons[-1].residual(answers @ values)
+    answers = joint.missing.answers(kind, base, grid, np.arange(grid.size))
+    (comparison,) = (c for c in joint.comparisons if c.channel == channel)
+    expected = comparison.residual(answers @ values)
     assert np.abs(change).max() > 5.0
-    assert np.abs(expected - change).max() < 0.02 * np.abs(change).max()
+    assert np.abs(expected - change).max() < within * np.abs(change).max()
+
+
+def test_both_jaws_are_the_upper_and_the_lower_one() -> None:
+    """What they show adds up."""
+    joint, base = model(study()), Parameters.of(TRUTH)
+    assert joint.missing is not None
+    grid = joint.missing.grid("jaws", (6, 1, 1))
+    both, upper, lower = (joint.missing.answers(kind, base, grid, np.arange(grid.size)) for kind in JAWS)
+    assert np.allclose(upper + lower, both, rtol=0.0, atol=1e-9 * np.abs(both).max()) and np.abs(upper - lower).max() > 0.1 * np.abs(both).max()

@@ -118,12 +118,12 @@ class StripMissing:
         return {"theta": "heat"}
 
     @property
-    def of_instruments(self) -> Mapping[str, str]:
-        return {"theta": "offset"}
+    def of_instruments(self) -> Mapping[str, tuple[str, ...]]:
+        return {"theta": ("offset",)}
 
     @property
-    def of_surface(self) -> Mapping[str, str]:
-        return {"theta": "flux"}
+    def of_surface(self) -> Mapping[str, tuple[str, ...]]:
+        return {"theta": ("flux",)}
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         if kind in ("offset", "flux"):

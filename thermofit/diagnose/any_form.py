@@ -20,7 +20,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
-from thermofit.diagnose.on_displacements import above_floor, beyond
+from thermofit.diagnose.on_displacements import above_floor, beyond, on_their_own, worth_asking
 from thermofit.diagnose.pairs import leaves_more_than_it_takes
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
@@ -146,9 +146,15 @@ def _with_stored(end: End, here: Traced, own: Effect, means: Means) -> tuple[End
 
 
 def _asked(here: Traced) -> Effect | None:
-    """The curve, where the driver is a body that knows it, it is off, and what is not temperature is beyond its floor."""
+    """The curve, where the driver is a body that knows it, it is off, and what is not temperature is beyond its floor: where displacements
+    are compared, in a fit to them alone as well. What is missing from the balance of heat draws the law from where displacements want it."""
     case = here.case
     own = next((e for e in case.known if e.last and not e.is_on(case.parameters)), None)
-    if own is None or case.cheap:
+    if own is None or case.cheap or not above_floor(here):
         return None
-    return own if above_floor(here) else None
+    if case.mechanics is None:
+        return own
+    try:
+        return own if on_their_own(here)[1] > worth_asking(here) else None
+    except NumericsError:  # they are not known to ask for none
+        return own

@@ -9,10 +9,10 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Refit
-from thermofit.diagnose.held_out import compared
+from thermofit.diagnose.held_out import compared, far
 from thermofit.diagnose.proof_other_tests import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
-from thermofit.diagnose.trace import Traced, at_end, traced
+from thermofit.diagnose.trace import Traced, at_end, material_of, traced
 from thermofit.effects.catalogue import effect
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
@@ -59,7 +59,20 @@ def still_needed(here: Traced, name: str) -> bool:
     without_it = without_effects(here, [name])
     ends, folds = (without_it.predicted(here.split.folds), held_out_of(here)), len(here.split.held_out)
     found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
+    found = replace(found, moves=_moved(here, name, without_it))
     return (proof_of_need(here, name, without_it) or found).convinces
+
+
+def _moved(here: Traced, name: str, without_it: LinearModel) -> bool:
+    """Whether an accepted effect has moved a parameter of the material far, where nothing else was added (`trace.material_of`)."""
+    case, gone = here.case, effect(name).names
+    rest = case.parameters.with_free(tuple(n for n in case.parameters.free if n not in gone))
+    asked = material_of(replace(case, parameters=rest))
+    if not asked:
+        return False
+    own = [case.parameters.free.index(rest.free[k]) for k in asked]
+    sigma = np.sqrt(np.sum(here.problem.model.root()[own] ** 2, axis=1))
+    return far(without_it.free_step[list(asked)], np.array(list(asked.values())), sigma)
 
 
 def _neutral(here: Traced, name: str) -> Parameters:

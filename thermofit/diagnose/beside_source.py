@@ -32,7 +32,7 @@ FORM = (EXPONENTS, HELD_LAW, SLOWER_RATES)
 
 @dataclass(frozen=True)
 class BesideSource:
-    """Values of the fitted parameters beside an unlisted heat or offset and their combined standard errors, each in its unit; in words why
+    """Values of the fitted parameters beside an unlisted heat or what cameras add, and their combined standard errors, each in its unit; in words why
     there are none, where a run failed."""
 
     value: Mapping[str, float]
@@ -41,7 +41,7 @@ class BesideSource:
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
-    """The parameters beside an unlisted heat of a body, or offset of its camera; None where none is unlisted, or the model knows of no
+    """The parameters beside an unlisted heat of a body, or what its cameras add to all of an image; None where none is unlisted, or the model knows of no
     broad source. `budget`: that of the joint fit."""
     found = _beside(here, missing)
     if found is None or budget is None:
@@ -53,7 +53,7 @@ def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None 
 def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     """The same without what is known of the form of added laws."""
     case = here.case
-    if missing is None or missing.field is None or missing.field.basis.kind not in ("heat", "offset", "flux"):
+    if missing is None or missing.field is None or missing.field.basis.kind in ("displacement", "stress"):
         return None
     if missing.field.basis.grid.places == 1:
         return _beside_one_place(missing.case or case, missing.parameters, missing.field)

@@ -17,6 +17,9 @@ SURE = 2.0
 """Standard errors by which held-out error has to fall."""
 PRACTICAL = 3e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
+FAR, MOVES = 5.0, 0.02
+"""Standard errors, as they are beside an effect, and part of its value by which a parameter of the material has to move for an effect to be
+worth it however little it takes of the error. An unloading is a small part of a test, and may tell the modulus."""
 LEAST_SEEN = 0.2
 """Share of what all rows tell of a direction of the parameters that the rows which a fold sees must tell. A step that they ask for then
 changes held-out rows by no more than twice what it changes theirs."""
@@ -185,11 +188,14 @@ class Proof:
     folds: int
     on: str = ""
     """The held-out tests that say so; empty: rows of the fitted ones."""
+    moves: bool = False
+    """Whether the effect moves a parameter of the material `far`, beside nothing else that was added."""
 
     @property
     def convinces(self) -> bool:
-        """True where the held-out error falls by more than its uncertainty, and by what is worth an effect."""
-        return self.gain > max(SURE * self.sigma, PRACTICAL)
+        """True where the held-out error falls by more than its uncertainty, and by what is worth an effect, or the effect `moves` what the
+        test is made for."""
+        return self.gain > SURE * self.sigma and (self.gain > PRACTICAL or self.moves)
 
     def not_less_than(self, other: Proof) -> bool:
         """True where this gain is below another one by no more than the standard errors of both: as if they were independent, which is too
@@ -204,6 +210,11 @@ class Proof:
             return f"held-out error{where} rises to {1.0 - self.gain:.3g} times as much"
         way = "rises" if self.gain < 0.0 else "falls"
         return f"held-out error{where} {way} by {100 * abs(self.gain):.2f} % +- {100 * self.sigma:.2f} %"
+
+
+def far(by: np.ndarray, value: np.ndarray, sigma: np.ndarray) -> bool:
+    """Whether one of parameters of these values (p,) moves far: by more than FAR of its standard errors (p,) and MOVES of its value."""
+    return bool(np.any(np.abs(by) > np.maximum(FAR * sigma, MOVES * np.abs(value))))
 
 
 Noise = Callable[[np.ndarray], np.ndarray]

@@ -56,11 +56,10 @@ def by_displacements(
     taken: dict[str, tuple[float, Parameters]] = {}
     asked = _asked(here, before)
     try:
-        square = case.mechanics(case.parameters, "nothing added on displacements", np.inf)[1].f
+        square, left = on_their_own(here)
     except NumericsError as error:
         return [not_judged((score,), f"the fit to the displacements alone without it failed: {error}") for score in asked], winner
-    left = square - sum((1.0 + error) * n for _, error, n, _ in mechanical(here))
-    if left <= PRACTICAL * float(here.columns.residual @ here.columns.residual):
+    if left <= worth_asking(here):
         return [], winner
     trials: list[Trial] = []
     for score in asked:
@@ -82,6 +81,19 @@ def by_displacements(
         if found is not None and (winner is None or trial.gain > winner[0].gain):
             winner = trial, found
     return trials, winner
+
+
+def on_their_own(here: Traced) -> tuple[float, float]:
+    """What a fit of the parameters at hand to the displacements alone leaves: its square sum, and what that holds beyond the floor.
+    NumericsError where it cannot be run."""
+    assert here.case.mechanics is not None, "asked where displacements are compared"
+    square = here.case.mechanics(here.case.parameters, "nothing added on displacements", np.inf)[1].f
+    return square, square - sum((1.0 + error) * n for _, error, n, _ in mechanical(here))
+
+
+def worth_asking(here: Traced) -> float:
+    """What displacements have to hold beyond their floor for an effect to take as much as it has to, to be believed."""
+    return PRACTICAL * float(here.columns.residual @ here.columns.residual)
 
 
 def _asked(here: Traced, before: Sequence[Trial]) -> list[Score]:

@@ -86,15 +86,19 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
         known = _linearised(fit, there, thermal)
         broad = _broad(case, fit, missing, there)
         found = field_of(known, broad, *_with_usual(fit, thermal, rows, split), likeliest(known, broad))
-        step = np.clip(found.step, *_room(case, there, thermal))
-        near = FARTHEST * np.abs([there[n] for n in thermal])
-        step = np.where(near > 0.0, np.clip(step, -near, near), step)
+        step = nearer(np.clip(found.step, *_room(case, there, thermal)), np.array([there[n] for n in thermal]))
         there = there.replace(**{n: there[n] + float(d) for n, d in zip(thermal, step, strict=True)})
         f, before = float(found.residual @ found.residual), f
         if np.max(np.abs(step) / scale) < SETTLED or f > (1.0 - NO_FURTHER) * before:
             break
     assert found is not None
     return Protected(there, replace(_linearised(fit, there, thermal), bounds=_room(case, there, thermal)), found)
+
+
+def nearer(step: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value; one that is zero may go anywhere."""
+    near = FARTHEST * np.abs(value)
+    return np.where(near > 0.0, np.clip(step, -near, near), step)
 
 
 def _usual(fit: HeatFit, thermal: Sequence[str]) -> dict[str, float]:

@@ -11,15 +11,15 @@ C the correlation of the noise. For one Param z = a / sd(a) = -s.r / |s| where C
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import param
-from thermofit.diagnose.held_out import PRACTICAL, SURE
-from thermofit.fit.linear_model import LinearModel, projection
+from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, SURE, far
+from thermofit.fit.linear_model import LinearModel, Room, projection
 from thermofit.identify.variables import RECIPROCAL
 
 ALIKE = 0.9
@@ -50,6 +50,28 @@ class Columns:
     also_tried: tuple[np.ndarray, ...] = ()
     """Columns (n, k) that were tried besides, for other exponents: chance had as many more directions to pick from."""
     channel: np.ndarray | None = None
+    material: Mapping[int, float] = field(default_factory=dict)
+    """Places of columns of parameters of the material, and their values, where it is asked what an effect moves."""
+
+    def moves(self, block: np.ndarray, room: Room) -> bool:
+        """Whether a step of an effect's columns (n, k) within their room moves a parameter of the material far."""
+        places, values = list(self.material), np.array(list(self.material.values()))
+        if not places:
+            return False
+        both = self.model.with_columns(block, room)
+        sigma = np.sqrt(np.sum(both.root()[places] ** 2, axis=1))
+        return far((both.step.d[: self.model.columns.shape[1]] - self.model.step.d)[places], values, sigma)
+
+    def moving_from(self, block: np.ndarray, sd: float) -> float:
+        """Amplitude, of columns (n, k) the first, of standard error `sd`, from which it moves a parameter of the material far; infinite
+        where none is asked for."""
+        places, values = list(self.material), np.array(list(self.material.values()))
+        if not places:
+            return float("inf")
+        root = self.model.root()
+        by = (root @ (self.model.basis.T @ block[:, 0]))[places]
+        sigma = np.sqrt(np.sum(root[places] ** 2, axis=1) + (by * sd) ** 2)
+        return float(np.min(np.maximum(FAR * sigma, MOVES * np.abs(values)) / np.maximum(np.abs(by), 1e-300)))
 
     def of_mesh(self, s: np.ndarray) -> tuple[float, bool]:
         """What the error of mesh and steps may leave of r.r in the channel where columns s (n, k) act most, and whether it holds no more
@@ -208,23 +230,25 @@ def _score(
         estimate=estimate,
         sigma=sigma,
         detectability=part,
-        detectable=named_from(model, float(found.sigma[0]), float(found.inverse[0, 0]), least, threshold),
+        detectable=named_from(
+            model, float(found.sigma[0]), float(found.inverse[0, 0]), least, threshold, columns.moving_from(block, float(found.sigma[0]))
+        ),
         vetoed=veto(estimate, sigma),
         family=family,
     )
 
 
-def named_from(model: LinearModel, sd: float, inverse: float, numerical: float, threshold: float) -> float:
+def named_from(model: LinearModel, sd: float, inverse: float, numerical: float, threshold: float, moving: float = np.inf) -> float:
     """Amplitude a of an effect of standard error `sd` that is expected to pass all that an effect has to pass to be named.
 
     z = a / sd passes the threshold. Held out, r.r falls by k (z^2 - 2), k = sd^2 / `inverse` = 1 for independent noise: a^2 / `inverse`
     that the effect explains, less what predicting the rows and fitting them cost. That is more than SURE of its standard errors 2 k z from
-    CONVINCING on; it has to be worth an effect (PRACTICAL), and more than the error of the discretisation explains.
+    CONVINCING on; it has to be worth an effect (PRACTICAL, or `moving` on), and more than the error of the discretisation explains.
     """
     k = sd**2 / inverse
     left = model.data(model.left)
     worth = PRACTICAL * float(left @ left)
-    z = max(threshold, CONVINCING, np.sqrt(worth / k + 2.0), np.sqrt(OVER_NUMERICAL * numerical / k))
+    z = max(threshold, CONVINCING, min(np.sqrt(worth / k + 2.0), moving / sd), np.sqrt(OVER_NUMERICAL * numerical / k))
     return float(z * sd)
 
 

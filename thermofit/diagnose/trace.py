@@ -15,7 +15,7 @@ from thermofit.diagnose.held_out import FEWEST, Proof, Rows, Split, groups_of, p
 from thermofit.diagnose.other_tests import UnseenColumns, proof_unseen, unseen_columns_of
 from thermofit.diagnose.remembered import noise_of, remembered
 from thermofit.diagnose.score import OVER_NUMERICAL, Columns, Ranking, Score, drop_of, ranked
-from thermofit.effects.catalogue import Effect
+from thermofit.effects.catalogue import Effect, is_of_effect
 from thermofit.experiment.priors import improbable
 from thermofit.experiment.trust import Bounds, physical
 from thermofit.fit.linear_model import LinearModel, Room, projection
@@ -172,7 +172,7 @@ def traced(
     noise = noise_of(case, alike)
     room = room_of(case.parameters, case.parameters.free, case.reach)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
-    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel)
+    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel, material=material_of(case))
     scanned, unjudged = _scanned(case, columns, found)
     return _judged(case, found, rows, split, columns, scanned, unjudged)
 
@@ -216,6 +216,7 @@ def _judged(
         names, block = columns.dormant[name]
         own = room_of(case.parameters, names)
         inside = proof(columns.model, block, own, rows, split)
+        inside = replace(inside, moves=columns.moves(block, own))
         proofs[name] = proof_unseen(columns.model, name, block, beyond, own) or inside
     result = Traced(case, found, rows, split, ranking, proofs, columns, settings, beyond)
     return replace(result, unjudged=unjudged, unpredicted=unpredicted, scanned=scanned)
@@ -234,6 +235,16 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     found, none = Linearised(residual, fitted, {}, {}), Ranking((), before.ranking.threshold, ())
     beyond, unpredicted = unseen_columns_of(case, (), {})
     return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)
+
+
+def material_of(case: Case) -> dict[int, float]:
+    """Places among the fitted parameters of those of the material, with their values, on a body to which no effect was added; none
+    elsewhere. Beside an effect of another form than the cause a second one would move them as well; and coupons have so few data that what
+    moves them far is worth it anyway."""
+    parameters, declared = case.parameters, {prior.name for prior in case.model.priors}
+    if case.cheap or any(is_of_effect(n) and n not in case.pose for n in parameters.free):
+        return {}
+    return {k: parameters[n] for k, n in enumerate(parameters.free) if not is_of_effect(n) and n not in declared}
 
 
 def _probable(ranking: Ranking, case: Case) -> Ranking:

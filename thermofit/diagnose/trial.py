@@ -12,12 +12,12 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Param, Parameters, param
 from thermofit.diagnose.backward import Means, held_out_of, still_needed
 from thermofit.diagnose.case import Refit, scans
-from thermofit.diagnose.held_out import SURE, Proof, compared
+from thermofit.diagnose.held_out import SURE, Proof, compared, far
 from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.rescored import missed
 from thermofit.diagnose.score import Score, scored_alone
-from thermofit.diagnose.trace import Scan, Traced, best_scans
+from thermofit.diagnose.trace import Scan, Traced, best_scans, material_of
 from thermofit.effects.catalogue import Effect, effect, effect_of_param, is_of_effect
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.priors import contradicted, in_words
@@ -363,6 +363,7 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
     ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
     inside = compared(*ends, here.rows, folds, here.problem.model.noise, there.columns.residual)
     beyond = [proof for e in own if (proof := proof_of_refit(here, there, e.name)) is not None]
+    inside = replace(inside, moves=moved(here, there, after))
     proof = min(beyond, key=lambda p: p.gain) if beyond else inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: there.case.parameters[n] for n in names}
@@ -371,6 +372,17 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
         needless = [e.name for e in own if not still_needed(there, e.name)]
         refused = f"{' and '.join(needless)} not needed beside the other" if needless else ""
     return _Worth(proof, estimate, sigma, refused)
+
+
+def moved(here: Traced, there: Traced, after: FitResult) -> bool:
+    """Whether a refit has moved a parameter of the material far, where this is asked (`trace.material_of`)."""
+    asked = material_of(here.case)
+    names = [here.case.parameters.free[k] for k in asked]
+    if not names or after.sigma is None:
+        return False
+    sigma = dict(zip(after.names, after.sigma.tolist(), strict=True))
+    by = np.array([there.case.parameters[n] - here.case.parameters[n] for n in names])
+    return far(by, np.array(list(asked.values())), np.array([sigma.get(n, np.inf) for n in names]))
 
 
 def refusal(

@@ -19,6 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, compared
+from thermofit.diagnose.protected import nearer
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
@@ -32,21 +33,27 @@ from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import Grid
+from thermofit.experiment.missing_body import JAWS
 from thermofit.fit.linear_model import LinearModel
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
-UNITS = {"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K", "flux": "mW/mm^2"}
+UNITS = {
+    **{"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K", "flux": "mW/mm^2", "strain": "mm/m", "scale": "mm/m"},
+    **dict.fromkeys(JAWS, "K"),
+}
 MOST_HATS = 320
 """Most hats of a term whose place is known, and of the offset of a camera, one for every frame as far as they go. A camera jumps from one
 frame to the next; smeared over a few of them, the jump is taken up by conductivity and films."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {
     **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
-    **dict.fromkeys(("offset", "flux"), (MOST_HATS, 1, 1)),
+    **dict.fromkeys(("offset", "flux", "strain", "scale", *JAWS), (MOST_HATS, 1, 1)),
 }
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
+DRIFTS = ("strain", "scale", *JAWS)
+"""Kinds that never jump: of cameras and jaws, which warm up. A constant part of theirs is taken by other parameters."""
 CLIPPED = 5.0
 """Standard deviations of the noise beyond which a value counts as that much, where structure is told without a term."""
 OF_ITS_ERROR = 0.3
@@ -97,25 +104,30 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     for structure in standing(here, numerical):
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
-        term, there, failed = sought(here, structure)
+        apart, failed = undriven(here, structure)
+        term, there = sought(here, apart, structure)
+        begins = [here] if apart is here else [here, apart]
+        fitted = there is not here
         for other in (through_surface, of_instrument):
-            instead = other(here, structure, term)
+            instead = other(begins, structure, term)
             if instead is not None:
-                term, there = instead, here
+                term, there = instead
+                fitted = False
         law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
         proofs = [p.gain for p in (None if term is None else term.proof, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
-            found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), term, there, failed, law))
-    for _, structure, listed, term, there, failed, law in sorted(found, key=lambda f: -f[0]):
+            listed = best_listed(here, structure, every)
+            found.append((max(proofs, default=-np.inf), structure, listed, term, (there, fitted), failed, law))
+    for _, structure, listed, term, (there, fitted), failed, law in sorted(found, key=lambda f: -f[0]):
         others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
         alone = Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
         if term is None:
             return alone
         first = term
-        term, parameters, remark = settled(here, structure, term) if there is here else (term, there.case.parameters, "")
+        term, parameters, remark = (term, there.case.parameters, "") if fitted else settled(there, structure, term)
         case, said = here.case, ""
         if term is not first and term.basis.grid.places == 1 and case.model.segments is None:
-            case, term, parameters, said = told_beside(here, structure, term, parameters)
+            case, term, parameters, said = told_beside(there, structure, term, parameters)
         remark = "; ".join(words for words in (failed, remark, said) if words)
         place = place_of(term, volumes(here.case, term.basis))
         if term is not first:
@@ -148,45 +160,60 @@ def believed_law(law: StateLaw | None) -> Proof | None:
     return law.field.proof if law is not None and believed(law.field) else None
 
 
-def sought(here: Traced, structure: Structure) -> tuple[Field | None, Traced, str]:
-    """The term of a channel, None where held-out data do not ask for one; where it was sought; and why not at protected parameters, where a
-    run there failed.
+def sought(here: Traced, there: Traced, structure: Structure) -> tuple[Field | None, Traced]:
+    """The term of a channel, None where held-out data do not ask for one, and where it was found; `there`: at protected parameters.
 
     A heat of a body is sought at protected parameters, and stays with these: a term of few hats is not all that is missing, and a fit
     beside it would drive them off again. It has to predict held-out data better than the optimum without it does, and no worse than a term
     at the optimum; else it is sought there. Where the data hardly tell the parameters beside a broad source, they smear the term.
     """
-    there, failed = undriven(here, structure)
     term = term_of(there, structure)
     if there is here:
-        return term, here, failed
+        return term, here
     if term is not None:
-        before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
-        term = replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
+        term = beside_optimum(here, term)
         if believed(term):
             near = term_of(here, structure)
             if near is None or not predicts_better(here, near, term):
-                return term, there, failed
-            return near, here, failed
-    return term_of(here, structure), here, failed
+                return term, there
+            return near, here
+    return term_of(here, structure), here
 
 
-def through_surface(here: Traced, structure: Structure, term: Field | None) -> Field | None:
-    """A heat through all of the free surface alike, over time of any form, in the stead of one that has places, or of none; None where
-    held-out data do not ask for it, or the one with places predicts them better. What warms a sheet evenly has no place."""
+def beside_optimum(here: Traced, term: Field) -> Field:
+    """A term that was found elsewhere, proved against the optimum without it."""
+    before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
+    return replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
+
+
+Alike = tuple[Field, Traced]
+"""A term that is the same everywhere, and where it was found."""
+
+
+def through_surface(begins: Sequence[Traced], structure: Structure, term: Field | None) -> Alike | None:
+    """A heat through all of the free surface alike or from the jaws, over time of any form, in the stead of one that has places, or of
+    none; None where held-out data do not ask for it, or the one with places predicts them better. What warms a sheet evenly has no place,
+    and what comes from a jaw has none that is seen. `begins`: the optimum, and the problem at protected parameters."""
+    here = begins[0]
     missing = here.case.model.missing
-    own = None if missing is None else everywhere_alike(here, structure, missing.of_surface)
-    return own if own is None or term is None or not predicts_better(here, term, own) else None
+    own = None if missing is None else everywhere_alike(begins, structure, missing.of_surface)
+    return own if own is None or term is None or not predicts_better(here, term, own[0]) else None
 
 
-def of_instrument(here: Traced, structure: Structure, term: Field | None) -> Field | None:
-    """An offset of the camera over time in the stead of a term of the body, or of none; None where held-out data do not ask for it, or
-    the term of the body predicts them no worse.
+def of_instrument(begins: Sequence[Traced], structure: Structure, term: Field | None) -> Alike | None:
+    """An offset of the camera over time, of cameras that see displacements an apparent strain or a drift of their scale, in the
+    stead of a term of the body, or of none; None where held-out data do not ask for it, or the term of the body predicts them no worse.
 
-    What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps."""
+    What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps. Cameras that warm
+    up or come nearer see all lengths grow alike; a displacement that has places is no more than what is left, so it has to predict better."""
+    here = begins[0]
     missing = here.case.model.missing
-    own = None if missing is None else everywhere_alike(here, structure, missing.of_instruments)
-    return own if own is None or term is None or predicts_better(here, own, term) else None
+    own = None if missing is None else everywhere_alike(begins, structure, missing.of_instruments)
+    if own is None or term is None:
+        return own
+    if term.basis.kind == "displacement":
+        return own if not predicts_better(here, term, own[0]) else None
+    return own if predicts_better(here, own[0], term) else None
 
 
 def predicts_better(here: Traced, one: Field, other: Field) -> bool:
@@ -194,14 +221,17 @@ def predicts_better(here: Traced, one: Field, other: Field) -> bool:
     return compared(other.after, one.after, here.rows, len(here.split.held_out), here.problem.model.noise, one.residual).convinces
 
 
-def everywhere_alike(here: Traced, structure: Structure, kinds: Mapping[str, str]) -> Field | None:
-    """The term of the kind that a channel has among `kinds`, which is the same everywhere; None where held-out data do not ask for it."""
-    kind, missing = kinds.get(observed_field(structure.blocks.channel), ""), here.case.model.missing
-    if missing is None or not kind:
-        return None
-    grid = missing.grid(kind, COUNTS[kind])
-    own = over_time(here.problem.model, basis(here.case, structure, kind, grid, np.arange(grid.size)), here)
-    return own if believed(own) else None
+def everywhere_alike(begins: Sequence[Traced], structure: Structure, kinds: Mapping[str, tuple[str, ...]]) -> Alike | None:
+    """The term of the kinds that a channel has among `kinds` which predicts held-out data best, the same everywhere; None where they ask for
+    none."""
+    found: list[Alike] = []
+    for there in begins:
+        missing = there.case.model.missing
+        for kind in () if missing is None else kinds.get(observed_field(structure.blocks.channel), ()):
+            grid = missing.grid(kind, COUNTS[kind])
+            own = over_time(there.problem.model, basis(there.case, structure, kind, grid, np.arange(grid.size)), there)
+            found.append((own if there is begins[0] else beside_optimum(begins[0], own), there))
+    return max((one for one in found if believed(one[0])), key=lambda one: one[0].proof.gain, default=None)
 
 
 def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
@@ -316,7 +346,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
     alike = term.basis.grid.places == 1 and case.model.segments is None
     for _ in range(MOST_STEPS if alike else SETTLING):
-        x = np.clip(moved + term.step, *room)
+        x = np.clip(moved + nearer(term.step, parameters.vector()), *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)
@@ -326,7 +356,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
-        rest = np.clip(moved + term.step, *room) - moved
+        rest = np.clip(moved + nearer(term.step, parameters.vector()), *room) - moved
         near = np.all(np.abs(rest) <= OF_ITS_ERROR * term.uncertainty) if alike else change.max(initial=0.0) < SETTLED
         if near:
             break
@@ -373,8 +403,10 @@ def told_beside(here: Traced, structure: Structure, term: Field, parameters: Par
 
 
 def over_time(known: LinearModel, hat: Basis, here: Traced) -> Field:
-    """Field of a basis of one place of a body: steps, unless held-out data ask for hats."""
-    smooth, steps = field_of(known, hat, here.rows, here.split), in_steps(known, hat, here.rows, here.split)
+    """Field of a basis of one place of a body: steps, unless held-out data ask for hats; of what DRIFTS hats, beside which parameters are
+    known no better than beside any history."""
+    smooth = field_of(known, hat, here.rows, here.split)
+    steps = None if hat.kind in DRIFTS else in_steps(known, hat, here.rows, here.split)
     return smooth if steps is None or better(steps, smooth, here.rows, here.split) else steps
 
 

@@ -98,6 +98,28 @@ def surface_flux(theta: np.ndarray, time: float, surroundings: np.ndarray, scale
     return head + tables + body
 
 
+def jaws_file(name: str, source: str, side: float, history: tuple[np.ndarray, np.ndarray]) -> str:
+    """Effect of slot boundary_temperature from a change of the temperature of the jaws: times (n_k,) s, and K (n_k,); `side`: the sign of y
+    of the jaw that it is of, 0 of both."""
+    head = _head(
+        what="A change of the temperature of the jaws over time",
+        slot="boundary_temperature",
+        on=("clamp",),
+        name=name,
+        formula="theta_M += scale T(t)" + ("" if side == 0.0 else " where y > 0" if side > 0.0 else " where y < 0"),
+        source=source,
+        imports=_NUMPY,
+    )
+    tables = _array("TIME", history[0], "s; knots in time.") + _array("CHANGE", history[1], "K by which the medium is warmer at the knots.")
+    body = f'''
+
+def boundary_temperature(y: np.ndarray, time: float, elapsed: float, scale: float) -> np.ndarray:
+    """Change of the temperature of the jaws, K; y in mm from the middle of the specimen."""
+    return np.asarray(scale * np.interp(time, TIME, CHANGE, left=0.0, right=0.0) * ({side:g} * y >= 0.0))
+'''
+    return head + tables + body
+
+
 def camera_file(name: str, source: str, grid: Grid, values: np.ndarray) -> str:
     """Effect of slot camera from coefficients (n_k, n_y, n_x, 2) in mm."""
     head = _head(
@@ -122,6 +144,31 @@ def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
     return np.asarray(u + scale * np.einsum("tk,sj,si,kjic->tsc", _hats(TIME, scene.time), along, across, MOTION))
 '''
     return head + tables + _HATS + body
+
+
+def scale_file(name: str, source: str, kind: str, history: tuple[np.ndarray, np.ndarray]) -> str:
+    """Effect of slot camera of kind "strain" or "scale" from its history: times (n_k,) s, and mm/m (n_k,)."""
+    time, values = history
+    what, on, shown = {
+        "strain": ("Apparent strain of the displacement cameras over time", "(x + u)", "scene.position"),
+        "scale": ("Error of the scale of displacements over time", "u", "u"),
+    }[kind]
+    head = _head(
+        what=what,
+        slot="camera",
+        name=name,
+        formula=f"u_camera = u + scale e(t) {on}",
+        source=source,
+        imports=_SCENE,
+    )
+    tables = _array("TIME", time, "s; knots in time.") + _array("ERROR", 1e-3 * values, "e at the knots.")
+    body = f'''
+
+def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
+    """u + scale e(t) {on}, mm (n_t, n_s, 2)."""
+    return np.asarray(u + scale * np.interp(scene.time, TIME, ERROR)[:, None, None] * {shown})
+'''
+    return head + tables + body
 
 
 OF_HEAT = (

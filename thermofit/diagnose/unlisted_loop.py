@@ -18,6 +18,7 @@ from thermofit.diagnose.trace import Traced, at_end
 from thermofit.diagnose.unlisted import Unlisted, broad_basis, over_time, standing, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Field, field_of
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.priors import contradicted
 
 
 def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) -> tuple[Closed, Unlisted | None]:
@@ -57,12 +58,13 @@ def _base(closed: Closed) -> np.ndarray | None:
 
 
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
-    """True where the effects left too much behind, and are not needed beside the field. A stress over the time of each record follows
-    whatever is smooth: beside it no law is needed, and none is taken back for it."""
-    blocks = found.structure.blocks
+    """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
+    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it."""
+    blocks, end = found.structure.blocks, closed.last.case
     if field.basis.kind == "stress":
         return False
-    if found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual):
+    answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
+    if answers and not contradicted(end.model.priors, end.parameters):
         return False
     here, known = closed.last, without_effects(closed.last, names)
     alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)

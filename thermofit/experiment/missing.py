@@ -81,7 +81,8 @@ class YieldTerms(Protocol):
 
 class Missing(Protocol):
     """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K),
-    "flux" through the free surface (mW/mm^2 of its area)."""
+    "flux" through the free surface (mW/mm^2 of its area), change of the temperature of the "jaws" or of one of them ("jaw_upper",
+    "jaw_lower"; K), apparent "strain" of what cameras see as they come nearer, and drift of their "scale" of displacements (mm/m)."""
 
     @property
     def records(self) -> tuple[CouponTest, ...]:
@@ -104,12 +105,13 @@ class Missing(Protocol):
         """Kind by the observed field that shows it."""
 
     @property
-    def of_instruments(self) -> Mapping[str, str]:
-        """Kind by the observed field of what its instrument may add to it: the same wherever it looks, and any history over time."""
+    def of_instruments(self) -> Mapping[str, tuple[str, ...]]:
+        """Kinds by the observed field of what its instrument may add to it: the same wherever it looks, and any history over time."""
 
     @property
-    def of_surface(self) -> Mapping[str, str]:
-        """Kind by the observed field of what may come through all of the free surface of a body alike, with any history over time."""
+    def of_surface(self) -> Mapping[str, tuple[str, ...]]:
+        """Kinds by the observed field of what may come through the surface of a body, all that is free of it alike or from its jaws, with
+        any history over time."""
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed, about `counts` of them in time, y and x."""

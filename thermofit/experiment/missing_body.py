@@ -1,5 +1,5 @@
-"""Missing terms of a body: heat sources through the conduction of the fitted run, displacements as the cameras would show them, and offsets
-of the infrared camera."""
+"""Missing terms of a body: heat sources and what comes through its surface by the conduction of the fitted run, displacements as the cameras
+would show them, offsets of the infrared camera, and the apparent strain of cameras that come nearer or whose scale drifts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from thermofit.body.body import Body, thermal_geometry
-from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
+from thermofit.body.heat.conduction import FILM_UNIT, GAMMA, HeatStep, at_constant_stress, heat_step
 from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.solve.history import History
@@ -25,10 +25,16 @@ from thermofit.observe.stations import chain, seen_along
 FIELDS = {"theta": "heat", "u": "displacement"}
 FREE = "air"
 """How names of facet sets begin that the jaws leave free."""
-OFFSETS = {"theta": "offset"}
-"""What a camera may add to all of its image."""
-SURFACES = {"theta": "flux"}
-"""What may come through all of the free surface."""
+GRIPPED = "clamp"
+"""How names of facet sets begin that the jaws hold."""
+OFFSETS = {"theta": ("offset",), "u": ("strain", "scale")}
+"""What a camera may add to all of its image: to every length, or to what it says of displacements."""
+PER_MILLE = 1e-3
+"""Apparent strain or error of the scale of a unit coefficient: mm/m."""
+JAWS = {"jaws": 0.0, "jaw_upper": 1.0, "jaw_lower": -1.0}
+"""Kinds of a change of the temperature of the jaws, and the sign of y of the one that changes; 0: both."""
+SURFACES = {"theta": ("flux", *JAWS)}
+"""What may come through the surface: through all that is free, or from jaws whose temperature changes."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +51,17 @@ class BodyMissing:
         return {field: kind for field, kind in FIELDS.items() if field in self.instruments.observations}
 
     @property
-    def of_instruments(self) -> Mapping[str, str]:
-        """Kind of what a camera may add to an observed field."""
-        return {field: kind for field, kind in OFFSETS.items() if field in self.instruments.observations}
+    def of_instruments(self) -> Mapping[str, tuple[str, ...]]:
+        """Kinds of what a camera may add to an observed field."""
+        return {field: kinds for field, kinds in OFFSETS.items() if field in self.instruments.observations}
 
     @property
-    def of_surface(self) -> Mapping[str, str]:
-        """Kind of what may come through the free surface, where the mesh says which that is."""
-        free = any(name.startswith(FREE) and facets.size for name, facets in self.body.mesh.facets.items())
-        return {field: kind for field, kind in SURFACES.items() if free and field in self.instruments.observations}
+    def of_surface(self) -> Mapping[str, tuple[str, ...]]:
+        """Kinds of what may come through the free surface or from the jaws, where the mesh says which these are."""
+        sets = [name for name, facets in self.body.mesh.facets.items() if facets.size]
+        there = {kind: any(name.startswith(GRIPPED if kind in JAWS else FREE) for name in sets) for kind in SURFACES["theta"]}
+        found = {field: tuple(kind for kind in kinds if there[kind]) for field, kinds in SURFACES.items()}
+        return {field: kinds for field, kinds in found.items() if kinds and field in self.instruments.observations}
 
     @property
     def records(self) -> tuple[()]:
@@ -84,7 +92,7 @@ class BodyMissing:
         time as it is observed."""
         field = _field_of(kind)
         seen = self.instruments.observations[field]
-        if kind in (*OFFSETS.values(), *SURFACES.values()):
+        if any(kind in kinds for kinds in (*OFFSETS.values(), *SURFACES.values())):
             time = np.quantile(seen.time, np.linspace(0.0, 1.0, min(counts[0], len(seen.time))))
             return Grid(time, np.zeros(len(time), dtype=int), np.zeros(1), np.zeros(1))
         used = seen.mask.any(axis=0)
@@ -105,10 +113,12 @@ class BodyMissing:
         return replace(observed, time=time, x=np.zeros(1), y=np.array([ends.min(), *observed.y, ends.max()]))
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
-        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, mm and
-        K."""
-        if kind in ("heat", *SURFACES.values()):
+        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
+        the jaws, mm, K and mm/m."""
+        if kind in ("heat", *SURFACES["theta"]):
             return self._warmed(parameters, kind, grid, chosen)
+        if kind in OFFSETS["u"]:
+            return self._magnified(parameters, kind, grid, chosen)
         return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
@@ -128,15 +138,23 @@ class BodyMissing:
             self.kept[key] = self.instruments.run(parameters)
         return self.kept[key]
 
+    def _magnified(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        """Displacements (n_t, n_s, 2, m) that an apparent strain of 1 mm/m adds, e (x + u) as of effect `dic_out_of_plane`, or an error of
+        the scale of as much, e u as of `dic_scale`; of the run, for noise of measured ones would be taken for them."""
+        seen, view = self.instruments.observations["u"], self.instruments.view("u", self.history(parameters))
+        in_time = time_hats(grid, seen.time, np.zeros(len(seen.time), dtype=int))[:, chosen]
+        length = view.scene.position if kind == "strain" else view.field
+        return seen.averaged(PER_MILLE * length[..., None] * in_time[:, None, None, :])
+
     def _warmed(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         history, sampler = self.history(parameters), self.instruments.samplers["theta"]
         seen = self.instruments.observations["theta"]
-        loads = None if kind in SURFACES.values() else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
+        loads = None if kind in SURFACES["theta"] else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
         links = chain(SLOTS["theta"], parameters)
         out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
         view = self.instruments.view("theta", history) if links else None
         full = np.zeros((len(history.time), len(seen.xy), len(chosen))) if links else None
-        for n, theta in self._marched(parameters, history, grid, loads, chosen):
+        for n, theta in self._marched(parameters, history, grid, kind if loads is None else loads, chosen):
             rates = sampler.temperature_rates(theta)
             if full is not None:
                 full[n] = rates[:, 0]
@@ -148,23 +166,34 @@ class BodyMissing:
         return seen.averaged(out)
 
     def _marched(
-        self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray | None, chosen: np.ndarray
+        self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray | str, chosen: np.ndarray
     ) -> Iterator[tuple[int, np.ndarray]]:
         """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation. `loads`
-        (n_np, n_places): mW of each place; None: they come through the free surface."""
+        (n_np, n_places): mW of each place; or of which kind of `SURFACES` they are."""
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         strength = _means(grid, history.time)[:, k]
         state = np.zeros((self.body.mesh.n_nodes, len(chosen)))
-        for n, (step, area) in enumerate(self._steps(parameters, history)):
+        for n, (step, films) in enumerate(self._steps(parameters, history)):
             active = np.flatnonzero(strength[: n + 1].any(axis=0))
             if active.size:
-                heat = step.length * (area[:, None] if loads is None else loads[:, place[active]]) * strength[n, active]
+                mine = self._through(loads, step, films)[:, None] if isinstance(loads, str) else loads[:, place[active]]
+                heat = step.length * mine * strength[n, active]
                 state[:, active] = _answered(self.body, step, np.ascontiguousarray(state[:, active]), heat)
             yield n + 1, state
 
-    def _steps(self, parameters: Parameters, history: History) -> Iterator[tuple[HeatStep, np.ndarray]]:
-        """The steps of the heat equation on the known motion, and the free area (n_np,) mm^2 of the nodes; the capacity is that of constant
-        stress, because the body expands freely."""
+    def _through(self, kind: str, step: HeatStep, films: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Nodal power (n_np,) mW of a flux of 1 mW/mm^2 through the free surface, or of jaws that are 1 K warmer; `films`: area (n_np,) mm^2
+        of the nodes by facet set."""
+        nothing, coefficient = np.zeros(self.body.mesh.n_nodes), step.conditions.films
+        if kind not in JAWS:
+            return np.asarray(np.sum([nothing, *(own for name, own in films.items() if name.startswith(FREE))], axis=0))
+        of_jaws = [FILM_UNIT * coefficient[name][0] * own for name, own in films.items() if name.startswith(GRIPPED)]
+        side = JAWS[kind] * about_middle(self.body)[1]
+        return np.asarray(np.sum([nothing, *of_jaws], axis=0) * (side >= 0.0))
+
+    def _steps(self, parameters: Parameters, history: History) -> Iterator[tuple[HeatStep, Mapping[str, np.ndarray]]]:
+        """The steps of the heat equation on the known motion, and the area (n_np,) mm^2 of the nodes by facet set; the capacity is that of
+        constant stress, because the body expands freely."""
         settings = self.whole.settings
         law = law_of(parameters, settings.model, closed_form=settings.closed_form, plastic=settings.plastic)
         conditions = at_constant_stress(conditions_of(self.body, parameters, settings.films), law)
@@ -174,8 +203,7 @@ class BodyMissing:
             after = thermal_geometry(self.body, history.u[n + 1])
             here = conditions.at(first, float(history.time[n]), history.theta[n])
             mean = before.mean_with(after)
-            area = np.sum([nothing, *(own for name, own in mean.film_area.items() if name.startswith(FREE))], axis=0)
-            yield heat_step(self.body, mean, here, history.theta[n], nothing, (float(dt), settings.heat_scheme)), area
+            yield heat_step(self.body, mean, here, history.theta[n], nothing, (float(dt), settings.heat_scheme)), mean.film_area
             before = after
 
     def states(self, parameters: Parameters, grid: Grid) -> Mapping[str, np.ndarray]:
@@ -199,7 +227,8 @@ class BodyMissing:
 
 def _field_of(kind: str) -> str:
     """The observed field that shows a kind of term."""
-    return next(f for f, k in (*FIELDS.items(), *OFFSETS.items(), *SURFACES.items()) if k == kind)
+    alike = [*OFFSETS.items(), *SURFACES.items()]
+    return next(f for f, kinds in [*((f, (k,)) for f, k in FIELDS.items()), *alike] if kind in kinds)
 
 
 def _means(grid: Grid, time: np.ndarray) -> np.ndarray:

@@ -109,12 +109,12 @@ class CouponMissing:
         return np.concatenate(parts)[:, None, None, :]
 
     @property
-    def of_surface(self) -> Mapping[str, str]:
+    def of_surface(self) -> Mapping[str, tuple[str, ...]]:
         """None: a coupon is one point."""
         return {}
 
     @property
-    def of_instruments(self) -> Mapping[str, str]:
+    def of_instruments(self) -> Mapping[str, tuple[str, ...]]:
         """None: the lumped balance of a record turns any history of its temperature into a power."""
         return {}
 

@@ -18,13 +18,14 @@ from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
-from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, sensor_file, surface_file, yield_file
+from thermofit.diagnose.unlisted import HALF, UNITS, Unlisted, believed_law
+from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, jaws_file, scale_file, sensor_file, surface_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Missing
+from thermofit.experiment.missing_body import JAWS
 from thermofit.experiment.trust import grade
 from thermofit.law.page import law_of
 from thermofit.records.artefact import Dataset
@@ -33,13 +34,18 @@ from thermofit.report.figures_maps import Scale, draw_map
 from thermofit.report.local_words import steps_in_words, with_article
 from thermofit.study.study import Study
 
-NAMES = {kind: f"unlisted_{kind}" for kind in ("heat", "displacement", "stress", "offset", "flux")}
+NAMES = {kind: f"unlisted_{kind}" for kind in UNITS}
 WORDS = {
     **{"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"},
-    "flux": "heat through the free surface",
+    **{"flux": "heat through the free surface", "strain": "apparent strain of the displacement cameras"},
+    "scale": "error of the scale of displacements",
+    **{"jaws": "temperature of the jaws", "jaw_upper": "temperature of the upper jaw", "jaw_lower": "temperature of the lower jaw"},
 }
-WHOLE = {"offset": "image", "flux": "surface"}
-"""Where a term is that is the same everywhere."""
+OF_CAMERAS = ("offset", "strain", "scale")
+"""Kinds that are no balance's: what a camera adds."""
+WHOLE = {"offset": "image", "flux": "surface", **dict.fromkeys(("strain", "scale"), "image"), **dict.fromkeys(JAWS, "jaws")}
+"""Where a term is that is the same everywhere; which of the jaws says `JAW`."""
+JAW = {"jaw_upper": "upper", "jaw_lower": "lower"}
 BALANCES = {"theta": "heat", "u": "motion"}
 """Balance that lacks something by the observed field that shows it; any other one shows stresses."""
 FIGURE = "unlisted"
@@ -83,8 +89,10 @@ def described(
 
 def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
     """The balance that lacks something: `boundary` where the local balance of heat closes, so that it comes from outside what is seen;
-    `camera` where it is none, but the offset of a camera."""
-    if found.field is not None and found.field.basis.kind == "offset":
+    `camera` where it is none, but what a camera adds."""
+    if found.field is not None and found.field.basis.kind in JAWS:
+        return "boundary"
+    if found.field is not None and found.field.basis.kind in OF_CAMERAS:
         return "camera"
     channel = found.channel
     kind = BALANCES.get(observed_field(channel), "stress")
@@ -186,6 +194,8 @@ def place_in_words(where: dict[str, Any]) -> str:
         return f"in {where['image']} of the image"
     if "surface" in where:
         return "the same everywhere"
+    if "jaws" in where:
+        return "in both" if where["jaws"] == "all" else "in one"
     side = "|x|" if where["both_sides"] else "x"
     return f"at {side} = {where['x_mm']:.3g}, y = {where['y_mm']:.3g} mm"
 
@@ -240,7 +250,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
         strength, sigma = place.strength[own], place.sigma[own]
         position: dict[str, Any] = {"record": missing.records[record].name}
     elif field.basis.kind in WHOLE:
-        strength, sigma, position = place.strength, place.sigma, {WHOLE[field.basis.kind]: "all"}
+        strength, sigma, position = place.strength, place.sigma, {WHOLE[field.basis.kind]: JAW.get(field.basis.kind, "all")}
     else:
         strength, sigma = place.strength, place.sigma
         position = {
@@ -300,6 +310,12 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     if kind == "flux":
         text = surface_file(name, source, grid.time, field.values[:, 0, 0, 0])
         return EffectFile(name, text, "the missing heat through the free surface over time", field.proof)
+    if kind in JAWS:
+        text = jaws_file(name, source, JAWS[kind], (grid.time, field.values[:, 0, 0, 0]))
+        return EffectFile(name, text, f"the {WORDS[kind]} over time", field.proof)
+    if kind in ("strain", "scale"):
+        text = scale_file(name, source, kind, (grid.time, field.values[:, 0, 0, 0]))
+        return EffectFile(name, text, f"the {WORDS[kind]} over time", field.proof)
     if kind == "offset":
         text = sensor_file(name, source, OF_CAMERA, [("", grid.time, field.values[:, 0, 0, 0])])
         return EffectFile(name, text, "the offset of the infrared camera over time", field.proof)
@@ -333,7 +349,7 @@ def unlisted_datasets(found: Unlisted | None) -> dict[str, Dataset]:
 
 
 _FINE = 41
-_WORDS = {kind: WORDS[kind] if kind == "offset" else f"missing {WORDS[kind]}" for kind in WORDS}
+_WORDS = {kind: WORDS[kind] if kind in OF_CAMERAS else f"missing {WORDS[kind]}" for kind in WORDS}
 
 
 def unlisted_figure(here: Traced, found: Unlisted) -> Figure:

@@ -51,8 +51,16 @@ def test_steps_follow_any_smooth_curve() -> None:
         assert np.linalg.cond(columns) < 1e3
 
 
-def traced(du: float, cheap: bool = False, known: Any = (CURVE,), on: bool = False) -> Any:
-    """A trace whose displacements are at `du` times their noise; temperatures are far beyond theirs."""
+def traced(du: float, cheap: bool = False, known: Any = (CURVE,), on: bool = False, alone: float | None = None) -> Any:
+    """A trace whose displacements are at `du` times their noise, by a fit to them alone at `alone` times (None: there is none, nan: it
+    fails); temperatures are far beyond theirs."""
+
+    def mechanics(start: Parameters, label: str, to_beat: float) -> Any:
+        assert alone is not None and label == "nothing added on displacements"
+        if np.isnan(alone):
+            raise NumericsError("no equilibrium")
+        return start, SimpleNamespace(f=200.0 * alone**2)
+
     channels = (SimpleNamespace(channel="du", n=200), SimpleNamespace(channel="dtheta", n=100))
     residual = np.concatenate([np.full(200, du), np.full(100, 5.0)])
     values = {"hardening_curve.level": 2.0} if on else {}
@@ -62,6 +70,7 @@ def traced(du: float, cheap: bool = False, known: Any = (CURVE,), on: bool = Fal
         parameters=Parameters.of({"M_y0": 130.0, **values}, FREE),
         model=SimpleNamespace(comparisons=channels),
         largest_strain=0.18,
+        mechanics=None if alone is None else mechanics,
     )
     rows = SimpleNamespace(channel=np.repeat([0, 1], [200, 100]))
     return SimpleNamespace(
@@ -85,6 +94,8 @@ def means(asked: list[Parameters]) -> Any:
         (traced(9.0, cheap=True), "coupons have a law over their state"),
         (traced(9.0, known=(effect("lamp"),)), "the driver does not know it"),
         (traced(9.0, on=True), "it is on"),
+        (traced(9.0, alone=1.0), "a fit to the displacements alone leaves nothing, and temperatures drew the law away"),
+        (traced(9.0, alone=1.1), "it leaves less than an effect has to take"),
     ],
 )
 def test_when_it_is_not_asked(here: Any, why: str) -> None:
@@ -109,6 +120,8 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
     assert asked[3].free == (*asked[0].free, "hardening_curve.range"), "with the steps where they are wanted"
     assert len(asked) == 6 and ends[0][0] is asked[4] and ends[0][1].f == 80.0, "on as long as it falls"
     assert winner == (trials[0], ("there", "fit")) and trials[0].exponents == "the hardening law is held; fitted"
+    for alone in (1.2, np.nan):  # they ask for it by themselves, or are not known not to
+        assert of_any_form(traced(9.0, alone=alone), None, means([]))[1] == (trials[0], ("there", "fit"))  # type: ignore[arg-type]
     monkeypatch.setattr(any_form, "judged_trial", lambda *_: (replace(told, refused="no"), None))
     assert of_any_form(traced(9.0), None, means(asked))[1] is None  # type: ignore[arg-type]
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import backward as module
-from thermofit.diagnose.backward import compensated, still_needed, without_effects
+from thermofit.diagnose.backward import compensated, moved_by, still_needed, without_effects
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, Split
 from thermofit.fit.linear_model import LinearModel
 
@@ -54,7 +55,32 @@ def test_an_effect_is_needed_where_held_out_data_say_so(
     proofs = {True: GOOD, False: replace(GOOD, sigma=0.3)}
     monkeypatch.setattr(module, "compared", lambda *_: proofs[inside])
     monkeypatch.setattr(module, "proof_of_need", lambda *_: None if beyond is None else proofs[beyond])
+    monkeypatch.setattr(module, "moved_by", lambda *_: False)
     assert still_needed(here_of(), "ir_drift") is needed
+
+
+@pytest.mark.parametrize(("moves", "needed"), [(True, True), (False, False)])
+def test_an_effect_that_moves_the_material_is_needed_however_little_it_takes(
+    monkeypatch: pytest.MonkeyPatch, moves: bool, needed: bool
+) -> None:
+    monkeypatch.setattr(module, "compared", lambda *_: replace(GOOD, gain=0.002, sigma=0.0005))
+    monkeypatch.setattr(module, "proof_of_need", lambda *_: None)
+    monkeypatch.setattr(module, "moved_by", lambda *_: moves)
+    assert still_needed(here_of(), "ir_drift") is needed
+
+
+@pytest.mark.parametrize(("amount", "beside", "far"), [(0.1, (), True), (0.004, (), False), (0.1, ("ir_drift.rate",), False)])
+def test_what_an_accepted_effect_has_moved(amount: float, beside: tuple[str, ...], far: bool) -> None:
+    """Lamp and conductivity alike but for a hundredth: without the lamp, conductivity would be 100 times its amount higher; two per cent of
+    120 are 2.4. Beside a further effect nothing is asked."""
+    free = ("kappa", "lamp.absorbed", *beside)
+    parameters = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": amount}).with_free(free)
+    columns = np.zeros((6, len(free)))
+    columns[:, : len(free)] = 1e3 * np.eye(6)[:, : len(free)]
+    columns[:2, :2] = [[1e3, -1e5], [0.0, 1e3]]
+    case = Case(cast(Any, SimpleNamespace(priors=())), parameters, (), (), frozenset())
+    here: Any = SimpleNamespace(case=case, problem=SimpleNamespace(model=LinearModel(np.zeros(6), columns)))
+    assert moved_by(here, "lamp", without_effects(here, ["lamp"])) is far
 
 
 HELD = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.1, "lamp.start": 45.0}).with_free(

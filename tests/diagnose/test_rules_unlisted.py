@@ -219,7 +219,13 @@ def test_a_place_belongs_to_the_term_from_three_tenths_of_the_largest() -> None:
 def closed_of(first: float = 1000.0, accepted: tuple[str, ...] = ("a", "b", "c"), cheap: bool = False) -> Any:
     split, problem = SimpleNamespace(held_out=()), SimpleNamespace(model=SimpleNamespace(noise=None))
     columns = SimpleNamespace(residual=first, fitted=None)
-    last = SimpleNamespace(case=SimpleNamespace(cheap=cheap, model=SimpleNamespace(priors=()), parameters=None), columns=columns, rows=None, split=split, problem=problem)
+    last = SimpleNamespace(
+        case=SimpleNamespace(cheap=cheap, model=SimpleNamespace(priors=()), parameters=None),
+        columns=columns,
+        rows=None,
+        split=split,
+        problem=problem,
+    )
     return SimpleNamespace(first=SimpleNamespace(columns=columns), last=last, accepted=accepted)
 
 

@@ -269,13 +269,13 @@ ROWS: dict[str, Row] = {
             ((200.0 * a(LN2), a(0.5), 1.0, 200.0), (200.0 * a(LN2), a(0.0))),
         ),
     ),
-    # (1 + tanh x) / 2 = 1 / (1 + exp(-2 x)), x in seconds after the start: 3/4 at x = ln 3 / 2, 1/4 as long before, half at the start.
+    # (1 + tanh x) / 2 = 1 / (1 + exp(-2 x)), x in onsets after the start: 3/4 at x = ln 3 / 2, 1/4 as long before, half at the start.
     "lamp": Row(
         "surface_flux",
         (
-            ((a(300.0), 40.0 + 0.5 * LN3, a(297.0), 0.2, 40.0), a(-0.15)),
-            ((a(320.0), 40.0 - 0.5 * LN3, a(297.0), 0.2, 40.0), a(-0.05)),
-            ((a(320.0), -5.0, a(297.0), -0.4, -5.0), a(0.2)),
+            ((a(300.0), 40.0 + 0.5 * LN3, a(297.0), 0.2, 40.0, 1.0), a(-0.15)),
+            ((a(320.0), 40.0 - 1.5 * LN3, a(297.0), 0.2, 40.0, 3.0), a(-0.05)),
+            ((a(320.0), -5.0, a(297.0), -0.4, -5.0, 1.0), a(0.2)),
         ),
         on=("air",),
     ),
@@ -289,14 +289,20 @@ ROWS: dict[str, Row] = {
         ),
     ),
     "linear_hardening": Row("yield_stress", (((0.03, 200.0), 6.0), ((0.5, 1000.0), 500.0))),
-    # exp(-x^2 / 2) = 1/2 at x = sqrt(2 ln 2) widths from its middle, 3/4 of the power ln 3 / 2 seconds after the start, 1/4 as long before.
+    # exp(-x^2 / 2) = 1/2 at x = sqrt(2 ln 2) widths from its middle, 3/4 of the power ln 3 / 2 onsets after the start, 1/4 as long before.
     # Powers are sqrt(2 pi) times a number: divided by the width that is the power per volume in the middle.
     "local_source": Row(
         "heat_source",
         (
-            ((a(290.0), a(0.1), a(1.0), 60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), 1.6 * ROOT, -4.0, 2.0, 60.0), a(0.3)),
-            ((a(290.0), a(0.0), a(0.0), 60.0 - 0.5 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), -4.0 * ROOT, -4.0, 5.0, 60.0), a(-0.1)),
-            ((a(300.0, 1.0), a(0.0, 0.0), a(0.0, 0.0), 5.0, a(0.0, 1.0), a(7.0, 7.0), 1.2 * ROOT, 7.0, 3.0, 5.0), a(0.2, 0.2)),
+            (
+                (a(290.0), a(0.1), a(1.0), 60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), 1.6 * ROOT, -4.0, 2.0, 60.0, 1.0),
+                a(0.3),
+            ),
+            (
+                (a(290.0), a(0.0), a(0.0), 60.0 - 2.0 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), -4.0 * ROOT, -4.0, 5.0, 60.0, 4.0),
+                a(-0.1),
+            ),
+            ((a(300.0, 1.0), a(0.0, 0.0), a(0.0, 0.0), 5.0, a(0.0, 1.0), a(7.0, 7.0), 1.2 * ROOT, 7.0, 3.0, 5.0, 1.0), a(0.2, 0.2)),
         ),
     ),
     "machine_compliance": Row(

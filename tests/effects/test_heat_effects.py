@@ -83,7 +83,7 @@ def test_radiation(theta: float, emissivity: float) -> None:
 
 def test_lamp_brings_its_power_from_its_start_on() -> None:
     """Inward heat over 0 to 100 s is absorbed (100 - start); half of the power at the start, 88 per cent a ramp later."""
-    inward = lambda t: -float(lamp(np.array(300.0), t, np.array(297.0), 0.2, 40.0))  # noqa: E731
+    inward = lambda t: -float(lamp(np.array(300.0), t, np.array(297.0), 0.2, 40.0, RAMP))  # noqa: E731
     assert quad(inward, 0.0, 100.0, points=(40.0,))[0] == pytest.approx(0.2 * 60.0, rel=1e-9)
     assert inward(40.0) == pytest.approx(0.1)
     assert inward(40.0 + RAMP) == pytest.approx(0.1 * (1.0 + np.tanh(1.0)))

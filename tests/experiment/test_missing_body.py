@@ -91,4 +91,7 @@ def test_both_jaws_are_the_upper_and_the_lower_one() -> None:
     assert joint.missing is not None
     grid = joint.missing.grid("jaws", (6, 1, 1))
     both, upper, lower = (joint.missing.answers(kind, base, grid, np.arange(grid.size)) for kind in JAWS)
-    assert np.allclose(upper + lower, both, rtol=0.0, atol=1e-9 * np.abs(both).max()) and np.abs(upper - lower).max() > 0.1 * np.abs(both).max()
+    assert (
+        np.allclose(upper + lower, both, rtol=0.0, atol=1e-9 * np.abs(both).max())
+        and np.abs(upper - lower).max() > 0.1 * np.abs(both).max()
+    )

@@ -147,7 +147,8 @@ def _with_stored(end: End, here: Traced, own: Effect, means: Means) -> tuple[End
 
 def _asked(here: Traced) -> Effect | None:
     """The curve, where the driver is a body that knows it, it is off, and what is not temperature is beyond its floor: where displacements
-    are compared, in a fit to them alone as well. What is missing from the balance of heat draws the law from where displacements want it."""
+    are compared, in a fit to them alone as well. What is missing from the balance of heat draws the law from where displacements want
+    it."""
     case = here.case
     own = next((e for e in case.known if e.last and not e.is_on(case.parameters)), None)
     if own is None or case.cheap or not above_floor(here):

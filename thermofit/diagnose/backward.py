@@ -59,11 +59,11 @@ def still_needed(here: Traced, name: str) -> bool:
     without_it = without_effects(here, [name])
     ends, folds = (without_it.predicted(here.split.folds), held_out_of(here)), len(here.split.held_out)
     found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
-    found = replace(found, moves=_moved(here, name, without_it))
+    found = replace(found, moves=moved_by(here, name, without_it))
     return (proof_of_need(here, name, without_it) or found).convinces
 
 
-def _moved(here: Traced, name: str, without_it: LinearModel) -> bool:
+def moved_by(here: Traced, name: str, without_it: LinearModel) -> bool:
     """Whether an accepted effect has moved a parameter of the material far, where nothing else was added (`trace.material_of`)."""
     case, gone = here.case, effect(name).names
     rest = case.parameters.with_free(tuple(n for n in case.parameters.free if n not in gone))

@@ -32,8 +32,8 @@ FORM = (EXPONENTS, HELD_LAW, SLOWER_RATES)
 
 @dataclass(frozen=True)
 class BesideSource:
-    """Values of the fitted parameters beside an unlisted heat or what cameras add, and their combined standard errors, each in its unit; in words why
-    there are none, where a run failed."""
+    """Values of the fitted parameters beside an unlisted heat or what cameras add, and their combined standard errors, each in its unit; in
+    words why there are none, where a run failed."""
 
     value: Mapping[str, float]
     sigma: Mapping[str, float]
@@ -41,8 +41,8 @@ class BesideSource:
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
-    """The parameters beside an unlisted heat of a body, or what its cameras add to all of an image; None where none is unlisted, or the model knows of no
-    broad source. `budget`: that of the joint fit."""
+    """The parameters beside an unlisted heat of a body, or what its cameras add to all of an image; None where none is unlisted, or the
+    model knows of no broad source. `budget`: that of the joint fit."""
     found = _beside(here, missing)
     if found is None or budget is None:
         return found

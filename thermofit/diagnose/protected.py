@@ -95,10 +95,16 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
     return Protected(there, replace(_linearised(fit, there, thermal), bounds=_room(case, there, thermal)), found)
 
 
-def nearer(step: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value; one that is zero may go anywhere."""
+def nearer(step: np.ndarray, value: np.ndarray, reciprocal: np.ndarray | bool = False) -> np.ndarray:
+    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value; one that is zero may go anywhere.
+
+    Where `reciprocal` (p,), 1/x takes the linear step, -d/x^2, as far down as it likes and no farther up than that: a film that conducts
+    as if there were none changes nothing until it is a hundredth of what it is.
+    """
     near = FARTHEST * np.abs(value)
-    return np.where(near > 0.0, np.clip(step, -near, near), step)
+    plain = np.where(near > 0.0, np.clip(step, -near, near), step)
+    whole = np.where(value != 0.0, value, 1.0)
+    return np.where(reciprocal & (value != 0.0), whole / np.maximum(1.0 - step / whole, FARTHEST) - whole, plain)
 
 
 def _usual(fit: HeatFit, thermal: Sequence[str]) -> dict[str, float]:

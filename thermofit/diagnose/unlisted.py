@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, compared
 from thermofit.diagnose.protected import nearer
@@ -35,11 +35,13 @@ from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import Grid
 from thermofit.experiment.missing_body import JAWS
 from thermofit.fit.linear_model import LinearModel
+from thermofit.identify.variables import RECIPROCAL
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
 UNITS = {
     **{"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K", "flux": "mW/mm^2", "strain": "mm/m", "scale": "mm/m"},
+    "gradient": "mK/mm",
     **dict.fromkeys(JAWS, "K"),
 }
 MOST_HATS = 320
@@ -47,7 +49,7 @@ MOST_HATS = 320
 frame to the next; smeared over a few of them, the jump is taken up by conductivity and films."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {
     **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
-    **dict.fromkeys(("offset", "flux", "strain", "scale", *JAWS), (MOST_HATS, 1, 1)),
+    **dict.fromkeys(("offset", "gradient", "flux", "strain", "scale", *JAWS), (MOST_HATS, 1, 1)),
 }
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
@@ -65,6 +67,10 @@ SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
+
+
+GONE = "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
+"""Why parameters stay where they are beside a term."""
 
 
 @dataclass(frozen=True)
@@ -107,40 +113,61 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         apart, failed = undriven(here, structure)
         term, there = sought(here, apart, structure)
         begins = [here] if apart is here else [here, apart]
-        fitted = there is not here
-        for other in (through_surface, of_instrument):
-            instead = other(begins, structure, term)
-            if instead is not None:
-                term, there = instead
-                fitted = False
+        terms = [] if term is None else [Sought(term, there, there is not here)]
+        for where in begins:
+            for other in (through_surface, of_instrument):
+                instead = other(here, where, structure, terms[0].term if terms else None)
+                terms = terms if instead is None else [instead, *terms]
         law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
-        proofs = [p.gain for p in (None if term is None else term.proof, believed_law(law)) if p is not None]
+        proofs = [p.gain for p in (terms[0].term.proof if terms else None, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
-            listed = best_listed(here, structure, every)
-            found.append((max(proofs, default=-np.inf), structure, listed, term, (there, fitted), failed, law))
-    for _, structure, listed, term, (there, fitted), failed, law in sorted(found, key=lambda f: -f[0]):
+            found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), terms, failed, law))
+    for _, structure, listed, terms, failed, law in sorted(found, key=lambda f: -f[0]):
         others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
         alone = Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
-        if term is None:
+        if not terms:
             return alone
-        first = term
-        term, parameters, remark = (term, there.case.parameters, "") if fitted else settled(there, structure, term)
-        case, said = here.case, ""
-        if term is not first and term.basis.grid.places == 1 and case.model.segments is None:
-            case, term, parameters, said = told_beside(there, structure, term, parameters)
-        remark = "; ".join(words for words in (failed, remark, said) if words)
-        place = place_of(term, volumes(here.case, term.basis))
-        if term is not first:
-            # Neither the parameters at the optimum nor those that have followed a term of few hats are those without what is missing.
-            moved = place.size - place_of(first, volumes(here.case, first.basis)).size
-            place = replace(place, doubt=float(np.hypot(place.doubt, moved)))
-        inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
-        if inside.sum() >= LEAST_ROWS:
-            return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
+        for begin in terms:
+            whole = told(here, structure, begin, replace(alone, remark=failed))
+            if whole is not None:
+                return whole
         # The term has taken wild samples; there may be structure besides.
         if believed_law(law) is not None or _told_alone(here, structure, base):
             return alone
     return None
+
+
+@dataclass(frozen=True)
+class Sought:
+    """A term, the problem in which it was found, and whether it stays with the parameters of that."""
+
+    term: Field
+    there: Traced
+    fitted: bool = False
+
+
+def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> Unlisted | None:
+    """What is missing by a term, with the parameters that follow it; None where it has no more than a few wild samples in its window, or,
+    of one that is the same everywhere, where held-out data ask for none once parameters have followed. `alone`: the same without a term."""
+    first, there, case, said, remark = begin.term, begin.there, here.case, "", ""
+    term, parameters = first, there.case.parameters
+    if not begin.fitted:
+        term, parameters, remark = settled(there, structure, first)
+    alike = first.basis.grid.places == 1 and case.model.segments is None
+    if alike and term is not first:
+        case, term, parameters, said = told_beside(there, structure, term, parameters)
+    elif alike and remark == GONE:
+        return None
+    place = place_of(term, volumes(here.case, term.basis))
+    if term is not first:
+        # Neither the parameters at the optimum nor those that have followed a term of few hats are those without what is missing.
+        moved = place.size - place_of(first, volumes(here.case, first.basis)).size
+        place = replace(place, doubt=float(np.hypot(place.doubt, moved)))
+    inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
+    if inside.sum() < LEAST_ROWS:
+        return None
+    remark = "; ".join(words for words in (alone.remark, remark, said) if words)
+    return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
 
 
 def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:
@@ -186,34 +213,34 @@ def beside_optimum(here: Traced, term: Field) -> Field:
     return replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
 
 
-Alike = tuple[Field, Traced]
-"""A term that is the same everywhere, and where it was found."""
-
-
-def through_surface(begins: Sequence[Traced], structure: Structure, term: Field | None) -> Alike | None:
-    """A heat through all of the free surface alike or from the jaws, over time of any form, in the stead of one that has places, or of
-    none; None where held-out data do not ask for it, or the one with places predicts them better. What warms a sheet evenly has no place,
-    and what comes from a jaw has none that is seen. `begins`: the optimum, and the problem at protected parameters."""
-    here = begins[0]
+def through_surface(here: Traced, there: Traced, structure: Structure, term: Field | None) -> Sought | None:
+    """A heat through all of the free surface alike or from the jaws, over time of any form, in the stead of another term, or of none; None
+    where held-out data do not ask for it, or `term` predicts them better. What warms a sheet evenly has no place, and what comes from a jaw
+    has none that is seen. Found `there`, at protected parameters, it has to predict better: beside a broad source any smooth term does
+    well."""
     missing = here.case.model.missing
-    own = None if missing is None else everywhere_alike(begins, structure, missing.of_surface)
-    return own if own is None or term is None or not predicts_better(here, term, own[0]) else None
+    own = None if missing is None else everywhere_alike(here, there, structure, missing.of_surface)
+    if own is None or term is None:
+        return own
+    taken = predicts_better(here, own.term, term) if there is not here else not predicts_better(here, term, own.term)
+    return own if taken else None
 
 
-def of_instrument(begins: Sequence[Traced], structure: Structure, term: Field | None) -> Alike | None:
-    """An offset of the camera over time, of cameras that see displacements an apparent strain or a drift of their scale, in the
-    stead of a term of the body, or of none; None where held-out data do not ask for it, or the term of the body predicts them no worse.
+def of_instrument(here: Traced, there: Traced, structure: Structure, term: Field | None) -> Sought | None:
+    """An offset of the camera over time or one that grows along the load, of cameras that see displacements an apparent strain or a drift
+    of their scale, in the stead of a term of the body, or of none; None where held-out data do not ask for it, or the term of the body
+    predicts them no worse.
 
     What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps. Cameras that warm
-    up or come nearer see all lengths grow alike; a displacement that has places is no more than what is left, so it has to predict better."""
-    here = begins[0]
+    up or come nearer see all lengths grow alike; a displacement that has places is no more than what is left, so it has to predict better.
+    """
     missing = here.case.model.missing
-    own = None if missing is None else everywhere_alike(begins, structure, missing.of_instruments)
+    own = None if missing is None else everywhere_alike(here, there, structure, missing.of_instruments)
     if own is None or term is None:
         return own
     if term.basis.kind == "displacement":
-        return own if not predicts_better(here, term, own[0]) else None
-    return own if predicts_better(here, own[0], term) else None
+        return own if not predicts_better(here, term, own.term) else None
+    return own if predicts_better(here, own.term, term) else None
 
 
 def predicts_better(here: Traced, one: Field, other: Field) -> bool:
@@ -221,17 +248,17 @@ def predicts_better(here: Traced, one: Field, other: Field) -> bool:
     return compared(other.after, one.after, here.rows, len(here.split.held_out), here.problem.model.noise, one.residual).convinces
 
 
-def everywhere_alike(begins: Sequence[Traced], structure: Structure, kinds: Mapping[str, tuple[str, ...]]) -> Alike | None:
-    """The term of the kinds that a channel has among `kinds` which predicts held-out data best, the same everywhere; None where they ask for
-    none."""
-    found: list[Alike] = []
-    for there in begins:
-        missing = there.case.model.missing
-        for kind in () if missing is None else kinds.get(observed_field(structure.blocks.channel), ()):
-            grid = missing.grid(kind, COUNTS[kind])
-            own = over_time(there.problem.model, basis(there.case, structure, kind, grid, np.arange(grid.size)), there)
-            found.append((own if there is begins[0] else beside_optimum(begins[0], own), there))
-    return max((one for one in found if believed(one[0])), key=lambda one: one[0].proof.gain, default=None)
+def everywhere_alike(here: Traced, there: Traced, structure: Structure, kinds: Mapping[str, tuple[str, ...]]) -> Sought | None:
+    """The term of the kinds that a channel has among `kinds` which predicts held-out data best, the same everywhere; None where they ask
+    for none. It is found `there`, and proved against the optimum `here`."""
+    missing, found = there.case.model.missing, []
+    for kind in kinds.get(observed_field(structure.blocks.channel), ()):
+        assert missing is not None, "it has kinds"
+        grid = missing.grid(kind, COUNTS[kind])
+        own = over_time(there.problem.model, basis(there.case, structure, kind, grid, np.arange(grid.size)), there)
+        found.append(own if there is here else beside_optimum(here, own))
+    best = max(filter(believed, found), key=lambda term: term.proof.gain, default=None)
+    return None if best is None else Sought(best, there)
 
 
 def undriven(here: Traced, structure: Structure) -> tuple[Traced, str]:
@@ -344,9 +371,10 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
+    films = np.array([bare_name(n) in RECIPROCAL for n in parameters.free])
     alike = term.basis.grid.places == 1 and case.model.segments is None
     for _ in range(MOST_STEPS if alike else SETTLING):
-        x = np.clip(moved + nearer(term.step, parameters.vector()), *room)
+        x = np.clip(moved + nearer(term.step, parameters.vector(), films), *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)
@@ -356,7 +384,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
-        rest = np.clip(moved + nearer(term.step, parameters.vector()), *room) - moved
+        rest = np.clip(moved + nearer(term.step, parameters.vector(), films), *room) - moved
         near = np.all(np.abs(rest) <= OF_ITS_ERROR * term.uncertainty) if alike else change.max(initial=0.0) < SETTLED
         if near:
             break
@@ -368,7 +396,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
     if believed(term):
         return term, parameters, words
-    return first, case.parameters, "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
+    return first, case.parameters, GONE
 
 
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:

@@ -146,6 +146,26 @@ def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
     return head + tables + _HATS + body
 
 
+def gradient_file(name: str, source: str, history: tuple[np.ndarray, np.ndarray]) -> str:
+    """Effect of slot sensor from an offset that grows along the load: times (n_k,) s, and mK/mm (n_k,)."""
+    head = _head(
+        what="Offset of the infrared camera that grows along the load, over time",
+        slot="sensor",
+        name=name,
+        formula="theta_camera = theta + scale g(t) y",
+        source=source,
+        imports=_SCENE,
+    )
+    tables = _array("TIME", history[0], "s; knots in time.") + _array("GRADIENT", 1e-3 * history[1], "g at the knots, K/mm.")
+    body = '''
+
+def sensor(theta: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
+    """Temperature of the model and what is missing, K (n_t, n_s)."""
+    return np.asarray(theta + scale * np.interp(scene.time, TIME, GRADIENT)[:, None] * scene.position[:, :, 1])
+'''
+    return head + tables + body
+
+
 def scale_file(name: str, source: str, kind: str, history: tuple[np.ndarray, np.ndarray]) -> str:
     """Effect of slot camera of kind "strain" or "scale" from its history: times (n_k,) s, and mm/m (n_k,)."""
     time, values = history

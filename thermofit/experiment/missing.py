@@ -80,9 +80,10 @@ class YieldTerms(Protocol):
 
 
 class Missing(Protocol):
-    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K),
-    "flux" through the free surface (mW/mm^2 of its area), change of the temperature of the "jaws" or of one of them ("jaw_upper",
-    "jaw_lower"; K), apparent "strain" of what cameras see as they come nearer, and drift of their "scale" of displacements (mm/m)."""
+    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K) and
+    its "gradient" along the load (mK/mm), "flux" through the free surface (mW/mm^2 of its area), change of the temperature of the "jaws" or
+    of one of them ("jaw_upper", "jaw_lower"; K), apparent "strain" of what cameras see as they come nearer, and drift of their "scale" of
+    displacements (mm/m)."""
 
     @property
     def records(self) -> tuple[CouponTest, ...]:

@@ -1,5 +1,5 @@
-"""Missing terms of a body: heat sources and what comes through its surface by the conduction of the fitted run, displacements as the cameras
-would show them, offsets of the infrared camera, and the apparent strain of cameras that come nearer or whose scale drifts."""
+"""Missing terms of a body: heat sources and what comes through its surface by the conduction of the fitted run, displacements as the
+cameras would show them, offsets of the infrared camera, and the apparent strain of cameras that come nearer or whose scale drifts."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from thermofit.body.body import Body, thermal_geometry
-from thermofit.body.heat.conduction import FILM_UNIT, GAMMA, HeatStep, at_constant_stress, heat_step
+from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
 from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
+from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.instruments import SLOTS, Instruments
 from thermofit.experiment.missing import Grid, place_hats, time_hats
@@ -27,10 +28,10 @@ FREE = "air"
 """How names of facet sets begin that the jaws leave free."""
 GRIPPED = "clamp"
 """How names of facet sets begin that the jaws hold."""
-OFFSETS = {"theta": ("offset",), "u": ("strain", "scale")}
-"""What a camera may add to all of its image: to every length, or to what it says of displacements."""
+OFFSETS = {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
+"""What a camera may add to all of its image: as much everywhere, or growing along the load; to every length, or to every displacement."""
 PER_MILLE = 1e-3
-"""Apparent strain or error of the scale of a unit coefficient: mm/m."""
+"""Apparent strain or error of the scale of a unit coefficient, mm/m, and offset of a camera per length, mK/mm."""
 JAWS = {"jaws": 0.0, "jaw_upper": 1.0, "jaw_lower": -1.0}
 """Kinds of a change of the temperature of the jaws, and the sign of y of the one that changes; 0: both."""
 SURFACES = {"theta": ("flux", *JAWS)}
@@ -114,10 +115,10 @@ class BodyMissing:
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
-        the jaws, mm, K and mm/m."""
+        the jaws, mm, K, mK/mm and mm/m."""
         if kind in ("heat", *SURFACES["theta"]):
             return self._warmed(parameters, kind, grid, chosen)
-        if kind in OFFSETS["u"]:
+        if kind in ("strain", "scale", "gradient"):
             return self._magnified(parameters, kind, grid, chosen)
         return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
 
@@ -140,10 +141,14 @@ class BodyMissing:
 
     def _magnified(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Displacements (n_t, n_s, 2, m) that an apparent strain of 1 mm/m adds, e (x + u) as of effect `dic_out_of_plane`, or an error of
-        the scale of as much, e u as of `dic_scale`; of the run, for noise of measured ones would be taken for them."""
-        seen, view = self.instruments.observations["u"], self.instruments.view("u", self.history(parameters))
+        the scale of as much, e u as of `dic_scale`; temperatures (n_t, n_s, 1, m) that 1 mK/mm adds, g (y + v). All of the run, for noise
+        of measured displacements would be taken for them."""
+        field = _field_of(kind)
+        seen, view = self.instruments.observations[field], self.instruments.view(field, self.history(parameters))
         in_time = time_hats(grid, seen.time, np.zeros(len(seen.time), dtype=int))[:, chosen]
-        length = view.scene.position if kind == "strain" else view.field
+        length = view.field if kind == "scale" else view.scene.position[view.index]
+        if kind == "gradient":
+            length = length[:, :, 1:]
         return seen.averaged(PER_MILLE * length[..., None] * in_time[:, None, None, :])
 
     def _warmed(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
@@ -182,8 +187,8 @@ class BodyMissing:
             yield n + 1, state
 
     def _through(self, kind: str, step: HeatStep, films: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Nodal power (n_np,) mW of a flux of 1 mW/mm^2 through the free surface, or of jaws that are 1 K warmer; `films`: area (n_np,) mm^2
-        of the nodes by facet set."""
+        """Nodal power (n_np,) mW of a flux of 1 mW/mm^2 through the free surface, or of jaws that are 1 K warmer; `films`: area (n_np,)
+        mm^2 of the nodes by facet set."""
         nothing, coefficient = np.zeros(self.body.mesh.n_nodes), step.conditions.films
         if kind not in JAWS:
             return np.asarray(np.sum([nothing, *(own for name, own in films.items() if name.startswith(FREE))], axis=0))

@@ -19,7 +19,18 @@ from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, UNITS, Unlisted, believed_law
-from thermofit.diagnose.unlisted_effect import OF_CAMERA, OF_HEAT, camera_file, heat_file, jaws_file, scale_file, sensor_file, surface_file, yield_file
+from thermofit.diagnose.unlisted_effect import (
+    OF_CAMERA,
+    OF_HEAT,
+    camera_file,
+    gradient_file,
+    heat_file,
+    jaws_file,
+    scale_file,
+    sensor_file,
+    surface_file,
+    yield_file,
+)
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
 from thermofit.effects.catalogue import Effect, effect
@@ -39,11 +50,12 @@ WORDS = {
     **{"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"},
     **{"flux": "heat through the free surface", "strain": "apparent strain of the displacement cameras"},
     "scale": "error of the scale of displacements",
+    "gradient": "offset of the infrared camera along the load",
     **{"jaws": "temperature of the jaws", "jaw_upper": "temperature of the upper jaw", "jaw_lower": "temperature of the lower jaw"},
 }
-OF_CAMERAS = ("offset", "strain", "scale")
+OF_CAMERAS = ("offset", "gradient", "strain", "scale")
 """Kinds that are no balance's: what a camera adds."""
-WHOLE = {"offset": "image", "flux": "surface", **dict.fromkeys(("strain", "scale"), "image"), **dict.fromkeys(JAWS, "jaws")}
+WHOLE = {"offset": "image", "flux": "surface", **dict.fromkeys(("gradient", "strain", "scale"), "image"), **dict.fromkeys(JAWS, "jaws")}
 """Where a term is that is the same everywhere; which of the jaws says `JAW`."""
 JAW = {"jaw_upper": "upper", "jaw_lower": "lower"}
 BALANCES = {"theta": "heat", "u": "motion"}
@@ -316,6 +328,9 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     if kind in ("strain", "scale"):
         text = scale_file(name, source, kind, (grid.time, field.values[:, 0, 0, 0]))
         return EffectFile(name, text, f"the {WORDS[kind]} over time", field.proof)
+    if kind == "gradient":
+        text = gradient_file(name, source, (grid.time, field.values[:, 0, 0, 0]))
+        return EffectFile(name, text, "the offset of the infrared camera along the load over time", field.proof)
     if kind == "offset":
         text = sensor_file(name, source, OF_CAMERA, [("", grid.time, field.values[:, 0, 0, 0])])
         return EffectFile(name, text, "the offset of the infrared camera over time", field.proof)

@@ -54,14 +54,14 @@ COUNTS: Mapping[str, tuple[int, int, int]] = {
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
-DRIFTS = ("strain", "scale", *JAWS)
+DRIFTS = ("gradient", "strain", "scale", *JAWS)
 """Kinds that never jump: of cameras and jaws, which warm up. A constant part of theirs is taken by other parameters."""
 CLIPPED = 5.0
 """Standard deviations of the noise beyond which a value counts as that much, where structure is told without a term."""
 OF_ITS_ERROR = 0.3
 """Part of their standard errors to which a step has come down where parameters beside a term that is the same everywhere have settled; that
 step is taken as well."""
-MOST_STEPS = 8
+MOST_STEPS = 30
 """Most such steps."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""

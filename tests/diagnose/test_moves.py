@@ -1,0 +1,87 @@
+"""An effect that takes little of the error and moves a parameter of the material far; steps of films that conduct as if there were none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, Proof, far
+from thermofit.diagnose.protected import nearer
+from thermofit.diagnose.score import Columns, ranked
+from thermofit.diagnose.trace import material_of
+from thermofit.fit.linear_model import LinearModel
+
+LITTLE = Proof(1.0, 1.0, {}, 0.002, 0.0005, 5)
+N = 40_000
+ANYWHERE = (np.array([-np.inf]), np.array([np.inf]))
+
+
+@pytest.mark.parametrize(("gain", "moves", "convinces"), [(0.002, True, True), (0.002, False, False), (0.0009, True, False)])
+def test_held_out_error_has_to_fall_in_any_case(gain: float, moves: bool, convinces: bool) -> None:
+    """By two standard errors of 0.0005; by three thousandths only where nothing moves."""
+    assert LITTLE.gain < PRACTICAL and replace(LITTLE, gain=gain, moves=moves).convinces is convinces
+
+
+@pytest.mark.parametrize(("by", "sigma", "moved"), [(5.0, 0.9, True), (-5.0, 0.9, True), (5.0, 1.1, False), (1.9, 0.1, False)])
+def test_what_is_far(by: float, sigma: float, moved: bool) -> None:
+    """Of a value of 100: a fiftieth, and five standard errors; one of several is enough."""
+    assert (FAR, MOVES) == (5.0, 0.02)
+    assert far(np.array([0.0, by]), np.array([1.0, 100.0]), np.array([1.0, sigma])) is moved
+
+
+def problem(amount: float, alike: float) -> Columns:
+    """Modulus and degradation over N rows: columns of length 1e-2 and 100, the second `alike` the first; the effect is on with `amount`."""
+    rng = np.random.default_rng(3)
+    first, second, noise = (rng.normal(size=N) / np.sqrt(N) for _ in range(3))
+    effect = 100.0 * (alike * first + np.sqrt(1.0 - alike**2) * second)
+    model = LinearModel(noise * np.sqrt(N) - amount * effect, 1e-2 * first[:, None])
+    return Columns(model, {"lamp": (("lamp.absorbed",), effect[:, None])}, material={0: 70_000.0})
+
+
+def test_it_moves_what_its_column_is_like() -> None:
+    """At a likeness of 0.9, 0.2 of it move the modulus by 1800, of which two per cent are 1400 and its standard error beside it is 230."""
+    whole = problem(0.2, 0.9)
+    assert whole.moves(whole.dormant["lamp"][1], ANYWHERE)
+    assert not replace(whole, material={}).moves(whole.dormant["lamp"][1], ANYWHERE), "nothing is asked beside other effects"
+    none = problem(0.2, 0.0)
+    assert not none.moves(none.dormant["lamp"][1], ANYWHERE)
+    weak = replace(problem(0.06, 0.9), material={0: 7_000.0})
+    assert not weak.moves(weak.dormant["lamp"][1], ANYWHERE), "by eight per cent, but two of its standard errors"
+    small = problem(0.14, 0.9)
+    assert not small.moves(small.dormant["lamp"][1], ANYWHERE), "by five of its standard errors, but 1.8 per cent"
+
+
+def test_what_this_test_could_have_shown_knows_it() -> None:
+    """The three thousandths of 40 000 values are the square of 11 standard errors; what moves the modulus is named from fewer on."""
+    plain, moving = (
+        next(s for s in ranked(columns).scores if s.effect == "lamp")
+        for columns in (replace(problem(0.0, 0.9), material={}), problem(0.0, 0.9))
+    )
+    assert plain.detectable == pytest.approx(np.sqrt(PRACTICAL * N + 2.0) * plain.sigma["lamp.absorbed"], rel=0.02)
+    assert 5.0 < moving.detectable / moving.sigma["lamp.absorbed"] < 8.0
+    assert problem(moving.detectable * 1.3, 0.9).moves(problem(0.0, 0.9).dormant["lamp"][1], ANYWHERE)
+
+
+def test_what_is_of_the_material() -> None:
+    """No reading, no effect and no pose; nothing where an effect is free beside, or on coupons."""
+    names = ("E", "kappa", "theta_air", "ir_registration.shift_x")
+    parameters = Parameters.of({"E": 7e4, "kappa": 130.0, "theta_air": 296.0}).with_free(names)
+    priors = (SimpleNamespace(name="theta_air"),)
+    case = Case(cast(Any, SimpleNamespace(priors=priors)), parameters, (), (), frozenset(), pose=frozenset({"ir_registration.shift_x"}))
+    assert material_of(case) == {0: 7e4, 1: 130.0}
+    beside = replace(case, parameters=parameters.with_free((*names, "lamp.absorbed")))
+    assert material_of(beside) == {} and material_of(replace(case, cheap=True)) == {}
+
+
+def test_steps_beside_a_term() -> None:
+    """No farther than half of a value; a film by its resistance, which is 1e-6 of what it should be: at once, and up to twice as much."""
+    values, films = np.array([100.0, 0.0, 1e6, 300.0]), np.array([False, False, True, True])
+    found = values + nearer(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, films)
+    assert found == pytest.approx([50.0, 7.0, 250.0, 600.0])
+    assert nearer(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])

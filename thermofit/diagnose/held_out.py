@@ -18,8 +18,8 @@ SURE = 2.0
 PRACTICAL = 3e-3
 """Least relative fall of the held-out mean square that is worth an effect."""
 FAR, MOVES = 5.0, 0.02
-"""Standard errors, as they are beside an effect, and part of its value by which a parameter of the material has to move for an effect to be
-worth it however little it takes of the error. An unloading is a small part of a test, and may tell the modulus."""
+"""Standard errors beside an effect, and part of its value, by which a parameter of the material moves far. The effect is then worth it,
+however little it takes of the error. An unloading is a small part of a test, and may tell the modulus."""
 LEAST_SEEN = 0.2
 """Share of what all rows tell of a direction of the parameters that the rows which a fold sees must tell. A step that they ask for then
 changes held-out rows by no more than twice what it changes theirs."""

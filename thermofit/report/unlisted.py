@@ -51,13 +51,14 @@ WORDS = {
     **{"flux": "heat through the free surface", "strain": "apparent strain of the displacement cameras"},
     "scale": "error of the scale of displacements",
     "gradient": "offset of the infrared camera along the load",
-    **{"jaws": "temperature of the jaws", "jaw_upper": "temperature of the upper jaw", "jaw_lower": "temperature of the lower jaw"},
+    **{kind: f"change of the temperature of the {jaw}" for kind, jaw in zip(JAWS, ("jaws", "upper jaw", "lower jaw"), strict=True)},
 }
 OF_CAMERAS = ("offset", "gradient", "strain", "scale")
 """Kinds that are no balance's: what a camera adds."""
 WHOLE = {"offset": "image", "flux": "surface", **dict.fromkeys(("gradient", "strain", "scale"), "image"), **dict.fromkeys(JAWS, "jaws")}
-"""Where a term is that is the same everywhere; which of the jaws says `JAW`."""
+"""Where a term is that is the same everywhere."""
 JAW = {"jaw_upper": "upper", "jaw_lower": "lower"}
+"""Which of the jaws, of a kind of one of them."""
 BALANCES = {"theta": "heat", "u": "motion"}
 """Balance that lacks something by the observed field that shows it; any other one shows stresses."""
 FIGURE = "unlisted"

@@ -1,0 +1,63 @@
+"""Every kind of term that a model may lack has a unit, a name, words and a file of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thermofit.diagnose.unlisted import COUNTS, UNITS
+from thermofit.effects.catalogue import load_effect
+from thermofit.experiment.missing import Grid
+from thermofit.experiment.missing_body import FIELDS, JAWS, OFFSETS, SURFACES
+from thermofit.report.unlisted import NAMES, WHOLE, WORDS, effect_file, place_in_words
+
+ALIKE = tuple(kind for kinds in (*OFFSETS.values(), *SURFACES.values()) for kind in kinds)
+SLOTS = {
+    **dict.fromkeys(JAWS, "boundary_temperature"),
+    **dict.fromkeys(("strain", "scale"), "camera"),
+    **dict.fromkeys(("offset", "gradient"), "sensor"),
+    "flux": "surface_flux",
+}
+
+
+def test_every_kind_is_told() -> None:
+    kinds = {*FIELDS.values(), *ALIKE, "stress"}
+    assert set(UNITS) == set(NAMES) == set(WORDS) == set(COUNTS) == kinds
+    assert set(WHOLE) == set(ALIKE) == set(SLOTS) and len({WORDS[kind] for kind in kinds}) == len(kinds)
+
+
+@pytest.mark.parametrize("kind", ALIKE)
+def test_the_file_of_a_term_of_no_place_loads(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the slot in which it acts, off at nothing; a term that jaws have acts on them."""
+    from thermofit.core import parameters
+    from thermofit.effects import catalogue
+
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(parameters, "OF_EFFECTS", dict(parameters.OF_EFFECTS))
+    grid = Grid(np.array([0.0, 10.0]), np.zeros(2, dtype=int), np.zeros(1), np.zeros(1))
+    field = SimpleNamespace(basis=SimpleNamespace(grid=grid, kind=kind), values=np.array([1.0, 2.0]).reshape(2, 1, 1, 1), proof="proof")
+    here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=SimpleNamespace(records=()))))
+    found: Any = SimpleNamespace(field=field, law=None, channel="dtheta")
+    file = effect_file("a study", here, found)
+    assert file is not None and file.name == f"unlisted_{kind}" and file.proof == "proof" and WORDS[kind] in file.words
+    path = tmp_path / f"{file.name}.py"
+    path.write_text(file.text, encoding="utf-8")
+    effect = load_effect(path)
+    assert effect.slot == SLOTS[kind] and effect.on == (("clamp",) if kind in JAWS else ("air",) if kind == "flux" else ())
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        ({"jaws": "all"}, "in both"),
+        ({"jaws": "upper"}, "in one"),
+        ({"image": "all"}, "in all of the image"),
+        ({"surface": "all"}, "the same everywhere"),
+    ],
+)
+def test_where_it_is_in_words(where: dict[str, str], words: str) -> None:
+    assert place_in_words(where) == words

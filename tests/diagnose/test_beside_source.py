@@ -65,6 +65,10 @@ def test_what_is_told_beside_an_unlisted_heat(problem: Made) -> None:
     assert failed is not None and "no run there" in failed.failed and not failed.value
     other = replace(missing, field=replace(cast(Any, missing.field), basis=replace(cast(Any, missing.field).basis, kind="displacement")))
     assert beside_source(here, other) is None
+    grid = Grid(np.zeros(1), np.zeros(1, dtype=int), np.zeros(1), np.zeros(1))
+    alike = replace(cast(Any, missing.field), basis=replace(cast(Any, missing.field).basis, kind="jaws", grid=grid))
+    unsettled = beside_source(here, replace(missing, field=alike, settled=False))
+    assert unsettled is not None and not unsettled.value and "have not settled" in unsettled.failed
 
 
 def test_they_are_told_no_better_than_what_is_taken_for_exact_lets_them(problem: Made) -> None:

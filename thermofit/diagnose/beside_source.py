@@ -19,7 +19,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted import Unlisted
+from thermofit.diagnose.unlisted import UNSETTLED, Unlisted
 from thermofit.diagnose.unlisted_field import Field, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXPONENTS, HELD_LAW, SLOWER_RATES, Budget, moves
@@ -56,6 +56,8 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     if missing is None or missing.field is None or missing.field.basis.kind in ("displacement", "stress"):
         return None
     if missing.field.basis.grid.places == 1:
+        if not missing.settled:
+            return BesideSource({}, {}, UNSETTLED)
         return _beside_one_place(missing.case or case, missing.parameters, missing.field)
     if case.heated is None or case.model.segments is not None:
         return None

@@ -61,7 +61,7 @@ CLIPPED = 5.0
 OF_ITS_ERROR = 0.3
 """Part of their standard errors to which a step has come down where parameters beside a term that is the same everywhere have settled; that
 step is taken as well."""
-MOST_STEPS = 30
+MOST_STEPS = 8
 """Most such steps."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
@@ -69,6 +69,8 @@ LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
 
 
+UNSETTLED = f"parameters beside the term have not settled after {MOST_STEPS} steps"
+"""What is said where they are still on their way."""
 GONE = "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
 """Why parameters stay where they are beside a term."""
 
@@ -96,6 +98,8 @@ class Unlisted:
     """Accepted effects that stay, although this is left beside them: they are a part of the answer, or only resemble it."""
     case: Case | None = None
     """The case that knows its errors as they are beside the field; None: they are those at the optimum without it."""
+    settled: bool = True
+    """Whether the parameters beside a field that is the same everywhere have settled: else they are not known."""
 
 
 def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
@@ -112,12 +116,11 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
             continue
         apart, failed = undriven(here, structure)
         term, there = sought(here, apart, structure)
-        begins = [here] if apart is here else [here, apart]
         terms = [] if term is None else [Sought(term, there, there is not here)]
-        for where in begins:
-            for other in (through_surface, of_instrument):
-                instead = other(here, where, structure, terms[0].term if terms else None)
-                terms = terms if instead is None else [instead, *terms]
+        protected = [] if apart is here else [(through_surface, apart)]
+        for other, where in ((through_surface, here), *protected, (of_instrument, here)):
+            instead = other(here, where, structure, terms[0].term if terms else None)
+            terms = terms if instead is None else [instead, *terms]
         law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
         proofs = [p.gain for p in (terms[0].term.proof if terms else None, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
@@ -154,8 +157,10 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     if not begin.fitted:
         term, parameters, remark = settled(there, structure, first)
     alike = first.basis.grid.places == 1 and case.model.segments is None
+    last = remark
     if alike and term is not first:
-        case, term, parameters, said = told_beside(there, structure, term, parameters)
+        case, then, parameters, said = told_beside(there, structure, term, parameters)
+        last, term = remark if then is term else said, then
     elif alike and remark == GONE:
         return None
     place = place_of(term, volumes(here.case, term.basis))
@@ -166,8 +171,9 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     inside = (here.rows.time[term.basis.rows] >= place.when[0]) & (here.rows.time[term.basis.rows] <= place.when[1])
     if inside.sum() < LEAST_ROWS:
         return None
-    remark = "; ".join(words for words in (alone.remark, remark, said) if words)
-    return replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
+    remark = "; ".join(dict.fromkeys(words for words in (alone.remark, remark, said) if words))
+    found = replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
+    return replace(found, settled=last != UNSETTLED)
 
 
 def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:
@@ -391,7 +397,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     words = ""
     if alike:
         parameters = parameters.with_vector(parameters.vector() + rest)
-        words = "" if near else f"parameters beside the term have not settled after {MOST_STEPS} steps"
+        words = "" if near else UNSETTLED
     folds = len(here.split.held_out)
     term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
     if believed(term):

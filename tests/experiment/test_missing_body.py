@@ -10,7 +10,7 @@ from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.unlisted_effect import heat_file, jaws_file, scale_file, surface_file
+from thermofit.diagnose.unlisted_effect import OF_CAMERA, gradient_file, heat_file, jaws_file, scale_file, sensor_file, surface_file
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
 from thermofit.experiment.missing_body import JAWS, BodyMissing
@@ -51,6 +51,8 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path, monkeypatc
         ("jaws", "dtheta", 2.0, 0.04),
         ("jaw_upper", "dtheta", 2.0, 0.04),
         ("jaw_lower", "dtheta", 2.0, 0.04),
+        ("offset", "dtheta", 0.2, 0.02),
+        ("gradient", "dtheta", 10.0, 0.02),
         ("strain", "du", 1.0, 0.02),
         ("scale", "du", 40.0, 0.02),
     ],
@@ -64,7 +66,7 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     joint, base = model(study()), Parameters.of(TRUTH)
     assert isinstance(joint.missing, BodyMissing) and joint.missing.of_surface == {"theta": ("flux", *JAWS)}
-    assert joint.missing.of_instruments == {"theta": ("offset",), "u": ("strain", "scale")}
+    assert joint.missing.of_instruments == {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
     grid = joint.missing.grid(kind, (320, 1, 1))
     assert np.array_equal(grid.time, joint.observations["theta" if channel == "dtheta" else "u"].time), "as dense as it is observed"
     values = np.where((grid.time > 0.3 * grid.time[-1]) & (grid.time < 0.7 * grid.time[-1]), amount, 0.0)
@@ -72,6 +74,8 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
         **{k: jaws_file(NAME, "a test", JAWS[k], (grid.time, values)) for k in JAWS},
         **{k: scale_file(NAME, "a test", k, (grid.time, values)) for k in ("strain", "scale")},
         "flux": surface_file(NAME, "a test", grid.time, values),
+        "offset": sensor_file(NAME, "a test", OF_CAMERA, [("", grid.time, values)]),
+        "gradient": gradient_file(NAME, "a test", (grid.time, values)),
     }
     path = tmp_path / f"{NAME}.py"
     path.write_text(text[kind], encoding="utf-8")

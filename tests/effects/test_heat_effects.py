@@ -86,7 +86,7 @@ def test_lamp_brings_its_power_from_its_start_on() -> None:
     inward = lambda t: -float(lamp(np.array(300.0), t, np.array(297.0), 0.2, 40.0, RAMP))  # noqa: E731
     assert quad(inward, 0.0, 100.0, points=(40.0,))[0] == pytest.approx(0.2 * 60.0, rel=1e-9)
     assert inward(40.0) == pytest.approx(0.1)
-    assert inward(40.0 + RAMP) == pytest.approx(0.1 * (1.0 + np.tanh(1.0)))
+    assert inward(40.0 + 1.0) == pytest.approx(0.1 * (1.0 + np.tanh(1.0))), "as incandescent lamps do, in a second"
     assert inward(0.0) < 1e-15
 
 

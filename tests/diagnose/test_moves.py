@@ -22,9 +22,11 @@ N = 40_000
 ANYWHERE = (np.array([-np.inf]), np.array([np.inf]))
 
 
-@pytest.mark.parametrize(("gain", "moves", "convinces"), [(0.002, True, True), (0.002, False, False), (0.0009, True, False)])
+@pytest.mark.parametrize(
+    ("gain", "moves", "convinces"), [(0.0021, True, True), (0.0021, False, False), (0.0019, True, False), (0.0031, True, True)]
+)
 def test_held_out_error_has_to_fall_in_any_case(gain: float, moves: bool, convinces: bool) -> None:
-    """By two standard errors of 0.0005; by three thousandths only where nothing moves."""
+    """By two standard errors of 0.0005 and three thousandths, or by four where something moves."""
     assert LITTLE.gain < PRACTICAL and replace(LITTLE, gain=gain, moves=moves).convinces is convinces
 
 
@@ -64,7 +66,7 @@ def test_what_this_test_could_have_shown_knows_it() -> None:
         for columns in (replace(problem(0.0, 0.9), material={}), problem(0.0, 0.9))
     )
     assert plain.detectable == pytest.approx(np.sqrt(PRACTICAL * N + 2.0) * plain.sigma["lamp.absorbed"], rel=0.02)
-    assert 5.0 < moving.detectable / moving.sigma["lamp.absorbed"] < 8.0
+    assert 8.2 < moving.detectable / moving.sigma["lamp.absorbed"] < 8.6, "by four standard errors of the held-out error"
     assert problem(moving.detectable * 1.3, 0.9).moves(problem(0.0, 0.9).dormant["lamp"][1], ANYWHERE)
 
 

@@ -63,7 +63,7 @@ def test_an_effect_is_needed_where_held_out_data_say_so(
 def test_an_effect_that_moves_the_material_is_needed_however_little_it_takes(
     monkeypatch: pytest.MonkeyPatch, moves: bool, needed: bool
 ) -> None:
-    monkeypatch.setattr(module, "compared", lambda *_: replace(GOOD, gain=0.002, sigma=0.0005))
+    monkeypatch.setattr(module, "compared", lambda *_: replace(GOOD, gain=0.0021, sigma=0.0005))
     monkeypatch.setattr(module, "proof_of_need", lambda *_: None)
     monkeypatch.setattr(module, "moved_by", lambda *_: moves)
     assert still_needed(here_of(), "ir_drift") is needed
@@ -109,7 +109,7 @@ def test_a_refit_asks_where_held_exponents_explain_a_fifth(monkeypatch: pytest.M
     begun, dropped = asked(monkeypatch, left)
     assert len(begun) == refits and dropped is bool(refits)
     if begun:
-        assert begun[0]["ir_drift.rate"] == 0.0 and begun[0].free == ("kappa", "lamp.absorbed", "lamp.start")
+        assert begun[0]["ir_drift.rate"] == 0.0 and begun[0].free == ("kappa", "lamp.absorbed", "lamp.start", "lamp.onset")
 
 
 def test_what_that_refit_shows_to_be_needed_stays(monkeypatch: pytest.MonkeyPatch) -> None:

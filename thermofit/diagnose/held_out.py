@@ -20,6 +20,8 @@ PRACTICAL = 3e-3
 FAR, MOVES = 5.0, 0.02
 """Standard errors beside an effect, and part of its value, by which a parameter of the material moves far. The effect is then worth it,
 however little it takes of the error. An unloading is a small part of a test, and may tell the modulus."""
+DOUBTLESS = 4.0
+"""Standard errors by which held-out error has to fall for that: an error of the mesh is small, and moves parameters as well."""
 LEAST_SEEN = 0.2
 """Share of what all rows tell of a direction of the parameters that the rows which a fold sees must tell. A step that they ask for then
 changes held-out rows by no more than twice what it changes theirs."""
@@ -193,9 +195,10 @@ class Proof:
 
     @property
     def convinces(self) -> bool:
-        """True where the held-out error falls by more than its uncertainty, and by what is worth an effect, or the effect `moves` what the
-        test is made for."""
-        return self.gain > SURE * self.sigma and (self.gain > PRACTICAL or self.moves)
+        """True where the held-out error falls by more than its uncertainty, and by what is worth an effect; or beyond doubt, where the
+        effect `moves` what the test is made for."""
+        worth = self.gain > max(SURE * self.sigma, PRACTICAL)
+        return worth or (self.moves and self.gain > DOUBTLESS * self.sigma)
 
     def not_less_than(self, other: Proof) -> bool:
         """True where this gain is below another one by no more than the standard errors of both: as if they were independent, which is too

@@ -18,7 +18,7 @@ from scipy.stats import chi2, norm
 
 from thermofit.core.errors import UntrustworthyError
 from thermofit.core.parameters import param
-from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, SURE, far
+from thermofit.diagnose.held_out import DOUBTLESS, FAR, MOVES, PRACTICAL, SURE, far
 from thermofit.fit.linear_model import LinearModel, Room, projection
 from thermofit.identify.variables import RECIPROCAL
 
@@ -32,6 +32,10 @@ OVER_NUMERICAL = 4.0
 """Multiple of what the discretisation error alone would let the square sum fall by."""
 CONVINCING = SURE + (SURE**2 + 2.0) ** 0.5
 """|z| from which the held-out error is expected to fall by more than SURE standard errors: (z^2 - 2) / (2 z) > SURE, see `named_from`."""
+
+
+BEYOND_DOUBT = DOUBTLESS + (DOUBTLESS**2 + 2.0) ** 0.5
+"""The same for DOUBTLESS standard errors."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +252,7 @@ def named_from(model: LinearModel, sd: float, inverse: float, numerical: float, 
     k = sd**2 / inverse
     left = model.data(model.left)
     worth = PRACTICAL * float(left @ left)
-    z = max(threshold, CONVINCING, min(np.sqrt(worth / k + 2.0), moving / sd), np.sqrt(OVER_NUMERICAL * numerical / k))
+    z = max(threshold, CONVINCING, min(np.sqrt(worth / k + 2.0), max(BEYOND_DOUBT, moving / sd)), np.sqrt(OVER_NUMERICAL * numerical / k))
     return float(z * sd)
 
 

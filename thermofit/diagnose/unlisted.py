@@ -239,11 +239,14 @@ def of_instrument(here: Traced, there: Traced, structure: Structure, term: Field
 
     What a source does spreads by conduction and dies away. A camera's offset is the same all over the image, and jumps. Cameras that warm
     up or come nearer see all lengths grow alike; a displacement that has places is no more than what is left, so it has to predict better.
+    Temperatures that are not even at first look like an offset along the load, which is told in the stead of another term alone.
     """
     missing = here.case.model.missing
     own = None if missing is None else everywhere_alike(here, there, structure, missing.of_instruments)
-    if own is None or term is None:
-        return own
+    if own is None:
+        return None
+    if term is None:
+        return None if own.term.basis.kind == "gradient" else own
     if term.basis.kind == "displacement":
         return own if not predicts_better(here, term, own.term) else None
     return own if predicts_better(here, own.term, term) else None

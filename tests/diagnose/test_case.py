@@ -109,7 +109,7 @@ def test_a_source_as_wide_as_what_is_observed_has_no_place(width: float, told: b
 
 def test_a_param_that_follows_is_fitted_but_one_value_of_it_is_tried() -> None:
     assert [p.name.partition(".")[2] for p in effect("latent_heat").exponents] == ["centre", "width", "rounding"]
-    assert [p.name.partition(".")[2] for p in effect("lamp").exponents] == ["start"]
+    assert [p.name.partition(".")[2] for p in effect("lamp").exponents] == ["start", "onset"]
     assert effect("bending").exponents == () and param("bending.contraction").scan, "kept at its one value"
 
 

@@ -15,6 +15,7 @@ from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, Proof, far
 from thermofit.diagnose.protected import nearer
 from thermofit.diagnose.score import Columns, ranked
 from thermofit.diagnose.trace import material_of
+from thermofit.diagnose.trial import moved
 from thermofit.fit.linear_model import LinearModel
 
 LITTLE = Proof(1.0, 1.0, {}, 0.002, 0.0005, 5)
@@ -87,3 +88,15 @@ def test_steps_beside_a_term() -> None:
     found = values + nearer(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, films)
     assert found == pytest.approx([50.0, 7.0, 250.0, 600.0])
     assert nearer(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])
+
+
+@pytest.mark.parametrize(("kappa", "sigma", "is_moved"), [(133.0, 1.0, True), (133.0, 3.0, False), (132.0, None, False)])
+def test_what_a_refit_has_moved(kappa: float, sigma: float | None, is_moved: bool) -> None:
+    """Conductivity was 130 before; where the refit has no standard errors, or does not fit it, nothing is known."""
+    case = Case(cast(Any, SimpleNamespace(priors=())), Parameters.of({"kappa": 130.0}).with_free(("kappa",)), (), (), frozenset())
+    here: Any = SimpleNamespace(case=case)
+    there: Any = SimpleNamespace(case=replace(case, parameters=case.parameters.replace(kappa=kappa)))
+    fit: Any = SimpleNamespace(names=("kappa", "lamp.absorbed"), sigma=None if sigma is None else np.array([0.5 * sigma, 1.0]))
+    assert moved(here, there, fit) is is_moved
+    other: Any = SimpleNamespace(names=("lamp.absorbed",), sigma=np.array([1.0]))
+    assert not moved(here, there, other)

@@ -199,7 +199,7 @@ def test_effects_of_boundary_and_instruments_are_those_of_one_test() -> None:
     known = {e.name: e for e in data().known()}
     assert {"rate_logarithmic", "ir_drift@first", "ir_drift@second", "lamp@second", "thermal_expansion"} <= set(known)
     assert not {"ir_drift", "rate_logarithmic@first", "lamp"} & set(known)
-    assert known["lamp@second"].names == ("lamp.absorbed@second", "lamp.start@second")
+    assert known["lamp@second"].names == ("lamp.absorbed@second", "lamp.start@second", "lamp.onset@second")
     assert effect("lamp@second").amplitude.unit == "mW/mm^2"
 
 

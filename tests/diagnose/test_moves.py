@@ -12,10 +12,10 @@ import pytest
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, Proof, far
-from thermofit.diagnose.protected import nearer
+from thermofit.diagnose.protected import no_farther
 from thermofit.diagnose.score import Columns, ranked
 from thermofit.diagnose.trace import material_of
-from thermofit.diagnose.trial import moved
+from thermofit.diagnose.trial import moves_material
 from thermofit.fit.linear_model import LinearModel
 
 LITTLE = Proof(1.0, 1.0, {}, 0.002, 0.0005, 5)
@@ -85,9 +85,9 @@ def test_what_is_of_the_material() -> None:
 def test_steps_beside_a_term() -> None:
     """No farther than half of a value; a film by its resistance, which is 1e-6 of what it should be: at once, and up to twice as much."""
     values, films = np.array([100.0, 0.0, 1e6, 300.0]), np.array([False, False, True, True])
-    found = values + nearer(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, films)
+    found = values + no_farther(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, films)
     assert found == pytest.approx([50.0, 7.0, 250.0, 600.0])
-    assert nearer(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])
+    assert no_farther(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])
 
 
 @pytest.mark.parametrize(("kappa", "sigma", "is_moved"), [(133.0, 1.0, True), (133.0, 3.0, False), (132.0, None, False)])
@@ -97,6 +97,6 @@ def test_what_a_refit_has_moved(kappa: float, sigma: float | None, is_moved: boo
     here: Any = SimpleNamespace(case=case)
     there: Any = SimpleNamespace(case=replace(case, parameters=case.parameters.replace(kappa=kappa)))
     fit: Any = SimpleNamespace(names=("kappa", "lamp.absorbed"), sigma=None if sigma is None else np.array([0.5 * sigma, 1.0]))
-    assert moved(here, there, fit) is is_moved
+    assert moves_material(here, there, fit) is is_moved
     other: Any = SimpleNamespace(names=("lamp.absorbed",), sigma=np.array([1.0]))
-    assert not moved(here, there, other)
+    assert not moves_material(here, there, other)

@@ -195,7 +195,7 @@ def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[s
     monkeypatch.setattr(module, "compared", lambda before, after, *_: replace(GOOD, gain=gains[after]))
     monkeypatch.setattr(module, "proof_of_refit", lambda first, last, name: (tests or {}).get(name))
     monkeypatch.setattr(module, "without", drop)
-    monkeypatch.setattr(module, "moved", lambda *_: False)
+    monkeypatch.setattr(module, "moves_material", lambda *_: False)
     refit: Any = None
     return against_base(Closed((), here(0), here(3), FIT, ("a", "b", "c"), (), refit, None), "auto")
 

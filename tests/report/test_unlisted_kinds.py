@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from thermofit.diagnose.unlisted import COUNTS, UNITS
+from thermofit.diagnose.unlisted import COUNTS
 from thermofit.effects.catalogue import load_effect
-from thermofit.experiment.missing import Grid
-from thermofit.experiment.missing_body import FIELDS, JAWS, OFFSETS, SURFACES
-from thermofit.report.unlisted import NAMES, WHOLE, WORDS, effect_file, place_in_words
+from thermofit.experiment.missing import KINDS, Grid
+from thermofit.experiment.missing_body import FIELDS, OF_CAMERAS, OF_SURFACE
+from thermofit.report.unlisted import effect_file, place_in_words
 
-ALIKE = tuple(kind for kinds in (*OFFSETS.values(), *SURFACES.values()) for kind in kinds)
+JAWS = OF_SURFACE[1:]
+ALIKE = (*OF_SURFACE, *(kind for kinds in OF_CAMERAS.values() for kind in kinds))
 SLOTS = {
     **dict.fromkeys(JAWS, "boundary_temperature"),
     **dict.fromkeys(("strain", "scale"), "camera"),
@@ -25,9 +26,10 @@ SLOTS = {
 
 
 def test_every_kind_is_told() -> None:
-    kinds = {*FIELDS.values(), *ALIKE, "stress"}
-    assert set(UNITS) == set(NAMES) == set(WORDS) == set(COUNTS) == kinds
-    assert set(WHOLE) == set(ALIKE) == set(SLOTS) and len({WORDS[kind] for kind in kinds}) == len(kinds)
+    """A unit and words of its own, and hats; those of no place are the ones that a body has of surface and cameras."""
+    assert set(KINDS) == set(COUNTS) == {*FIELDS.values(), *ALIKE, "stress"}
+    assert {name for name, kind in KINDS.items() if kind.alike} == set(ALIKE) == set(SLOTS)
+    assert len({kind.words for kind in KINDS.values()}) == len(KINDS)
 
 
 @pytest.mark.parametrize("kind", ALIKE)
@@ -43,7 +45,7 @@ def test_the_file_of_a_term_of_no_place_loads(tmp_path: Path, kind: str, monkeyp
     here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=SimpleNamespace(records=()))))
     found: Any = SimpleNamespace(field=field, law=None, channel="dtheta")
     file = effect_file("a study", here, found)
-    assert file is not None and file.name == f"unlisted_{kind}" and file.proof == "proof" and WORDS[kind] in file.words
+    assert file is not None and file.name == f"unlisted_{kind}" and file.proof == "proof" and KINDS[kind].words in file.words
     path = tmp_path / f"{file.name}.py"
     path.write_text(file.text, encoding="utf-8")
     effect = load_effect(path)

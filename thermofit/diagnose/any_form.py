@@ -63,7 +63,7 @@ def or_any_form(
 
 def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial], Winner | None]:
     """The trial of the curve, and where it ends if it is accepted; no trial where nothing asks for one. `fit` is the one without it."""
-    own = _asked(here)
+    own, unknown = _asked(here)
     if own is None:
         return [], None
     held = {LINEAR, *(name for law in hardening_laws() for name in law.fitted)}
@@ -90,7 +90,14 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
     passed_over = f"{len(failures)} of {len(failures) + len(tried)} ranges of strain could not be run ({failures[0]})" if failures else ""
-    words = ("the hardening law is held", stored, said, "" if settled else f"not settled after {FURTHER} further refits", passed_over)
+    words = (
+        "the hardening law is held",
+        stored,
+        said,
+        "" if settled else f"not settled after {FURTHER} further refits",
+        passed_over,
+        unknown,
+    )
     trial = replace(trial, exponents="; ".join(w for w in words if w))
     return [trial], None if found is None else (trial, found)
 
@@ -145,17 +152,17 @@ def _with_stored(end: End, here: Traced, own: Effect, means: Means) -> tuple[End
     return found, f"what of the hardening is stored is not known, and {slope.name} = {found[0][slope.name]:.3g} is fitted with it"
 
 
-def _asked(here: Traced) -> Effect | None:
+def _asked(here: Traced) -> tuple[Effect | None, str]:
     """The curve, where the driver is a body that knows it, it is off, and what is not temperature is beyond its floor: where displacements
-    are compared, in a fit to them alone as well. What is missing from the balance of heat draws the law from where displacements want
-    it."""
+    are compared, in a fit to them alone as well. What is missing from the balance of heat draws the law from where displacements want it.
+    Where that fit fails, they are not known to ask for none, and why."""
     case = here.case
     own = next((e for e in case.known if e.last and not e.is_on(case.parameters)), None)
     if own is None or case.cheap or not above_floor(here):
-        return None
+        return None, ""
     if case.mechanics is None:
-        return own
+        return own, ""
     try:
-        return own if on_their_own(here)[1] > worth_asking(here) else None
-    except NumericsError:  # they are not known to ask for none
-        return own
+        return (own if on_their_own(here)[1] > worth_asking(here) else None), ""
+    except NumericsError as error:
+        return own, f"whether displacements alone ask for it is not known: the fit to them failed ({error})"

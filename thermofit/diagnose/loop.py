@@ -23,7 +23,7 @@ from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
-from thermofit.diagnose.trial import Accepted, Trial, discriminated, moved, tried
+from thermofit.diagnose.trial import Accepted, Trial, discriminated, moves_material, tried
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import Budget
 from thermofit.fit.result import FitResult
@@ -294,7 +294,7 @@ def against_base(closed: Closed, how: str) -> Closed:
         ends = (held_out_of(closed.first), held_out_of(closed.last))
         folds = len(closed.last.split.held_out)
         inside = compared(*ends, closed.last.rows, folds, closed.last.problem.model.noise, closed.last.columns.residual)
-        inside = replace(inside, moves=moved(closed.first, closed.last, closed.fit))
+        inside = replace(inside, moves=moves_material(closed.first, closed.last, closed.fit))
         beyond = [p for n in closed.accepted if (p := proof_of_refit(closed.first, closed.last, n)) is not None]
         proof = min(beyond, key=lambda p: p.gain) if beyond else inside
         if proof.convinces:

@@ -86,7 +86,7 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
         known = _linearised(fit, there, thermal)
         broad = _broad(case, fit, missing, there)
         found = field_of(known, broad, *_with_usual(fit, thermal, rows, split), likeliest(known, broad))
-        step = nearer(np.clip(found.step, *_room(case, there, thermal)), np.array([there[n] for n in thermal]))
+        step = no_farther(np.clip(found.step, *_room(case, there, thermal)), np.array([there[n] for n in thermal]))
         there = there.replace(**{n: there[n] + float(d) for n, d in zip(thermal, step, strict=True)})
         f, before = float(found.residual @ found.residual), f
         if np.max(np.abs(step) / scale) < SETTLED or f > (1.0 - NO_FURTHER) * before:
@@ -95,7 +95,7 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
     return Protected(there, replace(_linearised(fit, there, thermal), bounds=_room(case, there, thermal)), found)
 
 
-def nearer(step: np.ndarray, value: np.ndarray, reciprocal: np.ndarray | bool = False) -> np.ndarray:
+def no_farther(step: np.ndarray, value: np.ndarray, reciprocal: np.ndarray | bool = False) -> np.ndarray:
     """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value; one that is zero may go anywhere.
 
     Where `reciprocal` (p,), 1/x takes the linear step, -d/x^2, as far down as it likes and no farther up than that: a film that conducts

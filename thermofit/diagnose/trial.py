@@ -363,7 +363,7 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
     ends, folds = (held_out_of(here), held_out_of(there)), len(here.split.held_out)
     inside = compared(*ends, here.rows, folds, here.problem.model.noise, there.columns.residual)
     beyond = [proof for e in own if (proof := proof_of_refit(here, there, e.name)) is not None]
-    inside = replace(inside, moves=moved(here, there, after))
+    inside = replace(inside, moves=moves_material(here, there, after))
     proof = min(beyond, key=lambda p: p.gain) if beyond else inside
     sigma = {n: float(after.sigma[after.names.index(n)]) if after.sigma is not None else float("inf") for n in names}
     estimate = {n: there.case.parameters[n] for n in names}
@@ -374,7 +374,7 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
     return _Worth(proof, estimate, sigma, refused)
 
 
-def moved(here: Traced, there: Traced, after: FitResult) -> bool:
+def moves_material(here: Traced, there: Traced, after: FitResult) -> bool:
     """Whether a refit has moved a parameter of the material far, where this is asked (`trace.material_of`)."""
     asked = material_of(here.case)
     names = [here.case.parameters.free[k] for k in asked]

@@ -19,7 +19,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, compared
-from thermofit.diagnose.protected import nearer
+from thermofit.diagnose.protected import no_farther
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
@@ -32,30 +32,22 @@ from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.experiment.missing import Grid
-from thermofit.experiment.missing_body import JAWS
+from thermofit.experiment.missing import KINDS, Grid
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.variables import RECIPROCAL
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
-UNITS = {
-    **{"heat": "mW/mm^3", "displacement": "mm", "stress": "MPa", "offset": "K", "flux": "mW/mm^2", "strain": "mm/m", "scale": "mm/m"},
-    "gradient": "mK/mm",
-    **dict.fromkeys(JAWS, "K"),
-}
 MOST_HATS = 320
 """Most hats of a term whose place is known, and of the offset of a camera, one for every frame as far as they go. A camera jumps from one
 frame to the next; smeared over a few of them, the jump is taken up by conductivity and films."""
 COUNTS: Mapping[str, tuple[int, int, int]] = {
     **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
-    **dict.fromkeys(("offset", "gradient", "flux", "strain", "scale", *JAWS), (MOST_HATS, 1, 1)),
+    **{name: (MOST_HATS, 1, 1) for name, kind in KINDS.items() if kind.alike},
 }
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
 """Hats in time once its place is known, and of a coupon's heat."""
-DRIFTS = ("gradient", "strain", "scale", *JAWS)
-"""Kinds that never jump: of cameras and jaws, which warm up. A constant part of theirs is taken by other parameters."""
 CLIPPED = 5.0
 """Standard deviations of the noise beyond which a value counts as that much, where structure is told without a term."""
 OF_ITS_ERROR = 0.3
@@ -383,7 +375,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     films = np.array([bare_name(n) in RECIPROCAL for n in parameters.free])
     alike = term.basis.grid.places == 1 and case.model.segments is None
     for _ in range(MOST_STEPS if alike else SETTLING):
-        x = np.clip(moved + nearer(term.step, parameters.vector(), films), *room)
+        x = np.clip(moved + no_farther(term.step, parameters.vector(), films), *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)
@@ -393,7 +385,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
         hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
         term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
-        rest = np.clip(moved + nearer(term.step, parameters.vector(), films), *room) - moved
+        rest = np.clip(moved + no_farther(term.step, parameters.vector(), films), *room) - moved
         near = np.all(np.abs(rest) <= OF_ITS_ERROR * term.uncertainty) if alike else change.max(initial=0.0) < SETTLED
         if near:
             break
@@ -413,7 +405,7 @@ def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.nd
     comparison = case.model.comparisons[case.channels.index(structure.blocks.channel)]
     assert case.model.missing is not None
     answers = case.model.missing.answers(kind, case.parameters, grid, chosen)
-    return basis_of((kind, UNITS[kind]), grid, chosen, structure.blocks.rows, (answers, comparison.residual))
+    return basis_of((kind, KINDS[kind].unit), grid, chosen, structure.blocks.rows, (answers, comparison.residual))
 
 
 def told_beside(here: Traced, structure: Structure, term: Field, parameters: Parameters) -> tuple[Case, Field, Parameters, str]:
@@ -440,10 +432,10 @@ def told_beside(here: Traced, structure: Structure, term: Field, parameters: Par
 
 
 def over_time(known: LinearModel, hat: Basis, here: Traced) -> Field:
-    """Field of a basis of one place of a body: steps, unless held-out data ask for hats; of what DRIFTS hats, beside which parameters are
+    """Field of a basis of one place of a body: steps, unless held-out data ask for hats; hats of what drifts, beside which parameters are
     known no better than beside any history."""
     smooth = field_of(known, hat, here.rows, here.split)
-    steps = None if hat.kind in DRIFTS else in_steps(known, hat, here.rows, here.split)
+    steps = None if KINDS[hat.kind].drifts else in_steps(known, hat, here.rows, here.split)
     return smooth if steps is None or better(steps, smooth, here.rows, here.split) else steps
 
 

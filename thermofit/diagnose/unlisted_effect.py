@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from textwrap import indent
 
 import numpy as np
 
-from thermofit.experiment.missing import Grid
+from thermofit.experiment.missing import KINDS, Grid
 
 _HEAD = '''"""{what}: slot {slot}. Off at scale = 0.
 
@@ -77,49 +78,6 @@ def heat_source(
     return head + tables + _HATS + body
 
 
-def surface_file(name: str, source: str, time: np.ndarray, values: np.ndarray) -> str:
-    """Effect of slot surface_flux from what comes in (n_k,) mW/mm^2 at times (n_k,) s."""
-    head = _head(
-        what="A heat through the free surface over time",
-        slot="surface_flux",
-        on=("air",),
-        name=name,
-        formula="q -= scale q_in(t)",
-        source=source,
-        imports=_NUMPY,
-    )
-    tables = _array("TIME", time, "s; knots in time.") + _array("POWER", values, "mW/mm^2 of current area that comes in at the knots.")
-    body = '''
-
-def surface_flux(theta: np.ndarray, time: float, surroundings: np.ndarray, scale: float) -> np.ndarray:
-    """Outward flux, mW/mm^2."""
-    return np.asarray(-scale * np.interp(time, TIME, POWER, left=0.0, right=0.0) + 0.0 * theta)
-'''
-    return head + tables + body
-
-
-def jaws_file(name: str, source: str, side: float, history: tuple[np.ndarray, np.ndarray]) -> str:
-    """Effect of slot boundary_temperature from a change of the temperature of the jaws: times (n_k,) s, and K (n_k,); `side`: the sign of y
-    of the jaw that it is of, 0 of both."""
-    head = _head(
-        what="A change of the temperature of the jaws over time",
-        slot="boundary_temperature",
-        on=("clamp",),
-        name=name,
-        formula="theta_M += scale T(t)" + ("" if side == 0.0 else " where y > 0" if side > 0.0 else " where y < 0"),
-        source=source,
-        imports=_NUMPY,
-    )
-    tables = _array("TIME", history[0], "s; knots in time.") + _array("CHANGE", history[1], "K by which the medium is warmer at the knots.")
-    body = f'''
-
-def boundary_temperature(y: np.ndarray, time: float, elapsed: float, scale: float) -> np.ndarray:
-    """Change of the temperature of the jaws, K; y in mm from the middle of the specimen."""
-    return np.asarray(scale * np.interp(time, TIME, CHANGE, left=0.0, right=0.0) * ({side:g} * y >= 0.0))
-'''
-    return head + tables + body
-
-
 def camera_file(name: str, source: str, grid: Grid, values: np.ndarray) -> str:
     """Effect of slot camera from coefficients (n_k, n_y, n_x, 2) in mm."""
     head = _head(
@@ -146,66 +104,77 @@ def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
     return head + tables + _HATS + body
 
 
-def gradient_file(name: str, source: str, history: tuple[np.ndarray, np.ndarray]) -> str:
-    """Effect of slot sensor from an offset that grows along the load: times (n_k,) s, and mK/mm (n_k,)."""
+@dataclass(frozen=True)
+class _Alike:
+    """The effect file of a kind of term that is the same everywhere: its slot, facet sets and formula, what its function takes and says,
+    and what it gives, by `now`, the history in the `unit` of a file at the times of the function."""
+
+    slot: str
+    formula: str
+    takes: str
+    says: str
+    gives: str
+    on: tuple[str, ...] = ()
+    unit: float = 1.0
+
+
+_AT_SENSOR = ("theta: np.ndarray, scene: Scene, scale: float", "Temperature as the camera shows it, K (n_t, n_s).")
+_AT_CAMERAS = ("u: np.ndarray, scene: Scene, scale: float", "Displacements as the cameras show them, mm (n_t, n_s, 2).")
+_AT_JAWS = (
+    "y: np.ndarray, time: float, elapsed: float, scale: float",
+    "Change of the temperature of the jaws, K; y in mm from the middle.",
+)
+_AT_SURFACE = ("theta: np.ndarray, time: float, surroundings: np.ndarray, scale: float", "Outward flux, mW/mm^2 of current area.")
+_MILLI = 1e-3
+_ALIKE: Mapping[str, _Alike] = {
+    "flux": _Alike("surface_flux", "q -= scale q_in(t)", *_AT_SURFACE, "-scale * now + 0.0 * theta", ("air",)),
+    "jaws": _Alike("boundary_temperature", "theta_M += scale T(t)", *_AT_JAWS, "scale * now + 0.0 * y", ("clamp",)),
+    "jaw_upper": _Alike("boundary_temperature", "theta_M += scale T(t) where y > 0", *_AT_JAWS, "scale * now * (y >= 0.0)", ("clamp",)),
+    "jaw_lower": _Alike("boundary_temperature", "theta_M += scale T(t) where y < 0", *_AT_JAWS, "scale * now * (y <= 0.0)", ("clamp",)),
+    "offset": _Alike("sensor", "theta_camera = theta + scale T(t)", *_AT_SENSOR, "theta + scale * now[:, None]"),
+    "gradient": _Alike(
+        "sensor", "theta_camera = theta + scale g(t) y", *_AT_SENSOR, "theta + scale * now[:, None] * scene.position[:, :, 1]", unit=_MILLI
+    ),
+    "strain": _Alike(
+        "camera", "u_camera = u + scale e(t) (x + u)", *_AT_CAMERAS, "u + scale * now[:, None, None] * scene.position", unit=_MILLI
+    ),
+    "scale": _Alike("camera", "u_camera = u + scale e(t) u", *_AT_CAMERAS, "u + scale * now[:, None, None] * u", unit=_MILLI),
+}
+
+
+def over_time_file(kind: str, name: str, source: str, time: np.ndarray, values: np.ndarray) -> str:
+    """Effect of a kind of term that is the same everywhere, from its history: times (n_k,) s, and coefficients (n_k,) in the unit of the
+    kind. What comes through the surface begins after the first time, at which the specimen rests in the balance that the model knows."""
+    own = _ALIKE[kind]
+    heats = KINDS[kind].alike != "image"
     head = _head(
-        what="Offset of the infrared camera that grows along the load, over time",
-        slot="sensor",
+        what=f"{KINDS[kind].words[0].upper()}{KINDS[kind].words[1:]} over time",
+        slot=own.slot,
+        on=own.on,
         name=name,
-        formula="theta_camera = theta + scale g(t) y",
+        formula=own.formula,
         source=source,
-        imports=_SCENE,
+        imports=_NUMPY if heats else _SCENE,
     )
-    tables = _array("TIME", history[0], "s; knots in time.") + _array("GRADIENT", 1e-3 * history[1], "g at the knots, K/mm.")
-    body = '''
-
-def sensor(theta: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
-    """Temperature of the model and what is missing, K (n_t, n_s)."""
-    return np.asarray(theta + scale * np.interp(scene.time, TIME, GRADIENT)[:, None] * scene.position[:, :, 1])
-'''
-    return head + tables + body
-
-
-def scale_file(name: str, source: str, kind: str, history: tuple[np.ndarray, np.ndarray]) -> str:
-    """Effect of slot camera of kind "strain" or "scale" from its history: times (n_k,) s, and mm/m (n_k,)."""
-    time, values = history
-    what, on, shown = {
-        "strain": ("Apparent strain of the displacement cameras over time", "(x + u)", "scene.position"),
-        "scale": ("Error of the scale of displacements over time", "u", "u"),
-    }[kind]
-    head = _head(
-        what=what,
-        slot="camera",
-        name=name,
-        formula=f"u_camera = u + scale e(t) {on}",
-        source=source,
-        imports=_SCENE,
-    )
-    tables = _array("TIME", time, "s; knots in time.") + _array("ERROR", 1e-3 * values, "e at the knots.")
+    tables = _array("TIME", time, "s; knots in time.") + _array("HISTORY", own.unit * values, "Coefficients of the formula at the knots.")
+    at = "np.interp(time, TIME, HISTORY, left=0.0, right=0.0) * (time > TIME[0])" if heats else "np.interp(scene.time, TIME, HISTORY)"
     body = f'''
 
-def camera(u: np.ndarray, scene: Scene, scale: float) -> np.ndarray:
-    """u + scale e(t) {on}, mm (n_t, n_s, 2)."""
-    return np.asarray(u + scale * np.interp(scene.time, TIME, ERROR)[:, None, None] * {shown})
+def {own.slot}({own.takes}) -> np.ndarray:
+    """{own.says}"""
+    now = {at}
+    return np.asarray({own.gives})
 '''
     return head + tables + body
 
 
-OF_HEAT = (
-    "Temperature that a heat source makes which the model does not have",
-    "theta_sensor = theta + scale T(t), T the answer of the lumped heat balance to the missing power",
-)
-OF_CAMERA = ("Offset of the infrared camera over time", "theta_camera = theta + scale T(t)")
-"""What an effect file of slot sensor is, and its formula."""
-
-
-def sensor_file(name: str, source: str, words: tuple[str, str], records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
-    """Effect of slot sensor: per record its name, times s and the temperature K that is missing there; `words`: what it is, its formula."""
+def sensor_file(name: str, source: str, records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
+    """Effect of slot sensor: per record its name, times s and the temperature K that is missing there."""
     head = _head(
-        what=words[0],
+        what="Temperature that a heat source makes which the model does not have",
         slot="sensor",
         name=name,
-        formula=words[1],
+        formula="theta_sensor = theta + scale T(t), T the answer of the lumped heat balance to the missing power",
         source=source,
         imports=_SCENE,
     )

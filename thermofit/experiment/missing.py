@@ -17,6 +17,35 @@ from thermofit.experiment.coupon_records import CouponTest
 
 
 @dataclass(frozen=True)
+class Kind:
+    """A kind of missing term: the unit of its coefficients and what it is in words. `alike`: where one is that is the same everywhere (the
+    "surface" that is free, the "jaws" or the "image" of a camera), and `which` of them; empty: it has places, or is that of a record.
+    `drifts`: it never jumps, as jaws and cameras that warm up; a constant part of one is taken by other parameters."""
+
+    unit: str
+    words: str
+    alike: str = ""
+    which: str = "all"
+    drifts: bool = False
+
+
+KINDS: Mapping[str, Kind] = {
+    "heat": Kind("mW/mm^3", "heat source"),
+    "displacement": Kind("mm", "displacement"),
+    "stress": Kind("MPa", "stress"),
+    "flux": Kind("mW/mm^2", "heat through the free surface", "surface"),
+    "jaws": Kind("K", "change of the temperature of the jaws", "jaws", drifts=True),
+    "jaw_upper": Kind("K", "change of the temperature of the upper jaw", "jaws", "upper", drifts=True),
+    "jaw_lower": Kind("K", "change of the temperature of the lower jaw", "jaws", "lower", drifts=True),
+    "offset": Kind("K", "offset of the infrared camera", "image"),
+    "gradient": Kind("mK/mm", "offset of the infrared camera along the load", "image", drifts=True),
+    "strain": Kind("mm/m", "apparent strain of the displacement cameras", "image", drifts=True),
+    "scale": Kind("mm/m", "error of the scale of displacements", "image", drifts=True),
+}
+"""All kinds of terms that any model may lack."""
+
+
+@dataclass(frozen=True)
 class Grid:
     """Knots of hats: `time` s (n_k,) with the number `part` (n_k,) of the record that each belongs to, `x` and `y` mm over the face.
 
@@ -80,10 +109,8 @@ class YieldTerms(Protocol):
 
 
 class Missing(Protocol):
-    """What a model knows of terms that it lacks. Kinds: "heat" (mW/mm^3), "displacement" (mm), "stress" (MPa), "offset" of a camera (K) and
-    its "gradient" along the load (mK/mm), "flux" through the free surface (mW/mm^2 of its area), change of the temperature of the "jaws" or
-    of one of them ("jaw_upper", "jaw_lower"; K), apparent "strain" of what cameras see as they come nearer, and drift of their "scale" of
-    displacements (mm/m)."""
+    """What a model knows of terms that it lacks, by their `KINDS`: a flux is one per current area, and a strain or a scale that of what the
+    displacement cameras say of all lengths, or of displacements."""
 
     @property
     def records(self) -> tuple[CouponTest, ...]:

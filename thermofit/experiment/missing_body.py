@@ -3,14 +3,14 @@ cameras would show them, offsets of the infrared camera, and the apparent strain
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from thermofit.body.body import Body, thermal_geometry
-from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, heat_step
+from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, ends_of_stages, heat_step
 from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.solve.history import History
@@ -18,7 +18,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.instruments import SLOTS, Instruments
-from thermofit.experiment.missing import Grid, place_hats, time_hats
+from thermofit.experiment.missing import KINDS, Grid, place_hats, time_hats
 from thermofit.law.page import law_of
 from thermofit.observe.observation import FieldObservation
 from thermofit.observe.stations import chain, seen_along
@@ -28,14 +28,14 @@ FREE = "air"
 """How names of facet sets begin that the jaws leave free."""
 GRIPPED = "clamp"
 """How names of facet sets begin that the jaws hold."""
-OFFSETS = {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
+OF_CAMERAS = {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
 """What a camera may add to all of its image: as much everywhere, or growing along the load; to every length, or to every displacement."""
+OF_SURFACE = ("flux", "jaws", "jaw_upper", "jaw_lower")
+"""What may come through the surface, and temperatures show: through all that is free, or from jaws whose temperature changes."""
+SIDES = {"all": 0.0, "upper": 1.0, "lower": -1.0}
+"""The sign of y of the jaw that changes; 0: both."""
 PER_MILLE = 1e-3
 """Apparent strain or error of the scale of a unit coefficient, mm/m, and offset of a camera per length, mK/mm."""
-JAWS = {"jaws": 0.0, "jaw_upper": 1.0, "jaw_lower": -1.0}
-"""Kinds of a change of the temperature of the jaws, and the sign of y of the one that changes; 0: both."""
-SURFACES = {"theta": ("flux", *JAWS)}
-"""What may come through the surface: through all that is free, or from jaws whose temperature changes."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,15 @@ class BodyMissing:
     @property
     def of_instruments(self) -> Mapping[str, tuple[str, ...]]:
         """Kinds of what a camera may add to an observed field."""
-        return {field: kinds for field, kinds in OFFSETS.items() if field in self.instruments.observations}
+        return {field: kinds for field, kinds in OF_CAMERAS.items() if field in self.instruments.observations}
 
     @property
     def of_surface(self) -> Mapping[str, tuple[str, ...]]:
         """Kinds of what may come through the free surface or from the jaws, where the mesh says which these are."""
         sets = [name for name, facets in self.body.mesh.facets.items() if facets.size]
-        there = {kind: any(name.startswith(GRIPPED if kind in JAWS else FREE) for name in sets) for kind in SURFACES["theta"]}
-        found = {field: tuple(kind for kind in kinds if there[kind]) for field, kinds in SURFACES.items()}
-        return {field: kinds for field, kinds in found.items() if kinds and field in self.instruments.observations}
+        there = {alike: any(name.startswith(begin) for name in sets) for alike, begin in (("surface", FREE), ("jaws", GRIPPED))}
+        found = tuple(kind for kind in OF_SURFACE if there[KINDS[kind].alike])
+        return {"theta": found} if found and "theta" in self.instruments.observations else {}
 
     @property
     def records(self) -> tuple[()]:
@@ -93,7 +93,7 @@ class BodyMissing:
         time as it is observed."""
         field = _field_of(kind)
         seen = self.instruments.observations[field]
-        if any(kind in kinds for kinds in (*OFFSETS.values(), *SURFACES.values())):
+        if KINDS[kind].alike:
             time = np.quantile(seen.time, np.linspace(0.0, 1.0, min(counts[0], len(seen.time))))
             return Grid(time, np.zeros(len(time), dtype=int), np.zeros(1), np.zeros(1))
         used = seen.mask.any(axis=0)
@@ -116,7 +116,7 @@ class BodyMissing:
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
         the jaws, mm, K, mK/mm and mm/m."""
-        if kind in ("heat", *SURFACES["theta"]):
+        if kind in ("heat", *OF_SURFACE):
             return self._warmed(parameters, kind, grid, chosen)
         if kind in ("strain", "scale", "gradient"):
             return self._magnified(parameters, kind, grid, chosen)
@@ -154,7 +154,7 @@ class BodyMissing:
     def _warmed(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         history, sampler = self.history(parameters), self.instruments.samplers["theta"]
         seen = self.instruments.observations["theta"]
-        loads = None if kind in SURFACES["theta"] else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
+        loads = None if kind in OF_SURFACE else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
         links = chain(SLOTS["theta"], parameters)
         out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
         view = self.instruments.view("theta", history) if links else None
@@ -174,15 +174,18 @@ class BodyMissing:
         self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray | str, chosen: np.ndarray
     ) -> Iterator[tuple[int, np.ndarray]]:
         """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation. `loads`
-        (n_np, n_places): mW of each place; or of which kind of `SURFACES` they are."""
+        (n_np, n_places): mW of each place; or of which kind of `OF_SURFACE` they are."""
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
-        strength = _means(grid, history.time)[:, k]
+        of_jaws = isinstance(loads, str) and KINDS[loads].alike == "jaws"
+        strength = [
+            s[:, k] for s in (_at_ends(grid, history.time, self.whole.settings.heat_scheme) if of_jaws else (_means(grid, history.time),))
+        ]
         state = np.zeros((self.body.mesh.n_nodes, len(chosen)))
         for n, (step, films) in enumerate(self._steps(parameters, history)):
-            active = np.flatnonzero(strength[: n + 1].any(axis=0))
+            active = np.flatnonzero(np.any([s[: n + 1].any(axis=0) for s in strength], axis=0))
             if active.size:
                 mine = self._through(loads, step, films)[:, None] if isinstance(loads, str) else loads[:, place[active]]
-                heat = step.length * mine * strength[n, active]
+                heat = [step.length * mine * s[n, active] for s in strength]
                 state[:, active] = _answered(self.body, step, np.ascontiguousarray(state[:, active]), heat)
             yield n + 1, state
 
@@ -190,10 +193,10 @@ class BodyMissing:
         """Nodal power (n_np,) mW of a flux of 1 mW/mm^2 through the free surface, or of jaws that are 1 K warmer; `films`: area (n_np,)
         mm^2 of the nodes by facet set."""
         nothing, coefficient = np.zeros(self.body.mesh.n_nodes), step.conditions.films
-        if kind not in JAWS:
+        if KINDS[kind].alike != "jaws":
             return np.asarray(np.sum([nothing, *(own for name, own in films.items() if name.startswith(FREE))], axis=0))
         of_jaws = [FILM_UNIT * coefficient[name][0] * own for name, own in films.items() if name.startswith(GRIPPED)]
-        side = JAWS[kind] * about_middle(self.body)[1]
+        side = SIDES[KINDS[kind].which] * about_middle(self.body)[1]
         return np.asarray(np.sum([nothing, *of_jaws], axis=0) * (side >= 0.0))
 
     def _steps(self, parameters: Parameters, history: History) -> Iterator[tuple[HeatStep, Mapping[str, np.ndarray]]]:
@@ -232,14 +235,19 @@ class BodyMissing:
 
 def _field_of(kind: str) -> str:
     """The observed field that shows a kind of term."""
-    alike = [*OFFSETS.items(), *SURFACES.items()]
-    return next(f for f, kinds in [*((f, (k,)) for f, k in FIELDS.items()), *alike] if kind in kinds)
+    return next(f for f in FIELDS if kind in (FIELDS[f], *OF_CAMERAS[f], *(OF_SURFACE if f == "theta" else ())))
 
 
 def _means(grid: Grid, time: np.ndarray) -> np.ndarray:
     """Means (n_steps, n_k) of the hats over the steps between times (n_t,)."""
     one = np.zeros(len(time) - 1, dtype=int)
     return np.asarray(sum(w * time_hats(grid, time[:-1] + part * np.diff(time), one) for w, part in INSTANTS))
+
+
+def _at_ends(grid: Grid, time: np.ndarray, scheme: str) -> tuple[np.ndarray, ...]:
+    """The hats (n_steps, n_k) at the ends of every stage of the steps between times (n_t,), where a run has the temperature of the jaws."""
+    one = np.zeros(len(time) - 1, dtype=int)
+    return tuple(time_hats(grid, time[:-1] + part * np.diff(time), one) for part in ends_of_stages(scheme))
 
 
 def _at_knots(time: np.ndarray, value: np.ndarray, knots: np.ndarray) -> np.ndarray:
@@ -259,14 +267,15 @@ def _shown_directly(grid: Grid, seen: FieldObservation, chosen: np.ndarray) -> n
     return seen.averaged(out)
 
 
-def _answered(body: Body, step: HeatStep, start: np.ndarray, heat: np.ndarray) -> np.ndarray:
-    """Temperatures (n_np, m) at the end of a step that starts at `start` and gets the nodal heat (n_np, m) mJ, nothing else."""
+def _answered(body: Body, step: HeatStep, start: np.ndarray, heat: Sequence[np.ndarray]) -> np.ndarray:
+    """Temperatures (n_np, m) at the end of a step that starts at `start` and gets the nodal heat (n_np, m) mJ, nothing else: one for all
+    stages, or one for each."""
     p = body.thermal
     gamma, stages = (1.0, 1) if len(step.stages) == 1 else (GAMMA, 2)
     capacity = _full(p.row, p.column, step.conditions.c0 * step.capacity, p.n)
     begin, theta = start, start
-    for _ in range(stages):
-        theta = step.factor.solve(np.ascontiguousarray(capacity @ begin + gamma * heat))
+    for stage in range(stages):
+        theta = step.factor.solve(np.ascontiguousarray(capacity @ begin + gamma * heat[min(stage, len(heat) - 1)]))
         begin = start + (1.0 - gamma) / gamma * (theta - start)
     return np.asarray(theta)
 

@@ -18,25 +18,13 @@ from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted import HALF, UNITS, Unlisted, believed_law
-from thermofit.diagnose.unlisted_effect import (
-    OF_CAMERA,
-    OF_HEAT,
-    camera_file,
-    gradient_file,
-    heat_file,
-    jaws_file,
-    scale_file,
-    sensor_file,
-    surface_file,
-    yield_file,
-)
+from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
+from thermofit.diagnose.unlisted_effect import camera_file, heat_file, over_time_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of as observed_field
-from thermofit.experiment.missing import Missing
-from thermofit.experiment.missing_body import JAWS
+from thermofit.experiment.missing import KINDS, Missing
 from thermofit.experiment.trust import grade
 from thermofit.law.page import law_of
 from thermofit.records.artefact import Dataset
@@ -45,20 +33,6 @@ from thermofit.report.figures_maps import Scale, draw_map
 from thermofit.report.local_words import steps_in_words, with_article
 from thermofit.study.study import Study
 
-NAMES = {kind: f"unlisted_{kind}" for kind in UNITS}
-WORDS = {
-    **{"heat": "heat source", "displacement": "displacement", "stress": "stress", "offset": "offset of the infrared camera"},
-    **{"flux": "heat through the free surface", "strain": "apparent strain of the displacement cameras"},
-    "scale": "error of the scale of displacements",
-    "gradient": "offset of the infrared camera along the load",
-    **{kind: f"change of the temperature of the {jaw}" for kind, jaw in zip(JAWS, ("jaws", "upper jaw", "lower jaw"), strict=True)},
-}
-OF_CAMERAS = ("offset", "gradient", "strain", "scale")
-"""Kinds that are no balance's: what a camera adds."""
-WHOLE = {"offset": "image", "flux": "surface", **dict.fromkeys(("gradient", "strain", "scale"), "image"), **dict.fromkeys(JAWS, "jaws")}
-"""Where a term is that is the same everywhere."""
-JAW = {"jaw_upper": "upper", "jaw_lower": "lower"}
-"""Which of the jaws, of a kind of one of them."""
 BALANCES = {"theta": "heat", "u": "motion"}
 """Balance that lacks something by the observed field that shows it; any other one shows stresses."""
 FIGURE = "unlisted"
@@ -72,6 +46,11 @@ class EffectFile:
     text: str
     words: str
     proof: Proof
+
+
+def file_of(kind: str) -> str:
+    """Name of the effect file of a kind of term."""
+    return f"unlisted_{kind}"
 
 
 def described(
@@ -103,10 +82,9 @@ def described(
 def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
     """The balance that lacks something: `boundary` where the local balance of heat closes, so that it comes from outside what is seen;
     `camera` where it is none, but what a camera adds."""
-    if found.field is not None and found.field.basis.kind in JAWS:
-        return "boundary"
-    if found.field is not None and found.field.basis.kind in OF_CAMERAS:
-        return "camera"
+    alike = "" if found.field is None else KINDS[found.field.basis.kind].alike
+    if alike in ("jaws", "image"):
+        return "boundary" if alike == "jaws" else "camera"
     channel = found.channel
     kind = BALANCES.get(observed_field(channel), "stress")
     maps = () if local is None else local["maps"]
@@ -262,8 +240,9 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
         when, time = when - missing.offsets[record], time[own] - missing.offsets[record]
         strength, sigma = place.strength[own], place.sigma[own]
         position: dict[str, Any] = {"record": missing.records[record].name}
-    elif field.basis.kind in WHOLE:
-        strength, sigma, position = place.strength, place.sigma, {WHOLE[field.basis.kind]: JAW.get(field.basis.kind, "all")}
+    elif KINDS[field.basis.kind].alike:
+        kind = KINDS[field.basis.kind]
+        strength, sigma, position = place.strength, place.sigma, {kind.alike: kind.which}
     else:
         strength, sigma = place.strength, place.sigma
         position = {
@@ -277,7 +256,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
     unit = "mW" if field.basis.kind == "heat" and not missing.records else field.basis.unit
     phases = [s.name for s in here.case.spans if s.t1 > place.when[0] and s.t0 < place.when[1]]
     return {
-        "kind": WORDS[field.basis.kind],
+        "kind": KINDS[field.basis.kind].words,
         "where": position,
         "when_s": [float(when[0]), float(when[1])],
         "phases": phases,
@@ -311,32 +290,21 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     field, law, missing = found.field, found.law, here.case.model.missing
     source = f"{study_name}, channel {found.channel}"
     if law is not None and (field is not None or believed_law(law) is not None):
-        text = yield_file(NAMES["stress"], source, law.variable, (law.edges, law.width, law.field.q))
+        name = file_of("stress")
+        text = yield_file(name, source, law.variable, (law.edges, law.width, law.field.q))
         words = f"the part of the missing stress that is a yield stress over {law.variable}"
-        return EffectFile(NAMES["stress"], text, words, law.field.proof)
+        return EffectFile(name, text, words, law.field.proof)
     if field is None or missing is None or field.basis.kind == "stress":
         return None
     grid, kind = field.basis.grid, field.basis.kind
-    name = NAMES[kind]
+    name = file_of(kind)
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
-    if kind == "flux":
-        text = surface_file(name, source, grid.time, field.values[:, 0, 0, 0])
-        return EffectFile(name, text, "the missing heat through the free surface over time", field.proof)
-    if kind in JAWS:
-        text = jaws_file(name, source, JAWS[kind], (grid.time, field.values[:, 0, 0, 0]))
-        return EffectFile(name, text, f"the {WORDS[kind]} over time", field.proof)
-    if kind in ("strain", "scale"):
-        text = scale_file(name, source, kind, (grid.time, field.values[:, 0, 0, 0]))
-        return EffectFile(name, text, f"the {WORDS[kind]} over time", field.proof)
-    if kind == "gradient":
-        text = gradient_file(name, source, (grid.time, field.values[:, 0, 0, 0]))
-        return EffectFile(name, text, "the offset of the infrared camera along the load over time", field.proof)
-    if kind == "offset":
-        text = sensor_file(name, source, OF_CAMERA, [("", grid.time, field.values[:, 0, 0, 0])])
-        return EffectFile(name, text, "the offset of the infrared camera over time", field.proof)
+    if KINDS[kind].alike:
+        text = over_time_file(kind, name, source, grid.time, field.values[:, 0, 0, 0])
+        return EffectFile(name, text, f"the {KINDS[kind].words} over time", field.proof)
     if missing.records:
-        text = sensor_file(name, source, OF_HEAT, _rises(found, missing, field))
+        text = sensor_file(name, source, _rises(found, missing, field))
         return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
     text = heat_file(name, source, grid, field.values[:, :, :, 0], missing.folded)
     return EffectFile(name, text, "the missing heat source over place and time", field.proof)
@@ -365,7 +333,6 @@ def unlisted_datasets(found: Unlisted | None) -> dict[str, Dataset]:
 
 
 _FINE = 41
-_WORDS = {kind: WORDS[kind] if kind in OF_CAMERAS else f"missing {WORDS[kind]}" for kind in WORDS}
 
 
 def unlisted_figure(here: Traced, found: Unlisted) -> Figure:
@@ -386,7 +353,8 @@ def unlisted_figure(here: Traced, found: Unlisted) -> Figure:
     over_time.axhline(0.0, color="black", linewidth=0.6)
     unit = "mW" if mapped and field.basis.kind == "heat" else field.basis.unit
     over_time.set_xlabel("time in s")
-    over_time.set_ylabel(f"{_WORDS[field.basis.kind]} in {unit}")
+    kind = KINDS[field.basis.kind]
+    over_time.set_ylabel(f"{kind.words if kind.alike in ('image', 'jaws') else f'missing {kind.words}'} in {unit}")
     over_time.legend(handles=[*lines, *handles], labels=["reconstructed", *(h.get_label() for h in handles)], loc="best")
     return figure
 

@@ -136,7 +136,8 @@ def heat_step(
     Schemes: "sdirk2" (order 2, L-stable) or "backward-euler". `geometry` is that of the step (mean of both ends).
     """
     dt, scheme = step
-    gamma, ends, n_stages = (GAMMA, (GAMMA, 1.0), 2) if scheme == "sdirk2" else (1.0, (1.0, 1.0), 1)
+    ends = ends_of_stages(scheme)
+    gamma, n_stages = (GAMMA, 2) if scheme == "sdirk2" else (1.0, 1)
     loads = step_loads(body, conditions, dt, ends)
     capacity, conduction = _weighted(body, geometry, loads)
     matrix, _ = exchange(replace(geometry, conduction=conduction), conditions)
@@ -147,6 +148,11 @@ def heat_step(
     factor = Factor(body.thermal, matrix)
     blank = HeatStep(theta_n, {}, theta_n, (theta_n,) * n_stages, factor, geometry, conditions, dt, capacity, conduction, loads)
     return same_step(body, blank, heat)
+
+
+def ends_of_stages(scheme: str) -> tuple[float, float]:
+    """Parts of a step at which the stages of a scheme end; of one stage alone twice."""
+    return (GAMMA, 1.0) if scheme == "sdirk2" else (1.0, 1.0)
 
 
 def step_loads(body: Body, conditions: HeatConditions, dt: float, ends: tuple[float, float]) -> Loads | None:

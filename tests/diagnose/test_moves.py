@@ -8,13 +8,15 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from refits import fitted
+from strip import strip_case
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, Proof, far
 from thermofit.diagnose.protected import no_farther
 from thermofit.diagnose.score import Columns, ranked
-from thermofit.diagnose.trace import material_of
+from thermofit.diagnose.trace import material_of, traced
 from thermofit.diagnose.trial import moves_material
 from thermofit.fit.linear_model import LinearModel
 
@@ -100,3 +102,12 @@ def test_what_a_refit_has_moved(kappa: float, sigma: float | None, is_moved: boo
     assert moves_material(here, there, fit) is is_moved
     other: Any = SimpleNamespace(names=("lamp.absorbed",), sigma=np.array([1.0]))
     assert not moves_material(here, there, other)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_trace_asks_of_every_effect_that_it_proves(monkeypatch: pytest.MonkeyPatch, moves: bool) -> None:
+    monkeypatch.setattr(Columns, "moves", lambda *_: moves)
+    case = fitted(strip_case(3, **{"ir_drift.rate": 5e-4}))[0]
+    here = traced(case)
+    assert here.problem.material == material_of(case) and here.problem.material
+    assert here.proofs and all(proof.moves is moves for proof in here.proofs.values())

@@ -178,8 +178,15 @@ def test_of_refits_within_one_standard_error_one_that_drives_nothing_to_a_bound_
     assert won(monkeypatch, gains, **apart) == "b" and won(monkeypatch, gains, **apart, adrift="b") == "a", "told apart for sure"
 
 
-def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[str, Proof] | None = None, fails: bool = False) -> Closed:
-    """What stays of three accepted effects that together gain so much, by their number; standard error 0.01."""
+def base(
+    monkeypatch: pytest.MonkeyPatch,
+    gains: dict[int, float],
+    tests: dict[str, Proof] | None = None,
+    fails: bool = False,
+    moves: bool = False,
+) -> Closed:
+    """What stays of three accepted effects that together gain so much, by their number; standard error 0.01, or 0.0005 where they move a
+    parameter of the material far."""
 
     def here(count: int) -> Any:
         split, columns = SimpleNamespace(held_out=()), SimpleNamespace(residual=None)
@@ -192,10 +199,10 @@ def base(monkeypatch: pytest.MonkeyPatch, gains: dict[int, float], tests: dict[s
         return here(last.count - 1), f"fit of {last.count - 1}"
 
     monkeypatch.setattr(module, "held_out_of", lambda t: t.count)
-    monkeypatch.setattr(module, "compared", lambda before, after, *_: replace(GOOD, gain=gains[after]))
+    monkeypatch.setattr(module, "compared", lambda before, after, *_: replace(GOOD, gain=gains[after], sigma=0.0005 if moves else 0.01))
     monkeypatch.setattr(module, "proof_of_refit", lambda first, last, name: (tests or {}).get(name))
     monkeypatch.setattr(module, "without", drop)
-    monkeypatch.setattr(module, "moves_material", lambda *_: False)
+    monkeypatch.setattr(module, "moves_material", lambda *_: moves)
     refit: Any = None
     return against_base(Closed((), here(0), here(3), FIT, ("a", "b", "c"), (), refit, None), "auto")
 
@@ -206,6 +213,7 @@ def test_the_latest_effects_go_until_what_stays_beats_the_base_model(monkeypatch
     assert found.remarks[0].startswith("c is taken back: with a, b, c together held-out error falls by 1.90 %")
     assert base(monkeypatch, dict.fromkeys((1, 2, 3), -0.1)).accepted == ()
     assert base(monkeypatch, {3: 0.021}).accepted == ("a", "b", "c")
+    assert base(monkeypatch, {3: 0.0021}, moves=True).accepted == ("a", "b", "c"), "little, beyond doubt, and it moves the material"
 
 
 def test_a_held_out_test_that_all_together_do_not_predict_better_takes_back(monkeypatch: pytest.MonkeyPatch) -> None:

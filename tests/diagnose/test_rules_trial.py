@@ -467,6 +467,12 @@ def test_the_worst_held_out_test_decides_where_one_judges(monkeypatch: pytest.Mo
     assert worth(monkeypatch, ("ir_drift",)).proof == GOOD
 
 
+@pytest.mark.parametrize("moves", [True, False])
+def test_the_proof_of_a_refit_knows_what_it_has_moved(monkeypatch: pytest.MonkeyPatch, moves: bool) -> None:
+    monkeypatch.setattr(module, "moves_material", lambda *_: moves)
+    assert worth(monkeypatch, ("ir_drift",)).proof.moves is moves
+
+
 @pytest.mark.parametrize(
     ("without", "why", "said"),
     [(0.24, "", "off"), (0.26, "", ""), (0.26, "at its bound", "off")],

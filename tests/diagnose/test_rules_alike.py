@@ -1,0 +1,156 @@
+"""The rules of unlisted terms that are the same everywhere: in whose stead they are told, which is told next, and what is known beside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from thermofit.diagnose import unlisted as module
+from thermofit.diagnose.held_out import Proof
+from thermofit.diagnose.unlisted import GONE, UNSETTLED, Sought, Unlisted, of_instrument, over_time, through_surface, told, unlisted
+from thermofit.experiment.missing import KINDS
+
+GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
+HERE: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=SimpleNamespace(of_surface={}, of_instruments={}))))
+APART: Any = SimpleNamespace()
+
+
+@dataclass(frozen=True)
+class Term:
+    """What is read of a term: its kind, how well it predicts (of two, better by more than one is sure), places and rows."""
+
+    kind: str
+    well: float
+    places: int = 1
+    proof: Proof = GOOD
+
+    @property
+    def basis(self) -> Any:
+        return SimpleNamespace(kind=self.kind, grid=SimpleNamespace(places=self.places), rows=np.arange(10))
+
+
+def chosen(monkeypatch: pytest.MonkeyPatch, which: Any, there: Any, own: Term | None, term: Term | None) -> Any:
+    """What a choice between a term and one that is the same everywhere takes."""
+    alike = None if own is None else Sought(cast(Any, own), there)
+    monkeypatch.setattr(module, "everywhere_alike", lambda *_: alike)
+    monkeypatch.setattr(module, "predicts_better", lambda _, one, other: one.well > other.well + 1.0)
+    found = which(HERE, there, cast(Any, None), term)
+    return None if found is None else found.term
+
+
+@pytest.mark.parametrize(
+    ("which", "apart", "own", "term", "taken"),
+    [
+        (through_surface, False, Term("jaws", 5.0), Term("heat", 5.5, 9), True),  # no worse is enough: it has no place
+        (through_surface, False, Term("jaws", 5.0), Term("heat", 6.5, 9), False),
+        (through_surface, False, Term("jaws", 5.0), None, True),
+        (through_surface, True, Term("jaws", 5.0), Term("heat", 4.5, 9), False),  # beside a broad source any smooth term does well
+        (through_surface, True, Term("jaws", 5.0), Term("heat", 3.5, 9), True),
+        (through_surface, False, None, Term("heat", 3.5, 9), False),
+        (of_instrument, False, Term("offset", 5.0), Term("heat", 4.5, 9), False),  # a camera has to predict better than a source
+        (of_instrument, False, Term("offset", 5.0), Term("heat", 3.5, 9), True),
+        (of_instrument, False, Term("offset", 5.0), None, True),
+        (of_instrument, False, Term("gradient", 5.0), None, False),  # temperatures that are not even at first look like one
+        (of_instrument, False, Term("gradient", 5.0), Term("heat", 3.5, 9), True),
+        (of_instrument, False, Term("strain", 5.0), Term("displacement", 5.5, 9), True),  # a map of the mode is no cause
+        (of_instrument, False, Term("strain", 5.0), Term("displacement", 6.5, 9), False),
+        (of_instrument, False, None, None, False),
+    ],
+)
+def test_in_whose_stead_it_is_told(
+    monkeypatch: pytest.MonkeyPatch, which: Any, apart: bool, own: Term | None, term: Term | None, taken: bool
+) -> None:
+    assert chosen(monkeypatch, which, APART if apart else HERE, own, term) is (own if taken else None)
+
+
+@pytest.mark.parametrize(
+    ("holds", "expected"), [({"flux", "heat"}, "flux"), ({"heat"}, "heat"), (set(), None)], ids=["first", "next", "none"]
+)
+def test_where_one_does_not_hold_the_next_best_is_told(monkeypatch: pytest.MonkeyPatch, holds: set[str], expected: str | None) -> None:
+    """Terms of the surface are sought at the optimum and at protected parameters, those of cameras at the optimum alone."""
+    here: Any = SimpleNamespace(
+        ranking=SimpleNamespace(scores=()), case=SimpleNamespace(parameters=None, model=SimpleNamespace(segments=None))
+    )
+    structure: Any = SimpleNamespace(blocks=SimpleNamespace(channel="dtheta"))
+    asked = []
+
+    def surface(_: Any, there: Any, __: Any, term: Term) -> Sought:
+        asked.append(("surface", there is here, term.kind))
+        return Sought(cast(Any, Term("jaws" if there is here else "flux", 1.0)), there)
+
+    def camera(_: Any, there: Any, __: Any, term: Term) -> None:
+        asked.append(("camera", there is here, term.kind))
+
+    monkeypatch.setattr(module, "standing", lambda *_: [structure])
+    monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
+    monkeypatch.setattr(module, "undriven", lambda *_: (APART, ""))
+    monkeypatch.setattr(module, "sought", lambda *_: (Term("heat", 1.0, 9), here))
+    monkeypatch.setattr(module, "through_surface", surface)
+    monkeypatch.setattr(module, "of_instrument", camera)
+    monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
+    monkeypatch.setattr(
+        module, "told", lambda _, __, begin, alone: replace(alone, remark=begin.term.kind) if begin.term.kind in holds else None
+    )
+    found = unlisted(here, None, ())
+    assert asked == [("surface", True, "heat"), ("surface", False, "jaws"), ("camera", True, "flux")]
+    assert (None if found is None else found.remark) == expected
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "settled"),
+    [
+        ("", None, True),  # no errors are told anew
+        (UNSETTLED, None, False),
+        (UNSETTLED, "", True),  # it has settled beside the errors that were told anew
+        ("", UNSETTLED, False),
+    ],
+)
+def test_whether_parameters_have_settled(monkeypatch: pytest.MonkeyPatch, first: str, then: str | None, settled: bool) -> None:
+    begun, once, twice = Term("jaws", 1.0), Term("jaws", 2.0), Term("jaws", 3.0)
+    found = tell(monkeypatch, begun, (once, first), (once, "") if then is None else (twice, then))
+    assert found is not None and found.settled is settled and cast(Any, found.field) is (once if then is None else twice)
+    assert found.remark == (UNSETTLED if UNSETTLED in (first, then) else "")
+
+
+def test_a_term_that_goes_once_parameters_have_followed_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that has places stays as it was at the optimum."""
+    jaws, heat = Term("jaws", 1.0), Term("heat", 1.0, 9)
+    assert tell(monkeypatch, jaws, (jaws, GONE), (jaws, "")) is None
+    kept = tell(monkeypatch, heat, (heat, GONE), (heat, ""))
+    assert kept is not None and cast(Any, kept.field) is heat and kept.remark == GONE
+
+
+def tell(monkeypatch: pytest.MonkeyPatch, term: Term, once: tuple[Term, str], twice: tuple[Term, str]) -> Unlisted | None:
+    """What is told of a term whose parameters settle `once`, and again beside errors that are told anew: the term then, and words."""
+    case: Any = SimpleNamespace(model=SimpleNamespace(segments=None), parameters=None)
+    here: Any = SimpleNamespace(case=case, rows=SimpleNamespace(time=np.arange(10.0)))
+    alone = Unlisted("dtheta", cast(Any, None), ("", 0.0), None, None, (), (), cast(Any, None))
+
+    @dataclass(frozen=True)
+    class Place:
+        when: tuple[float, float] = (0.0, 9.0)
+        size: float = 1.0
+        doubt: float = 0.1
+
+    monkeypatch.setattr(module, "settled", lambda *_: (once[0], None, once[1]))
+    monkeypatch.setattr(module, "told_beside", lambda *_: (case, twice[0], None, twice[1]))
+    monkeypatch.setattr(module, "place_of", lambda *_: Place())
+    monkeypatch.setattr(module, "volumes", lambda *_: None)
+    monkeypatch.setattr(module, "hints_of", lambda *_: ())
+    return told(here, cast(Any, None), Sought(cast(Any, term), here), alone)
+
+
+@pytest.mark.parametrize("kind", ["jaws", "jaw_upper", "gradient", "strain", "scale", "offset", "flux"])
+def test_what_drifts_is_no_step(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """A lamp and a camera's offset may jump; jaws, the scale of cameras and a gradient over an image do not."""
+    here: Any = SimpleNamespace(rows=None, split=None)
+    hat: Any = SimpleNamespace(kind=kind)
+    monkeypatch.setattr(module, "field_of", lambda *_: "hats")
+    monkeypatch.setattr(module, "in_steps", lambda *_: "steps")
+    monkeypatch.setattr(module, "better", lambda *_: False)
+    assert cast(Any, over_time(cast(Any, None), hat, here)) == ("steps" if kind in ("offset", "flux") else "hats")
+    assert KINDS[kind].drifts is (kind not in ("offset", "flux"))

@@ -9,6 +9,7 @@ from textwrap import indent
 import numpy as np
 
 from thermofit.experiment.missing import KINDS, Grid
+from thermofit.experiment.missing_body import PER_MILLE
 
 _HEAD = '''"""{what}: slot {slot}. Off at scale = 0.
 
@@ -125,7 +126,6 @@ _AT_JAWS = (
     "Change of the temperature of the jaws, K; y in mm from the middle.",
 )
 _AT_SURFACE = ("theta: np.ndarray, time: float, surroundings: np.ndarray, scale: float", "Outward flux, mW/mm^2 of current area.")
-_MILLI = 1e-3
 _ALIKE: Mapping[str, _Alike] = {
     "flux": _Alike("surface_flux", "q -= scale q_in(t)", *_AT_SURFACE, "-scale * now + 0.0 * theta", ("air",)),
     "jaws": _Alike("boundary_temperature", "theta_M += scale T(t)", *_AT_JAWS, "scale * now + 0.0 * y", ("clamp",)),
@@ -133,12 +133,12 @@ _ALIKE: Mapping[str, _Alike] = {
     "jaw_lower": _Alike("boundary_temperature", "theta_M += scale T(t) where y < 0", *_AT_JAWS, "scale * now * (y <= 0.0)", ("clamp",)),
     "offset": _Alike("sensor", "theta_camera = theta + scale T(t)", *_AT_SENSOR, "theta + scale * now[:, None]"),
     "gradient": _Alike(
-        "sensor", "theta_camera = theta + scale g(t) y", *_AT_SENSOR, "theta + scale * now[:, None] * scene.position[:, :, 1]", unit=_MILLI
+        "sensor", "theta_camera = theta + scale g(t) y", *_AT_SENSOR, "theta + scale * now[:, None] * scene.position[:, :, 1]", unit=PER_MILLE
     ),
     "strain": _Alike(
-        "camera", "u_camera = u + scale e(t) (x + u)", *_AT_CAMERAS, "u + scale * now[:, None, None] * scene.position", unit=_MILLI
+        "camera", "u_camera = u + scale e(t) (x + u)", *_AT_CAMERAS, "u + scale * now[:, None, None] * scene.position", unit=PER_MILLE
     ),
-    "scale": _Alike("camera", "u_camera = u + scale e(t) u", *_AT_CAMERAS, "u + scale * now[:, None, None] * u", unit=_MILLI),
+    "scale": _Alike("camera", "u_camera = u + scale e(t) u", *_AT_CAMERAS, "u + scale * now[:, None, None] * u", unit=PER_MILLE),
 }
 
 

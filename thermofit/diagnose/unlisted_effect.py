@@ -133,12 +133,17 @@ _ALIKE: Mapping[str, _Alike] = {
     "jaw_lower": _Alike("boundary_temperature", "theta_M += scale T(t) where y < 0", *_AT_JAWS, "scale * now * (y <= 0.0)", ("clamp",)),
     "offset": _Alike("sensor", "theta_camera = theta + scale T(t)", *_AT_SENSOR, "theta + scale * now[:, None]"),
     "gradient": _Alike(
-        "sensor", "theta_camera = theta + scale g(t) y", *_AT_SENSOR, "theta + scale * now[:, None] * scene.position[:, :, 1]", unit=PER_MILLE
+        "sensor",
+        "theta_camera = theta + scale g(t) y",
+        *_AT_SENSOR,
+        "theta + scale * now[:, None] * scene.position[:, :, 1]",
+        (),
+        PER_MILLE,
     ),
     "strain": _Alike(
-        "camera", "u_camera = u + scale e(t) (x + u)", *_AT_CAMERAS, "u + scale * now[:, None, None] * scene.position", unit=PER_MILLE
+        "camera", "u_camera = u + scale e(t) (x + u)", *_AT_CAMERAS, "u + scale * now[:, None, None] * scene.position", (), PER_MILLE
     ),
-    "scale": _Alike("camera", "u_camera = u + scale e(t) u", *_AT_CAMERAS, "u + scale * now[:, None, None] * u", unit=PER_MILLE),
+    "scale": _Alike("camera", "u_camera = u + scale e(t) u", *_AT_CAMERAS, "u + scale * now[:, None, None] * u", (), PER_MILLE),
 }
 
 

@@ -25,6 +25,7 @@ from thermofit.virtual.setup import (
     VirtualFields,
     rigid_motion,
     sampling_times,
+    solution_times,
     stream,
 )
 
@@ -317,6 +318,18 @@ def test_sampling_times_are_dense_around_kinks_and_differ_between_instruments() 
     assert np.abs(np.subtract.outer(dic[1:], ir[1:])).min(axis=1).mean() > 0.1
     with pytest.raises(StudyError, match="samples"):
         sampling_times(kinks, 1.0, 2000, stream(1, "dic.times"))
+
+
+def test_steps_are_short_while_the_force_changes_alone() -> None:
+    """A truth with the errors of long steps would be held against fits that have none: 3 mK at 7 K, where a step was up to 5 s."""
+    time = np.linspace(0.0, 60.0, 601)
+    load = LoadHistory(time, 350.0 * np.minimum(time, 20.0), time, 0.0 * time, np.array([20.0]))
+    ends = np.array([0.0, 60.0])
+    step, begin = (f(solution_times(load, ends, ends, 5.0, 0.5)) for f in (np.diff, lambda t: t[:-1]))
+    assert step[begin < 19.9].max() <= 0.5 + 1e-9 and step[begin > 19.9] == pytest.approx(5.0)
+    assert np.diff(solution_times(load, ends, ends, 5.0)) == pytest.approx(5.0)
+    cycle = LoadHistory(time[:3], np.array([0.0, 9.0, 0.0]), time[:3], time[:3], np.zeros(0))
+    assert cycle.changes(0.0, float(time[2])), "the same at both ends, and not between them"
 
 
 def test_killed_run_leaves_the_old_folder_and_no_rubbish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

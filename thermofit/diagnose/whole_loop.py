@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from thermofit.diagnose.combined import with_combined
+from thermofit.diagnose.heat_of_flow import with_form_of_heat
 from thermofit.diagnose.held_exponents import with_held_exponents, with_held_law
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
@@ -33,4 +34,6 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    return Looped(found, with_slowest_rate(with_held_law(with_held_exponents(with_combined(with_stand_ins(closed))))), missing)
+    return Looped(
+        found, with_slowest_rate(with_form_of_heat(with_held_law(with_held_exponents(with_combined(with_stand_ins(closed)))))), missing
+    )

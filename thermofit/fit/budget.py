@@ -25,6 +25,8 @@ MISFIT = "misfit"
 EXPONENTS, HELD_LAW, SLOWER_RATES = "held exponents", "held hardening law", "rates below the slowest"
 """Exponents of added effects that a fit holds, a hardening law that it holds beside a curve of any form, and what a law of the rate says
 where the test has no data."""
+FORM_OF_HEAT = "form of the heat of flow"
+"""What an added heat of plastic flow may be of another form over plastic strain."""
 
 
 @dataclass(frozen=True, eq=False)

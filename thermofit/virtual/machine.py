@@ -60,6 +60,11 @@ class LoadHistory:
     slip: np.ndarray
     kinks: np.ndarray
 
+    def changes(self, begin: float, end: float) -> bool:
+        """Whether the force is not the same from `begin` to `end`, in s."""
+        inside = self.force[(self.time > begin) & (self.time < end)]
+        return float(np.ptp(np.append(inside, np.interp([begin, end], self.time, self.force)))) > _TINY_FORCE
+
 
 @dataclass(frozen=True)
 class UniaxialLaw:

@@ -128,9 +128,13 @@ def instrument_times(load: LoadHistory, instruments: VirtualInstruments, seed: i
     return dic, infrared
 
 
-def solution_times(load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_step: float) -> np.ndarray:
-    """Times of stages, frames and kinks, and as many between them that no step is longer than max_step s."""
+def solution_times(
+    load: LoadHistory, dic_time: np.ndarray, ir_time: np.ndarray, max_step: float, loaded_step: float = np.inf
+) -> np.ndarray:
+    """Times of stages, frames and kinks, and as many between them that no step is longer than max_step s, and none in which the force
+    changes longer than loaded_step s."""
     kinks = load.kinks[(load.kinks > load.time[0]) & (load.kinks < load.time[-1])]
     fixed = np.unique(np.round(np.concatenate([load.time[[0, -1]], kinks, dic_time, ir_time]), 9))
-    parts = [np.linspace(a, b, int(np.ceil((b - a) / max_step)) + 1)[:-1] for a, b in pairwise(fixed)]
+    longest = [min(max_step, loaded_step) if load.changes(a, b) else max_step for a, b in pairwise(fixed)]
+    parts = [np.linspace(a, b, int(np.ceil((b - a) / step)) + 1)[:-1] for (a, b), step in zip(pairwise(fixed), longest, strict=True)]
     return np.append(np.concatenate(parts), fixed[-1])

@@ -34,6 +34,6 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    return Looped(
-        found, with_slowest_rate(with_form_of_heat(with_held_law(with_held_exponents(with_combined(with_stand_ins(closed)))))), missing
-    )
+    for knowing in (with_stand_ins, with_combined, with_held_exponents, with_held_law, with_form_of_heat, with_slowest_rate):
+        closed = knowing(closed)
+    return Looped(found, closed, missing)

@@ -16,7 +16,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.case import Case, tried_of
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.held_exponents import in_doubt
 from thermofit.diagnose.loop import Closed
@@ -29,6 +29,8 @@ from thermofit.fit.linear_model import LinearModel
 from thermofit.law.composition import hardening_along
 from thermofit.law.page import law_of
 
+WINDOWS = 20
+"""Windows of plastic strain, side by side, in which the heat may be off on its own."""
 _STRAINS = 201
 
 
@@ -74,14 +76,14 @@ def heat_along(one: Effect, case: Case) -> np.ndarray:
 
 
 def windows_of(case: Case) -> tuple[Direction, ...]:
-    """A unit of heat in each of the narrowest windows of plastic strain that the catalogue's heat of flow is tried in; none where the model
-    does not know it."""
+    """A unit of heat in each of WINDOWS equal windows of plastic strain up to the largest; none where the model knows no heat of flow in a
+    window."""
     own = next((e for e in case.known if e.slot == "heat_source" and any(p.scan_of == "strain" for p in e.params)), None)
     if own is None:
         return ()
     centre, width = (p for p in own.params if p.scan_of == "strain")
-    narrow = min(tried_of(width, case))
-    return tuple((own.amplitude.name, {centre.name: x, width.name: narrow}) for x in tried_of(centre, case))
+    each = case.largest_strain / WINDOWS
+    return tuple((own.amplitude.name, {centre.name: (k + 0.5) * each, width.name: each}) for k in range(WINDOWS))
 
 
 def _source(one: Effect, case: Case, rate: float) -> np.ndarray:

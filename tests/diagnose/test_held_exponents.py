@@ -138,10 +138,11 @@ def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(whole_loop, "with_held_exponents", lambda one: f"{one} beside exponents")
     monkeypatch.setattr(whole_loop, "with_held_law", lambda one: f"{one} and a law")
     monkeypatch.setattr(whole_loop, "with_form_of_heat", lambda one: f"{one} and a heat")
+    monkeypatch.setattr(whole_loop, "with_pulled", lambda one: f"{one} pulled")
     monkeypatch.setattr(whole_loop, "with_slowest_rate", lambda one: f"{one} to the slowest rate")
     study: Any = SimpleNamespace(diagnosis=SimpleNamespace(held_out="auto", max_effects=2))
     found: Any = SimpleNamespace(case=None, fit=None, refit=None, numerical=None)
-    assert whole_loop.looped(study, found).closed == "combined beside exponents and a law and a heat to the slowest rate"
+    assert whole_loop.looped(study, found).closed == "combined beside exponents and a law and a heat pulled to the slowest rate"
 
 
 def beside_curve(fails: bool = False, accepted: tuple[str, ...] = ("hardening_curve",)) -> Any:

@@ -9,6 +9,7 @@ from thermofit.diagnose.heat_of_flow import with_form_of_heat
 from thermofit.diagnose.held_exponents import with_held_exponents, with_held_law
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
+from thermofit.diagnose.pulled import with_pulled
 from thermofit.diagnose.slowest_rate import with_slowest_rate
 from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.unlisted import Unlisted
@@ -34,6 +35,7 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    for knowing in (with_stand_ins, with_combined, with_held_exponents, with_held_law, with_form_of_heat, with_slowest_rate):
+    closed = with_held_law(with_held_exponents(with_combined(with_stand_ins(closed))))
+    for knowing in (with_form_of_heat, with_pulled, with_slowest_rate):
         closed = knowing(closed)
     return Looped(found, closed, missing)

@@ -12,7 +12,7 @@ from thermofit.experiment.channels import field_of
 from thermofit.experiment.discretisation import MESH, SHEET, STEPS
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
-from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, SLOWER_RATES, Budget
+from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, PULLED, SLOWER_RATES, Budget
 from thermofit.records.artefact import Dataset, Record, of_parameters
 
 ROOM = "uncertainty"
@@ -33,6 +33,7 @@ _HELP = {
     EXPONENTS: "a test over a wider range of what these exponents act on",
     HELD_LAW: "a hardening law that has the form of this material's",
     FORM_OF_HEAT: "a measurement of the stored energy by itself, or capacity and expansion from another one",
+    PULLED: "displacements with less noise, or a heat effect that has the form of this material's",
     SLOWER_RATES: "a phase of the test in which the material flows more slowly",
     **dict.fromkeys(THERMOCOUPLES, "temperatures of air and jaws read to less than 0.1 K, or a longer cooling in the record"),
 }

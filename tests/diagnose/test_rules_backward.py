@@ -11,9 +11,9 @@ import pytest
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import backward as module
-from thermofit.diagnose.backward import compensated, moved_by, need, still_needed, without_effects
+from thermofit.diagnose.backward import compensated, moved_by, still_needed, without_effects
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.held_out import Proof, Rows, Split, compared
+from thermofit.diagnose.held_out import Proof, Split
 from thermofit.fit.linear_model import LinearModel
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -57,35 +57,6 @@ def test_an_effect_is_needed_where_held_out_data_say_so(
     monkeypatch.setattr(module, "proof_of_need", lambda *_: None if beyond is None else proofs[beyond])
     monkeypatch.setattr(module, "moved_by", lambda *_: False)
     assert still_needed(here_of(), "ir_drift") is needed
-
-
-@pytest.mark.parametrize(
-    ("name", "cheap", "of_u", "needed"),
-    [("rate_power", False, 1.7, True), ("rate_power", False, 1.0, False), ("lamp", False, 1.7, False), ("rate_power", True, 1.7, False)],
-)
-def test_an_effect_of_the_motion_that_displacements_need_is_needed(
-    monkeypatch: pytest.MonkeyPatch, name: str, cheap: bool, of_u: float, needed: bool
-) -> None:
-    """Without it displacements are 1.7 times their noise. Temperatures, at 20 times theirs, scatter by more than that, and all together
-    tell nothing of it. An effect of heat alone is not asked so, and no coupon."""
-    rng, n = np.random.default_rng(2), 3000
-    channel = np.repeat([0, 1, -1], [n, n, 1])
-    noise = rng.normal(size=2 * n + 1)
-    time = np.append(np.tile(np.linspace(0.0, 100.0, n), 2), 0.0)
-    # A heat in a few blocks of time, which the fits with and without the effect share out differently.
-    heat = np.where((channel == 1) & (time > 40.0) & (time < 60.0), 60.0, 0.0)
-    after = noise + heat
-    without = np.where(channel == 0, of_u * noise, noise + heat * (1.0 - 0.02 * np.sign(time - 50.0)))
-    here: Any = SimpleNamespace(
-        case=SimpleNamespace(cheap=cheap, model=SimpleNamespace(comparisons=["du", "dtheta"])),
-        rows=Rows(channel, time, np.zeros((2 * n + 1, 2)), np.zeros(2 * n + 1, dtype=int)),
-        split=SimpleNamespace(held_out=(1, 2)),
-        problem=SimpleNamespace(model=SimpleNamespace(noise=None)),
-        columns=SimpleNamespace(residual=after),
-    )
-    monkeypatch.setattr(module, "held_out_of", lambda _: after)
-    assert not compared(without, after, here.rows, 2, None, after).convinces, "all together do not tell"
-    assert need(here, (name,), without).convinces is needed
 
 
 @pytest.mark.parametrize(("moves", "needed"), [(True, True), (False, False)])

@@ -199,7 +199,7 @@ def base(
         return here(last.count - 1), f"fit of {last.count - 1}"
 
     monkeypatch.setattr(module, "held_out_of", lambda t: t.count)
-    monkeypatch.setattr(module, "need", lambda last, *_: replace(GOOD, gain=gains[last.count], sigma=0.0005 if moves else 0.01))
+    monkeypatch.setattr(module, "compared", lambda before, after, *_: replace(GOOD, gain=gains[after], sigma=0.0005 if moves else 0.01))
     monkeypatch.setattr(module, "proof_of_refit", lambda first, last, name: (tests or {}).get(name))
     monkeypatch.setattr(module, "without", drop)
     monkeypatch.setattr(module, "moves_material", lambda *_: moves)

@@ -66,7 +66,7 @@ def judged(
 
     monkeypatch.setattr(module, "without", without)
     monkeypatch.setattr(module, "held_out_of", lambda _: None)
-    monkeypatch.setattr(module, "need", lambda *_: proof)
+    monkeypatch.setattr(module, "compared", lambda *_: proof)
     monkeypatch.setattr(module, "proof_of_refit", lambda *_: elsewhere)
     return asked, rejudged(*at(values), ("second_hardening", "backstress_first"), before or {}, MEANS)
 

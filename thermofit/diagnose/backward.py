@@ -9,13 +9,11 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Refit
-from thermofit.diagnose.held_out import Proof, compared, far
+from thermofit.diagnose.held_out import compared, far
 from thermofit.diagnose.proof_other_tests import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
-from thermofit.diagnose.rescored import shown_rows
 from thermofit.diagnose.trace import Traced, at_end, material_of, traced
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
@@ -59,27 +57,10 @@ def without_effects(here: Traced, names: Sequence[str]) -> LinearModel:
 def still_needed(here: Traced, name: str) -> bool:
     """Whether the held-out error rises when an accepted effect is taken away again."""
     without_it = without_effects(here, [name])
-    found = need(here, (name,), without_it.predicted(here.split.folds))
+    ends, folds = (without_it.predicted(here.split.folds), held_out_of(here)), len(here.split.held_out)
+    found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
     found = replace(found, moves=moved_by(here, name, without_it))
     return (proof_of_need(here, name, without_it) or found).convinces
-
-
-def need(here: Traced, names: Sequence[str], without: np.ndarray) -> Proof:
-    """Proof from held-out data that accepted effects are needed: `without` (n,) is the held-out residual without them.
-
-    Of effects that act on the motion of a body it is enough if displacements and force, by themselves, need them. A heat that nothing lists
-    leaves temperatures many times their noise. What they scatter by would hide that a law of the rate brings displacements to theirs.
-    """
-    after, folds, noise, left = held_out_of(here), len(here.split.held_out), here.problem.model.noise, here.columns.residual
-    found = compared(without, after, here.rows, folds, noise, left)
-    of_motion = any(len(acting_on_temperatures(effect(n).names)) < len(effect(n).names) for n in names)
-    if found.convinces or here.case.cheap or not of_motion:
-        return found
-    other = shown_rows(here)
-    if other.all() or not np.isfinite(after[~other]).any():
-        return found
-    alone = compared(np.where(other, np.nan, without), np.where(other, np.nan, after), here.rows, folds, noise, left)
-    return alone if alone.convinces else found
 
 
 def moved_by(here: Traced, name: str, without_it: LinearModel) -> bool:
@@ -124,5 +105,6 @@ def compensated(here: Traced, name: str, others: Sequence[str], means: Means) ->
     start = _neutral(here, name)
     end = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}", exponents=True)
     there = means.at_end(here, end)
-    found = need(here, (name,), held_out_of(there))
+    ends, folds = (held_out_of(there), held_out_of(here)), len(here.split.held_out)
+    found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
     return None if (proof_of_refit(there, here, name) or found).convinces else (there, end[1])

@@ -11,9 +11,9 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.any_form import beside_any_form, or_any_form
-from thermofit.diagnose.backward import Means, compensated, held_out_of, need, still_needed, without
+from thermofit.diagnose.backward import Means, compensated, held_out_of, still_needed, without
 from thermofit.diagnose.case import Case, Refit
-from thermofit.diagnose.held_out import SURE
+from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.on_displacements import by_displacements
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
 from thermofit.diagnose.pose import released
@@ -291,7 +291,9 @@ def against_base(closed: Closed, how: str) -> Closed:
     """The result without what, all together, does not predict held-out data better than the base model: the latest effects go first."""
     means = Means(closed.refit, closed.numerical, how)
     while closed.accepted:
-        inside = need(closed.last, closed.accepted, held_out_of(closed.first))
+        ends = (held_out_of(closed.first), held_out_of(closed.last))
+        folds = len(closed.last.split.held_out)
+        inside = compared(*ends, closed.last.rows, folds, closed.last.problem.model.noise, closed.last.columns.residual)
         inside = replace(inside, moves=moves_material(closed.first, closed.last, closed.fit))
         beyond = [p for n in closed.accepted if (p := proof_of_refit(closed.first, closed.last, n)) is not None]
         proof = min(beyond, key=lambda p: p.gain) if beyond else inside

@@ -44,7 +44,7 @@ def with_pulled(closed: Closed) -> Closed:
     rows = ~shown_rows(here)
     if not own or rows.sum() <= len(own):
         return closed
-    alone = LinearModel(fit.residual[rows], fit.jacobian[np.ix_(np.flatnonzero(rows), own)])
+    alone = LinearModel(fit.residual[rows], fit.jacobian[rows][:, own])
     variance = np.sum(alone.root() ** 2, axis=1)
     by_noise = np.diag(fit.covariance.matrix)[own] if closed.by_noise is None else closed.by_noise[own] ** 2
     apart, spread = alone.free_step, np.sqrt(np.maximum(variance - by_noise, LEAST * variance))

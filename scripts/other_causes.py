@@ -282,6 +282,7 @@ def tried(name: str, specimen: str, seed: int, keep: Path | None) -> dict[str, A
             "programme": _programme(made["largest"]),
             "dic": {"stages": 60},
             "ir": {"frames": 70},
+            "max_time_step": 0.5,  # a specimen has no steps, and fits are corrected for theirs
             **({"specimen": made["specimen"]} if made["specimen"] else {}),
         }
         lab = {"name": "lab", "mesh": made["mesh"], "effects": [f"{file}.py" for file in own.values()], "simulate": simulated}

@@ -74,8 +74,6 @@ def tree(run_dir: Path) -> dict[str, Any]:
             "programme": [dict(item) for item in PROGRAMME],
             "dic": {"stages": 14, "spacing": 2.0},
             "ir": {"frames": 14, "image_shape": [150, 90]},
-            # Steps as long as those of the stages, which are not corrected for them as the joint fit is.
-            "max_time_step": 5.0,
         },
     }
 

@@ -198,8 +198,8 @@ class Simulate(VirtualInstruments):
     mesh: Mesh = "full"
     specimen: VirtualSpecimen = VirtualSpecimen()
     programme: Annotated[tuple[Action, ...], Field(min_length=1)] = _PROGRAMME
-    max_time_step: Positive = 0.5
-    """Longest step of the run while the force changes, s; a tenth of what a fit takes, so that the truth has no error of its steps."""
+    max_time_step: Positive = 5.0
+    """Longest step of the run while the force changes, s; with 0.5 the truth has no error of its steps, of which fits are corrected."""
 
     @model_validator(mode="after")
     def _one_law(self) -> Simulate:

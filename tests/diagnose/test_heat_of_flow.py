@@ -95,10 +95,18 @@ def test_nothing_is_asked_where_no_heat_of_flow_was_added() -> None:
     asked: list[Any] = []
     one = closed(case(seen(asked), **{"lamp.absorbed": 0.01}), ("lamp",))
     off = closed(case(seen(asked)))
-    blind = closed(case(None, **HEAT))
     open_end = closed(case(seen(asked), **HEAT))
     open_end = replace(open_end, fit=replace(open_end.fit, covariance=None))
-    assert all(with_form_of_heat(c) is c for c in (one, off, blind, open_end)) and not asked
+    assert all(with_form_of_heat(c) is c for c in (one, off, open_end)) and not asked
+
+
+def test_a_model_without_heat_runs_says_that_the_form_counts_as_exact() -> None:
+    for here in (case(None, **HEAT), SimpleNamespace(**{**vars(case(seen([]), **HEAT)), "known": ()})):
+        found = with_form_of_heat(closed(here))
+        assert found.remarks == (
+            "the form of latent_heat over plastic strain counts as exact: this model does not tell what a heat in a window of plastic "
+            "strain would change",
+        )
 
 
 def test_a_run_that_fails_is_said() -> None:

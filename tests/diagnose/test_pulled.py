@@ -24,7 +24,9 @@ JACOBIAN = np.vstack(
 CHANNEL = np.repeat([0, 1, -1], [N_U, N_T, 1])
 
 
-def closed(pull: float, seed: int = 3, accepted: tuple[str, ...] = ("latent_heat",), at_bound: tuple[int, ...] = ()) -> Closed:
+def closed(
+    pull: float, seed: int = 3, accepted: tuple[str, ...] = ("latent_heat",), at_bound: tuple[int, ...] = (), cheap: bool = False
+) -> Closed:
     """A joint fit of E, nu (displacements) and beta, whose temperatures have E off by `pull`; at its optimum."""
     noise = np.random.default_rng(seed).normal(size=len(JACOBIAN))
     wanted = np.where(CHANNEL == 1, pull * JACOBIAN[:, 0], 0.0)
@@ -44,7 +46,9 @@ def closed(pull: float, seed: int = 3, accepted: tuple[str, ...] = ("latent_heat
     }
     fit = FitResult(**{f: made.get(f) for f in FitResult.__dataclass_fields__})  # type: ignore[arg-type]
     comparisons = ["du", "dtheta"]
-    here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(comparisons=comparisons)), rows=SimpleNamespace(channel=CHANNEL))
+    here: Any = SimpleNamespace(
+        case=SimpleNamespace(cheap=cheap, model=SimpleNamespace(comparisons=comparisons)), rows=SimpleNamespace(channel=CHANNEL)
+    )
     return Closed((), here, here, fit, accepted, (), None, None, budget=Budget(NAMES, {}, held))  # type: ignore[arg-type]
 
 
@@ -65,7 +69,7 @@ def test_chance_is_no_pull() -> None:
 
 
 def test_only_beside_an_added_heat_and_not_at_a_bound() -> None:
-    for one in (closed(1.0, accepted=("rate_power",)), closed(1.0, accepted=()), closed(1.0, at_bound=(0, 1))):
+    for one in (closed(1.0, accepted=("rate_power",)), closed(1.0, accepted=()), closed(1.0, at_bound=(0, 1)), closed(1.0, cheap=True)):
         assert with_pulled(one) is one
     blind = replace(closed(1.0), fit=replace(closed(1.0).fit, covariance=None))
     assert with_pulled(blind) is blind

@@ -321,7 +321,7 @@ def test_sampling_times_are_dense_around_kinks_and_differ_between_instruments() 
 
 
 def test_steps_are_short_while_the_force_changes_alone() -> None:
-    """A truth with the errors of long steps would be held against fits that have none: 3 mK at 7 K, where a step was up to 5 s."""
+    """A rest of 40 s needs none of them."""
     time = np.linspace(0.0, 60.0, 601)
     load = LoadHistory(time, 350.0 * np.minimum(time, 20.0), time, 0.0 * time, np.array([20.0]))
     ends = np.array([0.0, 60.0])

@@ -29,6 +29,8 @@ from thermofit.fit.linear_model import LinearModel
 from thermofit.law.composition import hardening_along
 from thermofit.law.page import law_of
 
+WINDOW = "latent_heat"
+"""The effect that is a heat in a window of plastic strain."""
 WINDOWS = 20
 """Windows of plastic strain, side by side, in which the heat may be off on its own."""
 _STRAINS = 201
@@ -36,17 +38,22 @@ _STRAINS = 201
 
 def with_form_of_heat(closed: Closed) -> Closed:
     """The loop's result with standard errors that know how little of the form of an added heat of flow is known, and a remark on what that
-    does; the same where none was added. Where the heat run for it fails, a remark says so."""
+    does; the same where none was added. Where the heat run for it fails, or the model has none, a remark says so."""
     here, fit = closed.last, closed.fit
     heats = [e for e in map(effect, closed.accepted) if e.is_on(here.case.parameters) and goes_with_flow(e, here.case)]
     windows = windows_of(here.case)
-    if not heats or not windows or here.case.scored is None or fit.covariance is None or fit.jacobian is None:
+    if not heats or fit.covariance is None or fit.jacobian is None:
         return closed
     names = " and ".join(e.name for e in heats)
+    exact = f"the form of {names} over plastic strain counts as exact"
+    if not windows or here.case.scored is None:
+        return replace(
+            closed, remarks=(*closed.remarks, f"{exact}: this model does not tell what a heat in a window of plastic strain would change")
+        )
     try:
         columns = here.case.scored(here.case.parameters, (), windows)[2]
     except NumericsError as error:
-        words = f"the form of {names} over plastic strain counts as exact: the run of what another would change failed ({error})"
+        words = f"{exact}: the run of what another would change failed ({error})"
         return replace(closed, remarks=(*closed.remarks, words))
     most = max(float(np.abs(heat_along(e, here.case)).max()) for e in heats)
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
@@ -78,12 +85,11 @@ def heat_along(one: Effect, case: Case) -> np.ndarray:
 def windows_of(case: Case) -> tuple[Direction, ...]:
     """A unit of heat in each of WINDOWS equal windows of plastic strain up to the largest; none where the model knows no heat of flow in a
     window."""
-    own = next((e for e in case.known if e.slot == "heat_source" and any(p.scan_of == "strain" for p in e.params)), None)
-    if own is None:
+    if WINDOW not in {e.name for e in case.known}:
         return ()
-    centre, width = (p for p in own.params if p.scan_of == "strain")
+    heat, centre, width = (f"{WINDOW}.{name}" for name in ("heat", "centre", "width"))
     each = case.largest_strain / WINDOWS
-    return tuple((own.amplitude.name, {centre.name: (k + 0.5) * each, width.name: each}) for k in range(WINDOWS))
+    return tuple((heat, {centre: (k + 0.5) * each, width: each}) for k in range(WINDOWS))
 
 
 def _source(one: Effect, case: Case, rate: float) -> np.ndarray:

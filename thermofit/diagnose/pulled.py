@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from thermofit.core.parameters import param
 from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.held_out import SURE
 from thermofit.diagnose.loop import Closed
@@ -33,10 +34,10 @@ rounding is left of it."""
 
 
 def with_pulled(closed: Closed) -> Closed:
-    """The loop's result with standard errors that know how far temperatures pull parameters of the motion, and a remark on it; the same
-    where no effect of heat was added, or they pull none."""
+    """The loop's result with standard errors that know how far temperatures pull parameters of the motion of a body, and a remark on it;
+    the same where no effect of heat was added, or they pull none."""
     here, fit = closed.last, closed.fit
-    if fit.covariance is None or fit.jacobian is None or not any(acts_in_heat(effect(n)) for n in closed.accepted):
+    if here.case.cheap or fit.covariance is None or fit.jacobian is None or not any(acts_in_heat(effect(n)) for n in closed.accepted):
         return closed
     warm = set(acting_on_temperatures(fit.names))
     known = np.isfinite(fit.covariance.sigma)
@@ -54,7 +55,8 @@ def with_pulled(closed: Closed) -> Closed:
     added = np.zeros((len(fit.names), len(fit.names)))
     added[own, own] = np.where(far, apart, 0.0) ** 2
     wider = widened(fit, added)
-    words = ", ".join(f"{fit.names[k]} by {-d:+.2g} +- {s:.2g}" for k, d, s, f in zip(own, apart, spread, far, strict=True) if f)
+    pulled = [(fit.names[k], -d, s) for k, d, s, f in zip(own, apart, spread, far, strict=True) if f]
+    words = ", ".join(f"{n} by {d:+.2g} +- {s:.2g} {param(n).unit}" for n, d, s in pulled)
     told = most_widened(fit, wider)
-    remark = f"temperatures pull {words} from where displacements have it: the added heat may have another form; intervals hold that"
+    remark = f"temperatures pull {words} from where displacements have them: the added heat may have another form; intervals hold that"
     return replace(with_wider(closed, PULLED, wider), remarks=(*closed.remarks, f"{remark}, most of all {told}" if told else remark))

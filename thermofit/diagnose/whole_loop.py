@@ -35,7 +35,6 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    closed = with_held_law(with_held_exponents(with_combined(with_stand_ins(closed))))
-    for knowing in (with_form_of_heat, with_pulled, with_slowest_rate):
+    for knowing in (with_stand_ins, with_combined, with_held_exponents, with_held_law, with_form_of_heat, with_pulled, with_slowest_rate):
         closed = knowing(closed)
     return Looped(found, closed, missing)

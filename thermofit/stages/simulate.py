@@ -74,7 +74,7 @@ def virtual_fields(study: Study, settings: Simulate) -> tuple[VirtualFields, His
     law = uniaxial_law(in_model_axes(truth, study.material_axes.angle, study.slots), study.slots)
     load = load_history(steps, bar_of(specimen, law), settings.machine, settings.force.rate)
     dic_time, ir_time = instrument_times(load, settings, settings.seed)
-    times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step, settings.max_time_step)
+    times = solution_times(load, dic_time, ir_time, study.numerics.max_time_step, settings.max_time_step or np.inf)
     body, history = _solve(study, truth, specimen, mesh_size(settings.mesh), load, times)
     face = body.mesh.node_sets["face"]
     fields = VirtualFields(

@@ -166,7 +166,7 @@ stages:
 #        background_spread: 0.15, image_shape: [218, 90]}
 #   force: {rate: 10.0, noise: 4.0, crosshead_noise: 7.0e-4}   # Hz, N, mm
 #   thermocouple_error: 0.05                   # K
-#   max_time_step: 5.0                         # s, while the force changes; 0.5: a truth without an error of its steps
+#   max_time_step: null                        # s, while the force changes; null: that of numerics
 """
 
 _MECHANICAL = """\

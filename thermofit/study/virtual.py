@@ -198,8 +198,9 @@ class Simulate(VirtualInstruments):
     mesh: Mesh = "full"
     specimen: VirtualSpecimen = VirtualSpecimen()
     programme: Annotated[tuple[Action, ...], Field(min_length=1)] = _PROGRAMME
-    max_time_step: Positive = 5.0
-    """Longest step of the run while the force changes, s; with 0.5 the truth has no error of its steps, of which fits are corrected."""
+    max_time_step: Positive | None = None
+    """Longest step of the run while the force changes, s; null: `numerics.max_time_step`. A fit is corrected for the errors of its steps,
+    the truth is not: shorter steps leave it less of them."""
 
     @model_validator(mode="after")
     def _one_law(self) -> Simulate:

@@ -1,0 +1,75 @@
+"""By how much a whole chain is off on a virtual test without noise, which lacks nothing: what is left is mesh and steps, on either side.
+
+    python scripts/without_noise.py                # both specimens of scripts/other_causes.py, steps of a fit and short ones
+    python scripts/without_noise.py --specimen steel --steps 0.5 --mesh-of-truth 4 28 1
+
+Instruments have a hundredth of their usual noise. The study is told the usual one of displacements and temperatures, so that these weigh
+against each other as always. Printed is what `refine` is off by, in per cent and in combined standard errors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+import yaml
+from other_causes import BASE, SPECIMENS, command, programme
+
+import thermofit
+
+STEPS = (5.0, 0.5)
+"""Longest steps of the laboratory while the force changes, s."""
+QUIET = {
+    "dic": {"stages": 60, "noise_in_plane": 2e-5, "noise_out_of_plane": 5e-5, "lost_fraction": 0.0},
+    "ir": {"frames": 70, "netd": 2.5e-4, "landmark_noise_px": 0.0},
+    "force": {"noise": 0.04, "crosshead_noise": 7e-6},
+    "thermocouple_error": 0.0,
+}
+USUAL = {"displacement": 0.002, "temperature": 0.025}
+"""Noise of a point in mm and of a pixel in K that the study is told."""
+
+
+def off(specimen: str, steps: float, mesh_of_truth: dict[str, int]) -> dict[str, tuple[float, float]]:
+    """By how much each parameter of `refine` is off, in per cent and in combined standard errors. RuntimeError where a command fails."""
+    made = SPECIMENS[specimen]
+    simulated = {
+        **{"mesh": mesh_of_truth, "truth": made["truth"], "programme": programme(made["largest"]), "max_time_step": steps, **QUIET},
+        **({"specimen": made["specimen"]} if made["specimen"] else {}),
+    }
+    with tempfile.TemporaryDirectory() as passing:
+        folder = Path(passing)
+        (folder / "lab.yaml").write_text(yaml.safe_dump({"name": "lab", "mesh": made["mesh"], "simulate": simulated}), encoding="utf-8")
+        told = ("--set", f"mesh={json.dumps(made['mesh'])}", "--set", f"noise={json.dumps(USUAL)}", "--run-dir", "runs")
+        for words in (
+            ("simulate", "lab.yaml", "--run-dir", "lab"),
+            ("new", "study.yaml", "--experiment", "lab/raw"),
+            ("run", "study.yaml", *told),
+        ):
+            done = command(folder, *words)
+            if done.returncode not in (0, 5):
+                raise RuntimeError(f"{specimen}: {' '.join(words)} ended with exit {done.returncode}: {done.stderr[-300:]}")
+        found = thermofit.open_run(folder / "runs").record("refine").parameters
+    truth = made["truth"]
+    return {n: (100.0 * (found[n].value / truth[n] - 1.0), (found[n].value - truth[n]) / (found[n].sigma or float("inf"))) for n in BASE}
+
+
+def main() -> None:
+    """A line for each specimen and step."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--specimen", nargs="+", choices=list(SPECIMENS), default=list(SPECIMENS))
+    parser.add_argument("--steps", nargs="+", type=float, default=STEPS)
+    parser.add_argument("--mesh-of-truth", nargs=3, type=int, metavar=("N_X", "N_Y", "N_Z"), help="elements of the laboratory")
+    options = parser.parse_args()
+    for specimen in options.specimen:
+        mesh = SPECIMENS[specimen]["of_truth"]
+        if options.mesh_of_truth:
+            mesh = dict(zip(("n_x", "n_y", "n_z"), options.mesh_of_truth, strict=True))
+        for steps in options.steps:
+            told = ", ".join(f"{n} {share:+.3f} % ({z:+.1f})" for n, (share, z) in off(specimen, steps, mesh).items())
+            print(f"{specimen}, steps of {steps:g} s: {told}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -210,6 +210,18 @@ def test_what_explains_the_broad_source_is_named(problem: Made) -> None:
     assert step.excess(float(step.columns.residual @ step.columns.residual)) > 0.0
 
 
+def test_a_step_that_is_proposed_below_the_floor_of_a_coarse_mesh_is_refitted_too(problem: Made) -> None:
+    """The parameters have been driven off there as anywhere. Where no step is proposed nothing is asked."""
+    case, fit, *_ = problem(**{"lamp.absorbed": 0.02})
+    here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
+    floor = np.full(len(here.columns.residual), np.sqrt(float(np.mean(here.columns.residual**2))))
+    below = replace(here, problem=replace(here.problem, numerical=floor))
+    assert below.excess(float(below.columns.residual @ below.columns.residual)) == 0.0 and below.promising()
+    assert "lamp" in rescored(below).warmed
+    none = replace(below, ranking=replace(below.ranking, scores=()))
+    assert rescored(none) is none
+
+
 def test_jaws_that_drift_explain_most_from_there(problem: Made) -> None:
     """As a plain fit of its own leaves a contact that conducts nothing, no drift is felt at that optimum."""
     case, fit, rows, split = made = problem(**{"clamp_drift.rate": 0.05})

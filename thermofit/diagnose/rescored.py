@@ -66,8 +66,9 @@ def rescored(here: Traced) -> Traced:
     best = max((s for s in here.ranking.scores if not s.vetoed), key=lambda s: s.predicted_drop, default=None)
     if here.case.heated is None or (enough(here) and (best is None or not _judged_here(here, best.effect))):
         return here  # what displacements show comes first: on a motion that is wrong, temperatures say little
-    if here.excess(float(here.columns.residual @ here.columns.residual)) == 0.0:
-        return here
+    proposed = any(_judged_here(here, s.effect) for s in here.promising())
+    if not proposed and here.excess(float(here.columns.residual @ here.columns.residual)) == 0.0:
+        return here  # else, below the floor of a coarse mesh too, a step from parameters that are driven off names impostors
     moved = on_its_motion(here)
     fit = here.case.heated(moved.case.parameters)
     if fit is None:

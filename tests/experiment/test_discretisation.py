@@ -133,6 +133,15 @@ def test_arcs_stay_with_their_mesh() -> None:
     assert np.allclose(on_mesh(fields, COARSE, COARSE)["u"], 1109.0)
 
 
+def test_parts_of_the_error_of_the_mesh_are_in_doubt_each_by_itself() -> None:
+    """Together they are what may be left in the residual; for a parameter they may cancel, and the doubt of each does not."""
+    parameters = Parameters.of(TRUTH, ("E", "c0"))
+    found = corrected(joint(("E", "c0"), parameters, noise=0.1), parameters)
+    doubts = found.doubt(False)
+    assert set(doubts) == {MESH, WITHIN, THEIRS, STEPS} and all(_rms(doubts[part]) > 0.0 for part in (MESH, WITHIN))
+    assert np.allclose(sum(found.causes.values()), found.left) and not found.causes[THEIRS].any(), "a specimen has no elements"
+
+
 def test_data_of_the_same_mesh_stay_as_they_are() -> None:
     parameters = Parameters.of(TRUTH, ("E", "M_y0", "c0"))
     size = MeshSize(n_x=1, n_y=8, n_z=1)

@@ -107,7 +107,7 @@ def test_the_joint_fit_sees_a_sheet_as_its_body() -> None:
     seen = {o.name: replace(o, value=o.value + truth[o.name]) for o in (THICK.displacement, THICK.temperature)}
     here = joint(SMALL, replace(THICK, displacement=seen["u"], temperature=seen["theta"]))
     found = told(here, PARAMETERS)
-    assert set(found.causes) == {MESH, STEPS, SHEET}, "each has its place in the budget"
+    assert set(found.causes) == {MESH, WITHIN, THEIRS, STEPS, SHEET}, "each has its place in the budget"
     assert np.linalg.norm(found.causes[SHEET]) > 1.0
     held = found.fields[""][SHEET]
     for name in ("u", "theta"):

@@ -42,9 +42,8 @@ REMAINS = 0.5
 ORDER = {"sdirk2": 2, "backward-euler": 1}
 """Order of the error of the time steps, by `numerics.heat_integration`: heat is what they tell of."""
 MESH, STEPS, SHEET = "mesh", "time steps", "sheet"
-WITHIN, THEIRS = "mesh, inside its elements", "mesh of the data, inside its elements"
+WITHIN, THEIRS = "mesh inside its elements", "mesh of the data inside its elements"
 """Parts of the error of the mesh beside MESH, the smooth one: arcs of its own elements, and those of a virtual test, taken off."""
-_OF_MESH = (MESH, WITHIN, THEIRS)
 OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0, SHEET: 1.0}
 """Shares of the errors that data of a specimen hold: it has no elements."""
 NEAR = 1.5
@@ -167,10 +166,9 @@ def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None
 
 
 def _left(told: Parts, shares: Mapping[str, float]) -> Parts:
-    """What may be left (n,) of shares of errors, by cause: the parts of the mesh are one."""
-    held = {part: shares[part] * rows for part, rows in told.items()}
-    whole = {MESH: np.sum([held[part] for part in _OF_MESH], axis=0), **{part: rows for part, rows in held.items() if part not in _OF_MESH}}
-    return {cause: REMAINS * rows for cause, rows in whole.items()}
+    """What may be left (n,) of shares of errors, by cause and part. The parts of the mesh are in doubt each by itself: an order of
+    convergence says nothing of arcs, and what they make of a parameter may well cancel while each is half off."""
+    return {part: REMAINS * shares[part] * rows for part, rows in told.items()}
 
 
 def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:

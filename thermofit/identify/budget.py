@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.parameters import AT, THERMOCOUPLES, units_of
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.discretisation import MESH, SHEET, STEPS
+from thermofit.experiment.discretisation import MESH, SHEET, STEPS, THEIRS, WITHIN
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
 from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, PULLED, SLOWER_RATES, Budget
@@ -27,7 +27,7 @@ _HELP = {
     AREA_THICKNESS: "the thickness measured to less",
     AREA_WIDTH: "the width measured to less",
     SCALE: "the cameras' scale calibrated to less",
-    MESH: "a finer mesh",
+    **dict.fromkeys((MESH, WITHIN, THEIRS), "a finer mesh"),
     STEPS: "smaller time steps",
     SHEET: "the mesh of a body in place of the sheet",
     EXPONENTS: "a test over a wider range of what these exponents act on",

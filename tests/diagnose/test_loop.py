@@ -20,6 +20,7 @@ from thermofit.diagnose import loop
 from thermofit.diagnose.backward import Means, held_out_of, without
 from thermofit.diagnose.before_after import before_after, error_datasets
 from thermofit.diagnose.case import Case, RefinedProblem
+from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed, candidates, close_loop, ranking_rows, rivals
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import ends_of
@@ -318,9 +319,15 @@ def test_the_loop_goes_on_where_the_motion_cannot_be_run(monkeypatch: pytest.Mon
     assert all("no effect was judged on the known motion" in said and "step 3" in said for said in found.remarks)
 
 
-@pytest.mark.parametrize("fails", [False, True])
-def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_fails(monkeypatch: pytest.MonkeyPatch, fails: bool) -> None:
+@pytest.mark.parametrize("then", ["fails", "agrees", "asks for it"])
+def test_an_effect_that_is_no_longer_needed_goes_unless_the_fit_without_it_fails_or_asks_for_it(
+    monkeypatch: pytest.MonkeyPatch, then: str
+) -> None:
+    """Both are planted, so that the refit asks for it by itself."""
+    fails = then == "fails"
     monkeypatch.setattr("thermofit.diagnose.loop.still_needed", lambda *_: False)
+    if then == "agrees":
+        monkeypatch.setattr("thermofit.diagnose.loop.proof_against", lambda *_: Proof(1.0, 1.0, {}, -0.1, 0.01, 5))
     case, fit = fitted(case_of(5, **{"ir_drift.rate": 1.5e-3, "ir_emissivity.slope": 2.0}))
     refit = refitting(case.model)
 
@@ -336,8 +343,10 @@ def test_an_effect_that_is_no_longer_needed_stays_only_where_the_fit_without_it_
         assert found.accepted == (first, second) and found.dropped == ()
         (said,) = found.remarks
         assert said == f"{first} is no longer needed, but stays in: the fit without it failed (no start can be run)"
-    else:
+    elif then == "agrees":
         assert found.accepted == (second,) and found.dropped == (first,) and found.remarks == ()
+    else:
+        assert found.accepted == (first, second) and found.dropped == () and found.remarks == ()
     assert all(
         (effect(str(name)).amplitude.name in found.last.case.parameters.free) is (name in found.accepted) for name in (first, second)
     )

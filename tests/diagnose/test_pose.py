@@ -98,6 +98,19 @@ def test_what_is_not_better_beyond_is_refused() -> None:
     assert found.accepted is None and trial.refused
 
 
+@pytest.mark.parametrize(("share", "taken"), [(1.0, True), (0.7, True), (0.6, False)])
+def test_it_is_no_name_for_heat_of_which_it_explains_less_than_two_thirds(share: float, taken: bool) -> None:
+    """Beside a broad source so little is left that the camera beyond its landmarks explains this share of it."""
+    case, fit, refit = bounded(0.02, 0.005)
+    here = traced(case, None, fit=fit)
+    assert here.protected is None and released(here, fit, Means(refit, None, "auto")).accepted is not None
+    now, left = (float(np.sum(case.model.residual(p) ** 2)) for p in (case.parameters, refit(case.parameters, "beyond its landmarks")[0]))
+    beside: Any = SimpleNamespace(with_source=now - (now - left) / share)
+    found = released(replace(here, protected=beside), fit, Means(refit, None, "auto"))
+    assert (found.accepted is not None) is taken
+    assert taken or "60 % of what a heat source over place, time and plastic strain explains: not the cause" in found.trials[0].refused
+
+
 def test_a_run_that_fails_beyond_is_said() -> None:
     found = looped(0.02, 0.005, fails="beyond its landmarks")
     assert found.accepted == () and "no run" in found.unjudged["ir_drift"]

@@ -120,6 +120,8 @@ def test_a_term_that_goes_once_parameters_have_followed_is_none(monkeypatch: pyt
     """One that has places stays as it was at the optimum."""
     jaws, heat = Term("jaws", 1.0), Term("heat", 1.0, 9)
     assert tell(monkeypatch, jaws, (jaws, GONE), (jaws, "")) is None
+    once = Term("jaws", 2.0)
+    assert tell(monkeypatch, jaws, (once, ""), (once, GONE)) is None, "nor where it goes beside errors that are told anew"
     kept = tell(monkeypatch, heat, (heat, GONE), (heat, ""))
     assert kept is not None and cast(Any, kept.field) is heat and kept.remark == GONE
 

@@ -234,6 +234,7 @@ def test_what_the_last_round_accepted_is_not_asked_whether_it_is_still_needed(mo
     refit: Any = None
     last: Any = "last"
     monkeypatch.setattr(module, "still_needed", lambda *_: False)
+    monkeypatch.setattr(module, "proof_against", lambda *_: Proof(1.0, 1.0, {}, -0.1, 0.01, 5))
     monkeypatch.setattr(module, "without", lambda here, name, _: (f"{here} without {name}", None))
     found = backward_check(Closed(rounds, last, last, FIT, ("a", "b", "c"), (), refit, None), "auto")
     assert found.dropped == ("a",) and found.accepted == ("b", "c") and found.last == "last without a"  # type: ignore[comparison-overlap]

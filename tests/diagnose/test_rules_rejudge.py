@@ -14,6 +14,7 @@ from coupon_sets import looped, pulled_record, study_of
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose import backward
 from thermofit.diagnose import rejudge as module
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.rejudge import Rejudged, ends_of_fit, exponents_again, rejudged, suspicion
@@ -65,9 +66,8 @@ def judged(
         return at(then or {}, accepted=left)
 
     monkeypatch.setattr(module, "without", without)
-    monkeypatch.setattr(module, "held_out_of", lambda _: None)
-    monkeypatch.setattr(module, "compared", lambda *_: proof)
-    monkeypatch.setattr(module, "proof_of_refit", lambda *_: elsewhere)
+    for name, told in (("held_out_of", None), ("compared", proof), ("proof_of_refit", elsewhere)):
+        monkeypatch.setattr(backward, name, lambda *_, told=told: told)
     return asked, rejudged(*at(values), ("second_hardening", "backstress_first"), before or {}, MEANS)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Refit
-from thermofit.diagnose.held_out import compared, far
+from thermofit.diagnose.held_out import Proof, compared, far
 from thermofit.diagnose.proof_other_tests import proof_of_need, proof_of_refit
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.trace import Traced, at_end, material_of, traced
@@ -105,6 +105,11 @@ def compensated(here: Traced, name: str, others: Sequence[str], means: Means) ->
     start = _neutral(here, name)
     end = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}", exponents=True)
     there = means.at_end(here, end)
+    return None if proof_against(there, here, name).convinces else (there, end[1])
+
+
+def proof_against(there: Traced, here: Traced, name: str) -> Proof:
+    """Proof of an accepted effect by the end `there` of a refit without it: what one step says of that may be wrong."""
     ends, folds = (held_out_of(there), held_out_of(here)), len(here.split.held_out)
-    found = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
-    return None if (proof_of_refit(there, here, name) or found).convinces else (there, end[1])
+    inside = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
+    return proof_of_refit(there, here, name) or inside

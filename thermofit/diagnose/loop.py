@@ -11,7 +11,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.any_form import beside_any_form, or_any_form
-from thermofit.diagnose.backward import Means, compensated, held_out_of, still_needed, without
+from thermofit.diagnose.backward import Means, compensated, held_out_of, proof_against, still_needed, without
 from thermofit.diagnose.case import Case, Refit
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.on_displacements import by_displacements
@@ -269,7 +269,8 @@ def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Tri
 
 
 def backward_check(closed: Closed, how: str) -> Closed:
-    """Without the effects that those of later rounds have made needless."""
+    """Without the effects that those of later rounds have made needless: where one step says so, and the refit without them does not say
+    otherwise."""
     here, fit, means, remarks = closed.last, closed.fit, Means(closed.refit, closed.numerical, how), list(closed.remarks)
     dropped = list(closed.dropped)
     latest = closed.rounds[-2].accepted if len(closed.rounds) > 1 else ()
@@ -280,7 +281,7 @@ def backward_check(closed: Closed, how: str) -> Closed:
         except NumericsError as error:
             remarks.append(f"{name} {'may not be' if needed else 'is no longer'} needed, but stays in: the fit without it failed ({error})")
             continue
-        if found is not None:
+        if found is not None and (needed or not proof_against(found[0], here, name).convinces):
             here, fit = found
             dropped.append(name)
     names = tuple(n for n in closed.accepted if n not in dropped)

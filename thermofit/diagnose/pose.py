@@ -18,7 +18,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import Case, HeatFit, RefinedProblem, Refit, Scored, Sharper
 from thermofit.diagnose.refit import JointFit
-from thermofit.diagnose.rescored import hidden
+from thermofit.diagnose.rescored import EXPLAINED, OF_SOURCE, hidden, share_of_source
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, Trial, judged_trial
 from thermofit.effects.catalogue import effect, effect_of_param
@@ -51,8 +51,8 @@ def contradicting_landmarks(case: Case) -> tuple[str, ...]:
 
 def released(here: Traced, fit: FitResult, means: Means) -> Released:
     """Poses that are `contradicting_landmarks`, each fitted within its physical bounds and without the datum of its landmarks, which do not
-    speak of a camera that was moved; judged against where it is, up to the first that is accepted. A trial whose runs fail says so. `fit`:
-    the one that ends here."""
+    speak of a camera that was moved; judged against where it is, up to the first that is accepted. A pose is no name for heat that is
+    missing, as no other effect is that leaves most of it (`rescored`). A trial whose runs fail says so. `fit`: the one that ends here."""
     trials: list[Trial] = []
     for name in contradicting_landmarks(here.case):
         own = tuple(p.name for p in effect(name).amplitudes)
@@ -63,6 +63,9 @@ def released(here: Traced, fit: FitResult, means: Means) -> Released:
             trial, found = judged_trial(replace(here, case=widened(here.case, own, refit)), fit, (score,), end, replace(means, refit=refit))
         except NumericsError as error:
             trial, found = Trial((score,), None, {}, {}, 0.0, f"a run that judges it failed: {error}", unjudged=True), None
+        share = None if found is None else share_of_source(here, found[0])
+        if share is not None and share < EXPLAINED:
+            trial, found = replace(trial, refused=f"explains {100.0 * max(share, 0.0):.0f} % of {OF_SOURCE}"), None
         trials.append(trial)
         if found is not None:
             return Released(tuple(trials), found, refit)

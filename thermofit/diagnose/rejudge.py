@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import bare_name
-from thermofit.diagnose.backward import Means, held_out_of, without
+from thermofit.diagnose.backward import Means, held_out_of, proof_against, without
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.proof_other_tests import proof_of_refit
 from thermofit.diagnose.trace import Traced
@@ -58,10 +58,7 @@ def rejudged(here: Traced, fit: FitResult, accepted: Sequence[str], before: Mapp
             remarks.append(f"{why}; {name} stays all the same: the fit without it failed ({error})")
             continue
         if len(ends_of_fit(there, after)) < len(ends_of_fit(here, fit)) or name in _not_away(here, fit, name):
-            found = compared(
-                held_out_of(there), held_out_of(here), here.rows, len(here.split.held_out), here.problem.model.noise, here.columns.residual
-            )
-            proof = proof_of_refit(there, here, name) or found
+            proof = proof_against(there, here, name)
             if not proof.convinces:
                 remarks.append(f"{name} is taken back: {why}, and with it {proof.words}")
                 dropped.append(name)

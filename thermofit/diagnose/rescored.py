@@ -34,6 +34,8 @@ REFITTED = 6
 """Most effects that are refitted from protected parameters."""
 EXPLAINED = 2.0 / 3.0
 """Part of what a broad source explains that a name has to explain: it leaves half of what it takes at most."""
+OF_SOURCE = "what a heat source over place, time and plastic strain explains: not the cause"
+"""Ends the sentence on an effect that explains less than that part."""
 RIVAL = 1.5
 """Times the square sum that the best of them leaves: a refit that would leave more is neither a name nor of the family of one."""
 PARTNERS = 8
@@ -134,8 +136,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
     worth = [b for b in first if now - b.f > max(OF_THE_BEST * (now - first[0].f), 0.0)][:REFITTED]
     scores = [(ranked_here.get(b.effects[0]) or hidden(b.effects[0]), b.parameters) for b in worth]
     ends = {s.effect: end for s, start in scores if (end := refitted(here, (s,), fit, {}, start)) is not None}
-    numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
-    whole = now - found.with_source - numerical
+    whole = now - found.with_source - _numerical(here, mine)
     if whole <= PLAIN * np.sqrt(2.0 * float(mine.sum())):
         return _Shielded(ends, {}, (), found)
 
@@ -158,7 +159,7 @@ def _from_protected(here: Traced, fit: HeatFit) -> _Shielded | None:
         held = with_readings(here, these, fit, end, found, freed) if share_of(end) >= EXPLAINED else None
         end, words = (end, "") if held is None else (held, ", declared readings held,")
         part = 100.0 * max(share_of(end), 0.0)
-        why = f"explains{words} {part:.0f} % of what a heat source over place, time and plastic strain explains: not the cause"
+        why = f"explains{words} {part:.0f} % of {OF_SOURCE}"
         return end, why if share_of(end) < EXPLAINED else ""
 
     refused = {}
@@ -182,6 +183,22 @@ def protected_at(here: Traced, fit: HeatFit) -> Protected | None:
     broad source. NumericsError where a run fails."""
     mine = shown_rows(here)
     return here.protected or protected(without_pose(here.case), fit, _only(here.rows, mine), restricted(here.split, mine))
+
+
+def share_of_source(here: Traced, there: Traced) -> float | None:
+    """Part of what a broad source explains of the temperatures of a trace that they no longer miss at another end; None where no such
+    source was asked for, or it explains no more than noise."""
+    if here.protected is None:
+        return None
+    mine = shown_rows(here)
+    now, left = (float(np.sum(t.columns.residual[mine] ** 2)) for t in (here, there))
+    whole = now - here.protected.with_source - _numerical(here, mine)
+    return (now - left) / whole if whole > PLAIN * np.sqrt(2.0 * float(mine.sum())) else None
+
+
+def _numerical(here: Traced, mine: np.ndarray) -> float:
+    """Square sum of the error of mesh and steps in the rows that are `mine`."""
+    return 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
 
 
 def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:
@@ -237,9 +254,8 @@ def displacements_hold_nothing(here: Traced) -> bool:
     steps and chance make. A joint fit spreads what is missing in one field over both; each alone says where it is."""
     own = ~shown_rows(here)
     alone = LinearModel(here.columns.residual[own], here.columns.fitted[own]).left
-    numerical = 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[own] ** 2))
     n = float(own.sum())
-    return float(alone @ alone) - n - numerical < PLAIN * np.sqrt(2.0 * n)
+    return float(alone @ alone) - n - _numerical(here, own) < PLAIN * np.sqrt(2.0 * n)
 
 
 def _only(rows: Rows, mine: np.ndarray) -> Rows:

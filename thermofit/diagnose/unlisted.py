@@ -153,7 +153,7 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     if alike and term is not first:
         case, then, parameters, said = told_beside(there, structure, term, parameters)
         last, term = remark if then is term else said, then
-    elif alike and remark == GONE:
+    if alike and GONE in (remark, said):
         return None
     place = place_of(term, volumes(here.case, term.basis))
     if term is not first:

@@ -257,7 +257,13 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
 
 
 def stead(
-    monkeypatch: pytest.MonkeyPatch, gains: dict[str, tuple[float, float]], needed: bool = False, excess: float = 500.0, cheap: bool = False
+    monkeypatch: pytest.MonkeyPatch,
+    gains: dict[str, tuple[float, float]],
+    needed: bool = False,
+    excess: float = 500.0,
+    cheap: bool = False,
+    camera: bool = False,
+    by_cameras_alone: bool = False,
 ) -> tuple[str, ...]:
     """Effects in whose stead a field gains so much, (gain, its standard error); others nothing."""
 
@@ -275,12 +281,13 @@ def stead(
 
     monkeypatch.setattr(loop, "standing", lambda *_: [structure_of(excess)])
     monkeypatch.setattr(loop, "broad_basis", lambda *_: Hat())
+    monkeypatch.setattr(loop, "camera_bases", lambda *_: [Hat()] if camera else [])
     monkeypatch.setattr(loop, "without_effects", lambda _here, names: " ".join(names))
     monkeypatch.setattr(loop, "rows_of", lambda *_: None)
     monkeypatch.setattr(loop, "held_out_of", lambda *_: np.array(["now"]))
     monkeypatch.setattr(loop, "field_of", field)
     monkeypatch.setattr(loop, "compared", compare)
-    return in_their_stead(closed_of(cheap=cheap), None)
+    return in_their_stead(closed_of(cheap=cheap), None, by_cameras_alone)
 
 
 def test_a_field_in_the_stead_of_effects_has_to_gain_surely_and_most(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,3 +301,13 @@ def test_no_field_stands_in_the_stead_of_effects_that_are_needed_or_leave_little
     gains = {"a": (0.3, 0.01)}
     assert stead(monkeypatch, gains, excess=101.0) == ("a",) and stead(monkeypatch, gains, excess=99.0) == ()
     assert stead(monkeypatch, gains, needed=True) == () and stead(monkeypatch, gains, cheap=True) == ()
+
+
+def test_what_the_camera_adds_is_asked_for_however_little_they_leave(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And where another term has been found beside them."""
+    gains = {"a": (0.3, 0.01)}
+    assert stead(monkeypatch, gains, excess=1.0, camera=True) == ("a",) and stead(monkeypatch, gains, excess=1.0) == ()
+    assert (
+        stead(monkeypatch, gains, camera=True, by_cameras_alone=True) == ("a",) and stead(monkeypatch, gains, by_cameras_alone=True) == ()
+    )
+    assert stead(monkeypatch, gains, needed=True, excess=1.0, camera=True) == ()

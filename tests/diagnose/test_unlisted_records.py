@@ -101,7 +101,7 @@ def test_what_accepted_effects_leave_stands_beside_them(monkeypatch: pytest.Monk
         return found
 
     monkeypatch.setattr(unlisted_loop, "unlisted", unlisted_there)
-    monkeypatch.setattr(unlisted_loop, "in_their_stead", lambda *_: ())
+    monkeypatch.setattr(unlisted_loop, "in_their_stead", lambda *_, **__: ())
     for accepted in ((), ("ir_drift",)):
         _, said = ended(replace(plain, accepted=accepted), refit, None, "auto")
         assert said is not None and said.beside == accepted

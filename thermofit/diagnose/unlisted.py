@@ -322,6 +322,15 @@ def broad_basis(case: Case, structure: Structure) -> Basis | None:
     return basis(case, structure, kind, grid, np.arange(grid.size))
 
 
+def camera_bases(case: Case, structure: Structure) -> list[Basis]:
+    """The hats over all times of what the infrared camera may add to a channel; none for other channels."""
+    missing, seen = case.model.missing, observed_field(structure.blocks.channel)
+    if missing is None or kind_of(case, structure) != "heat":
+        return []
+    grids = {kind: missing.grid(kind, COUNTS[kind]) for kind in missing.of_instruments.get(seen, ())}
+    return [basis(case, structure, kind, grid, np.arange(grid.size)) for kind, grid in grids.items()]
+
+
 def term_of(here: Traced, structure: Structure) -> Field | None:
     """The reconstructed term of a channel, None where held-out data do not ask for one."""
     broad, missing = broad_basis(here.case, structure), here.case.model.missing

@@ -15,7 +15,7 @@ from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
-from thermofit.diagnose.unlisted import Unlisted, broad_basis, over_time, standing, unlisted
+from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, standing, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Field, field_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.priors import contradicted
@@ -26,17 +26,18 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
 
     An accepted effect is taken back where more than a tenth of the excess stays, a field of the missing term explains that, and held-out
     data no longer ask for the effect beside the field. Where several that resemble it have taken so much together that what stays asks for
-    no field, a field in their stead is asked for. A refit that fails or does not converge leaves them where they are.
+    no field, a field in their stead is asked for, and what the infrared camera adds in any case. A refit that fails or does not converge
+    leaves them where they are.
     """
     found = unlisted(closed.last, numerical, closed.open_ones, _base(closed))
     resembles: list[str] = []
     while closed.accepted:
         names: tuple[str, ...] = ()
-        if found is not None and found.field is not None:
-            field = found.field
+        field = None if found is None else found.field
+        if found is not None and field is not None:
             names = next(((n,) for n in closed.accepted if n not in resembles and resembled_by(closed, (n,), found, field)), ())
-        elif not resembles:
-            names = in_their_stead(closed, numerical)
+        if not names and not resembles:
+            names = in_their_stead(closed, numerical, by_cameras_alone=field is not None)
         if not names:
             break
         resembles += names
@@ -71,27 +72,30 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
     return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
 
 
-def in_their_stead(closed: Closed, numerical: np.ndarray | None) -> tuple[str, ...]:
+def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alone: bool = False) -> tuple[str, ...]:
     """Accepted effects in whose stead a field of a missing term predicts held-out data better by three standard errors, and that they do
     not need beside it; none where what they leave is no more than noise, or less than a tenth of the excess, and none on coupons: a stress
-    over the time of each record follows whatever is smooth, and no law predicts the next block as well."""
+    over the time of each record follows whatever is smooth, and no law predicts the next block as well.
+
+    What the infrared camera adds is asked for however little they leave: jaws that drift apart take nearly all of an offset that grows
+    along the load. `by_cameras_alone`: nothing else is."""
     here = closed.last
     if here.case.cheap:
         return ()
     best: tuple[float, tuple[str, ...]] = (0.0, ())
     for structure in standing(here, numerical):
-        hat = broad_basis(here.case, structure)
-        if hat is None or structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual):
-            continue
-        with_both, rows = field_of(here.problem.model, hat, here.rows, here.split), rows_of(here, hat)
-        now = held_out_of(here)
-        for size in range(1, len(closed.accepted) + 1):
-            for names in combinations(closed.accepted, size):
-                alone = field_of(without_effects(here, names), hat, here.rows, here.split)
-                better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
-                needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
-                if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
-                    best = (better.gain, names)
+        little = structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual)
+        broad = None if little or by_cameras_alone else broad_basis(here.case, structure)
+        for hat in (*([] if broad is None else [broad]), *camera_bases(here.case, structure)):
+            with_both, rows = field_of(here.problem.model, hat, here.rows, here.split), rows_of(here, hat)
+            now = held_out_of(here)
+            for size in range(1, len(closed.accepted) + 1):
+                for names in combinations(closed.accepted, size):
+                    alone = field_of(without_effects(here, names), hat, here.rows, here.split)
+                    better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
+                    needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
+                    if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
+                        best = (better.gain, names)
     return best[1]
 
 

@@ -106,6 +106,34 @@ def test_a_slower_flow_makes_it_small() -> None:
     assert less[1][1] == pytest.approx(over[1] / (2.0 * np.sqrt(3.0)) * 1e-5 / (0.2 * 12.0), rel=0.1)
 
 
+def test_of_a_law_that_is_a_straight_line_another_exponent_tells_the_shift() -> None:
+    """K r / r_0: the reference rate does what the amplitude does, and a quotient of two zeros would make any interval endless."""
+    line = case(Parameters.of({**VALUES, "rate_power.m": 1.0}))
+    reference, m = reference_of(effect("rate_power")), next(p for p in effect("rate_power").exponents if p.name == "rate_power.m")
+    assert reference is not None and np.isinf(doubt_of(line, effect("rate_power"), reference)[1])
+    assert 0.0 < doubt_of(line, effect("rate_power"), m)[1] < 10.0
+    asked = []
+
+    def linearised(p: Parameters, names: tuple[str, ...]) -> Any:
+        asked.append(names)
+        z = RATE / 1e-5
+        return None, (p["rate_power.K"] * (1.0 + z) * np.log1p(z) / NOISE)[:, None]
+
+    fit = fitted()
+    z = RATE / 1e-5
+    straight = replace(fit, jacobian=np.column_stack([np.ones(RATE.size), z]) / NOISE)
+    found = closed(straight)
+    at = found.last.case.parameters.replace(**{"rate_power.m": 1.0})
+    there: Any = SimpleNamespace(
+        case=replace(line, parameters=at, model=SimpleNamespace(linearised=linearised, missing=None)),
+        problem=SimpleNamespace(model=LinearModel(straight.residual, straight.jacobian)),
+    )
+    wider = with_slowest_rate(replace(found, last=there)).fit
+    assert asked == [("rate_power.m",)] and wider.sigma is not None and fit.sigma is not None
+    overstress = at["rate_power.K"] * float(z[int(0.05 * RATE.size)])
+    assert np.sqrt(float(wider.sigma[0]) ** 2 - float(fit.sigma[0]) ** 2) == pytest.approx(0.5 * overstress / np.sqrt(3.0), rel=0.1)
+
+
 def test_coupons_know_their_flow_without_a_run() -> None:
     """Increments of the plastic strain, none where the next record begins."""
     terms = SimpleNamespace(

@@ -10,6 +10,7 @@ exponents of the law left out,
 
     G = -(J^T J)^+ J^T S,   C += G G^T.
 
+Of a law that has become a straight line over the rate, r_0 does what a does and shifts nothing: then another exponent tells the shift.
 No datum makes it smaller, only a test with slower flow does.
 """
 
@@ -34,6 +35,8 @@ SLOWER = 0.05
 """Share of the plastic strain that flows more slowly than what counts as the slowest rate of a test."""
 EITHER_WAY = 0.5
 """Part of the overstress at the slowest rate by which another form may have more or less of it."""
+_SHIFTS = 1e-2
+"""Part of what an exponent does to the overstress that has to be a shift of it: less is what is left of a difference of equal numbers."""
 _STEP = 1e-30
 
 
@@ -52,8 +55,13 @@ def with_slowest_rate(closed: Closed) -> Closed:
             closed = replace(closed, remarks=(*closed.remarks, words))
             continue
         try:
-            slowest, doubt = doubt_of(here.case, e, of_rate)
-            column = here.case.model.linearised(here.case.parameters, (of_rate.name,))[1]
+            told = [(p, *doubt_of(here.case, e, p)) for p in (of_rate, *(q for q in e.exponents if q is not of_rate))]
+            by, slowest, doubt = next((one for one in told if np.isfinite(one[2])), (None, told[0][1], 0.0))
+            if by is None:
+                words = f"what {e.name} says below {slowest:.2g} 1/s counts as exact: no exponent of it shifts the stress at all rates"
+                closed = replace(closed, remarks=(*closed.remarks, words))
+                continue
+            column = here.case.model.linearised(here.case.parameters, (by.name,))[1]
         except NumericsError as error:
             words = f"what {e.name} says below the slowest rate of the test counts as exact: a run for it failed ({error})"
             closed = replace(closed, remarks=(*closed.remarks, words))
@@ -74,8 +82,9 @@ def reference_of(law: Effect) -> Param | None:
     return next((p for p in law.params if p.unit == "1/s" and p.logarithmic), None)
 
 
-def doubt_of(case: Case, law: Effect, reference: Param) -> tuple[float, float]:
-    """The slowest rate in 1/s, and the standard error of the reference rate, in its unit, that shifts the overstress there by its doubt."""
+def doubt_of(case: Case, law: Effect, by: Param) -> tuple[float, float]:
+    """The slowest rate in 1/s, and the standard error of an exponent, of the reference rate as a rule and in its unit, that shifts the
+    overstress there by its doubt; infinite where it shifts nothing."""
     accumulated, rate, theta, grown = case.flows()
     order = np.argsort(rate)
     share = np.cumsum(grown[order]) / grown.sum()
@@ -92,5 +101,8 @@ def doubt_of(case: Case, law: Effect, reference: Param) -> tuple[float, float]:
     overstress = abs(law.act(*at_slowest, *here) - law.act(*at_slowest, *off))
     weight = np.sqrt(grown)
     both = weight[:, None] * np.column_stack([np.ones(len(rate)), slope(law.amplitude.name)])
-    shift = abs(float(np.linalg.lstsq(both, weight * slope(reference.name), rcond=None)[0][0]))
-    return slowest, 0.0 if shift == 0.0 else EITHER_WAY * overstress / np.sqrt(3.0) / shift
+    done = weight * slope(by.name)
+    shift = abs(float(np.linalg.lstsq(both, done, rcond=None)[0][0]))
+    if shift * float(np.linalg.norm(weight)) <= _SHIFTS * float(np.linalg.norm(done)):
+        return slowest, float("inf")
+    return slowest, EITHER_WAY * overstress / np.sqrt(3.0) / shift

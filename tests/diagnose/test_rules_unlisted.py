@@ -229,8 +229,24 @@ def closed_of(first: float = 1000.0, accepted: tuple[str, ...] = ("a", "b", "c")
     return SimpleNamespace(first=SimpleNamespace(columns=columns), last=last, accepted=accepted)
 
 
-def structure_of(excess: float) -> Any:
-    return SimpleNamespace(excess=excess, blocks=SimpleNamespace(excess=lambda residual: residual))
+@dataclass(frozen=True)
+class Standing:
+    """A structure that stands out above an excess of 50; beside a field in the stead of effects it holds `left`."""
+
+    excess: float
+    left: float = 0.0
+
+    @property
+    def blocks(self) -> Any:
+        return SimpleNamespace(excess=lambda residual: self.left if residual == "alone" else residual)
+
+    @property
+    def stands_out(self) -> bool:
+        return self.excess > 50.0
+
+
+def structure_of(excess: float, left: float = 0.0) -> Any:
+    return Standing(excess, left)
 
 
 @pytest.mark.parametrize(
@@ -264,6 +280,7 @@ def stead(
     cheap: bool = False,
     camera: bool = False,
     by_cameras_alone: bool = False,
+    left: float = 60.0,
 ) -> tuple[str, ...]:
     """Effects in whose stead a field gains so much, (gain, its standard error); others nothing."""
 
@@ -271,7 +288,7 @@ def stead(
         rows = slice(None)
 
     def field(known: Any, *_: Any) -> Any:
-        return SimpleNamespace(after=np.array([known if isinstance(known, str) else ""]))
+        return SimpleNamespace(after=np.array([known if isinstance(known, str) else ""]), residual="alone")
 
     def compare(before: Any, after: np.ndarray, *_: Any) -> Proof:
         if after[0] == "":
@@ -279,7 +296,7 @@ def stead(
         gain, sigma = gains.get(after[0], (0.0, 0.01))
         return replace(GOOD, gain=gain, sigma=sigma)
 
-    monkeypatch.setattr(loop, "standing", lambda *_: [structure_of(excess)])
+    monkeypatch.setattr(loop, "standing", lambda *_: [structure_of(excess, left)])
     monkeypatch.setattr(loop, "broad_basis", lambda *_: Hat())
     monkeypatch.setattr(loop, "camera_bases", lambda *_: [Hat()] if camera else [])
     monkeypatch.setattr(loop, "without_effects", lambda _here, names: " ".join(names))
@@ -311,3 +328,5 @@ def test_what_the_camera_adds_is_asked_for_however_little_they_leave(monkeypatch
         stead(monkeypatch, gains, camera=True, by_cameras_alone=True) == ("a",) and stead(monkeypatch, gains, by_cameras_alone=True) == ()
     )
     assert stead(monkeypatch, gains, needed=True, excess=1.0, camera=True) == ()
+    assert stead(monkeypatch, gains, needed=True, excess=1.0, camera=True, left=40.0) == ("a",), "it leaves nothing"
+    assert stead(monkeypatch, gains, needed=True, left=40.0) == (), "a broad heat leaves nothing of anything"

@@ -78,7 +78,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
     over the time of each record follows whatever is smooth, and no law predicts the next block as well.
 
     What the infrared camera adds is asked for however little they leave: jaws that drift apart take nearly all of an offset that grows
-    along the load. `by_cameras_alone`: nothing else is."""
+    along the load. Where it leaves no structure in their stead they are not needed. `by_cameras_alone`: nothing else is asked for."""
     here = closed.last
     if here.case.cheap:
         return ()
@@ -94,6 +94,8 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
                     alone = field_of(without_effects(here, names), hat, here.rows, here.split)
                     better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
                     needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
+                    if hat is not broad and not replace(structure, excess=structure.blocks.excess(alone.residual)).stands_out:
+                        needed = False  # what is the same all over an image and leaves nothing is the answer
                     if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
                         best = (better.gain, names)
     return best[1]

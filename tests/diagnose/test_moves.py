@@ -82,6 +82,7 @@ def test_what_is_of_the_material() -> None:
     assert material_of(case) == {0: 7e4, 1: 130.0}
     beside = replace(case, parameters=parameters.with_free((*names, "lamp.absorbed")))
     assert material_of(beside) == {} and material_of(replace(case, cheap=True)) == {}
+    assert material_of(beside, True) == {0: 7e4, 1: 130.0}, "those that leave no more than the floor have the form of their cause"
 
 
 def test_steps_beside_a_term() -> None:
@@ -96,12 +97,16 @@ def test_steps_beside_a_term() -> None:
 def test_what_a_refit_has_moved(kappa: float, sigma: float | None, is_moved: bool) -> None:
     """Conductivity was 130 before; where the refit has no standard errors, or does not fit it, nothing is known."""
     case = Case(cast(Any, SimpleNamespace(priors=())), Parameters.of({"kappa": 130.0}).with_free(("kappa",)), (), (), frozenset())
-    here: Any = SimpleNamespace(case=case)
+    here: Any = SimpleNamespace(case=case, answered=False)
     there: Any = SimpleNamespace(case=replace(case, parameters=case.parameters.replace(kappa=kappa)))
     fit: Any = SimpleNamespace(names=("kappa", "lamp.absorbed"), sigma=None if sigma is None else np.array([0.5 * sigma, 1.0]))
     assert moves_material(here, there, fit) is is_moved
     other: Any = SimpleNamespace(names=("lamp.absorbed",), sigma=np.array([1.0]))
     assert not moves_material(here, there, other)
+    beside = replace(case, parameters=Parameters.of({"kappa": 130.0, "lamp.absorbed": 0.01}).with_free(("kappa", "lamp.absorbed")))
+    for answered in (True, False):
+        here = SimpleNamespace(case=beside, answered=answered)
+        assert moves_material(here, there, fit) is (answered and is_moved), "beside an effect that leaves more nothing is asked"
 
 
 @pytest.mark.parametrize("moves", [True, False])
@@ -111,3 +116,9 @@ def test_a_trace_asks_of_every_effect_that_it_proves(monkeypatch: pytest.MonkeyP
     here = traced(case)
     assert here.problem.material == material_of(case) and here.problem.material
     assert here.proofs and all(proof.moves is moves for proof in here.proofs.values())
+    on = case.parameters.replace(**{"ir_drift.rate": 5e-4})
+    there = traced(fitted(replace(case, parameters=on.with_free((*on.free, "ir_drift.rate"))))[0])
+    assert there.answered and set(there.problem.material) == set(here.problem.material)
+    much = replace(case, parameters=on.replace(**{"ir_drift.rate": 0.1}).with_free((*on.free, "ir_drift.rate")))
+    far_off = traced(much)
+    assert not far_off.answered and far_off.problem.material == {}, "beside an effect that leaves more nothing is asked"

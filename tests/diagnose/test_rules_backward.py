@@ -72,15 +72,17 @@ def test_an_effect_that_moves_the_material_is_needed_however_little_it_takes(
 @pytest.mark.parametrize(("amount", "beside", "far"), [(0.1, (), True), (0.004, (), False), (0.1, ("ir_drift.rate",), False)])
 def test_what_an_accepted_effect_has_moved(amount: float, beside: tuple[str, ...], far: bool) -> None:
     """Lamp and conductivity alike but for a hundredth: without the lamp, conductivity would be 100 times its amount higher; two per cent of
-    120 are 2.4. Beside a further effect nothing is asked."""
+    120 are 2.4. Beside a further effect nothing is asked, unless all of them leave no more than the floor."""
     free = ("kappa", "lamp.absorbed", *beside)
     parameters = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": amount}).with_free(free)
     columns = np.zeros((6, len(free)))
     columns[:, : len(free)] = 1e3 * np.eye(6)[:, : len(free)]
     columns[:2, :2] = [[1e3, -1e5], [0.0, 1e3]]
     case = Case(cast(Any, SimpleNamespace(priors=())), parameters, (), (), frozenset())
-    here: Any = SimpleNamespace(case=case, problem=SimpleNamespace(model=LinearModel(np.zeros(6), columns)))
+    here: Any = SimpleNamespace(case=case, answered=False, problem=SimpleNamespace(model=LinearModel(np.zeros(6), columns)))
     assert moved_by(here, "lamp", without_effects(here, ["lamp"])) is far
+    here.answered = True
+    assert moved_by(here, "lamp", without_effects(here, ["lamp"])) is (amount == 0.1)
 
 
 HELD = Parameters.of({"kappa": 120.0, "ir_drift.rate": 0.02, "lamp.absorbed": 0.1, "lamp.start": 45.0}).with_free(

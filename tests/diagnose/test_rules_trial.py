@@ -433,14 +433,16 @@ def test_a_refit_of_a_body_begins_with_the_exponents_that_displacements_show(che
     assert begun == [(not cheap, False, names + ending), (not cheap, False, f"{names} from 0.5{ending}")]
 
 
-def worth(monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], needed: tuple[str, ...] = (), **tests: Proof | None) -> Any:
+def worth(
+    monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], needed: tuple[str, ...] = (), moves: bool = False, **tests: Proof | None
+) -> Any:
     """Worth of effects that nothing else speaks against; `tests`: proofs on held-out tests."""
     monkeypatch.setattr(module, "held_out_of", lambda *_: None)
     monkeypatch.setattr(module, "compared", lambda *_: GOOD)
     monkeypatch.setattr(module, "refusal", lambda *_: "")
     monkeypatch.setattr(module, "proof_of_refit", lambda _here, _there, name: tests.get(name))
     monkeypatch.setattr(module, "still_needed", lambda _there, name: name in needed)
-    monkeypatch.setattr(module, "material_of", lambda _: {})
+    monkeypatch.setattr(module, "moves_material", lambda *_: moves)
     amplitudes = tuple(effect(n).amplitude.name for n in names)
     there = here_of(BASE.replace(**dict.fromkeys(amplitudes, 0.02)))
     fit: Any = SimpleNamespace(sigma=np.full(len(names), 1e-3), names=amplitudes)
@@ -469,8 +471,7 @@ def test_the_worst_held_out_test_decides_where_one_judges(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("moves", [True, False])
 def test_the_proof_of_a_refit_knows_what_it_has_moved(monkeypatch: pytest.MonkeyPatch, moves: bool) -> None:
-    monkeypatch.setattr(module, "moves_material", lambda *_: moves)
-    assert worth(monkeypatch, ("ir_drift",)).proof.moves is moves
+    assert worth(monkeypatch, ("ir_drift",), moves=moves).proof.moves is moves
 
 
 @pytest.mark.parametrize(

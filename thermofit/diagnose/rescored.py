@@ -69,7 +69,7 @@ def rescored(here: Traced) -> Traced:
     if here.case.heated is None or (enough(here) and (best is None or not _judged_here(here, best.effect))):
         return here  # what displacements show comes first: on a motion that is wrong, temperatures say little
     proposed = any(_judged_here(here, s.effect) for s in here.promising())
-    if not proposed and here.excess(float(here.columns.residual @ here.columns.residual)) == 0.0:
+    if not proposed and here.answered:
         return here  # else, below the floor of a coarse mesh too, a step from parameters that are driven off names impostors
     moved = on_its_motion(here)
     fit = here.case.heated(moved.case.parameters)

@@ -75,9 +75,12 @@ class Traced:
     def excess(self, f: float) -> float:
         """What a square sum f of the residual holds beyond noise and what the error of mesh and steps that may be left would make; no more
         than chance where it is not above PLAIN standard errors of the square sum of noise, then zero."""
-        n, numerical = len(self.columns.residual), self.problem.numerical
-        beyond = f - n - (0.0 if numerical is None else float(numerical @ numerical))
-        return beyond if beyond >= PLAIN * np.sqrt(2.0 * n) else 0.0
+        return beyond_floor(f, len(self.columns.residual), self.problem.numerical)
+
+    @property
+    def answered(self) -> bool:
+        """Whether the fitted parameters leave no more than the floor."""
+        return self.excess(float(self.columns.residual @ self.columns.residual)) == 0.0
 
     def promising(self) -> tuple[Score, ...]:
         """Effects worth a refit, the largest held-out gain first; where gains differ by no more than their errors, one that a refit on the
@@ -109,6 +112,12 @@ class Traced:
         if not proved.convinces:
             return f"{proved.words}: not enough" if proved.gain > 0.0 else proved.words
         return ""
+
+
+def beyond_floor(f: float, n: int, numerical: np.ndarray | None) -> float:
+    """What a square sum f of n rows holds beyond noise and the error of mesh and steps (n,) that may be left; zero where that is chance."""
+    beyond = f - n - (0.0 if numerical is None else float(numerical @ numerical))
+    return beyond if beyond >= PLAIN * np.sqrt(2.0 * n) else 0.0
 
 
 def information(fitted: np.ndarray) -> np.ndarray:
@@ -172,7 +181,8 @@ def traced(
     noise = noise_of(case, alike)
     room = room_of(case.parameters, case.parameters.free, case.reach)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
-    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel, material=material_of(case))
+    answered = beyond_floor(float(found.residual @ found.residual), len(found.residual), numerical) == 0.0
+    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel, material=material_of(case, answered))
     scanned, unjudged = _scanned(case, columns, found)
     return _judged(case, found, rows, split, columns, scanned, unjudged)
 
@@ -237,12 +247,12 @@ def at_end(case: Case, fit: FitResult | None, split: Split, before: Traced) -> T
     return Traced(case, found, rows, split, none, {}, columns, {}, beyond, unpredicted=unpredicted, whole=False)
 
 
-def material_of(case: Case) -> dict[int, float]:
-    """Places among the fitted parameters of those of the material, with their values, on a body to which no effect was added; none
-    elsewhere. Beside an effect of another form than the cause a second one would move them as well; and coupons have so few data that what
-    moves them far is worth it anyway."""
+def material_of(case: Case, answered: bool = False) -> dict[int, float]:
+    """Places among the fitted parameters of those of the material, with their values, on a body to which no effect was added, or where
+    those that were have `answered`: they leave no more than the floor. None elsewhere. Beside an effect of another form than the cause a
+    second one would move them as well; and coupons have so few data that what moves them far is worth it anyway."""
     parameters, declared = case.parameters, {prior.name for prior in case.model.priors}
-    if case.cheap or any(is_of_effect(n) and n not in case.pose for n in parameters.free):
+    if case.cheap or (not answered and any(is_of_effect(n) and n not in case.pose for n in parameters.free)):
         return {}
     return {k: parameters[n] for k, n in enumerate(parameters.free) if not is_of_effect(n) and n not in declared}
 

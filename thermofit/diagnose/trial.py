@@ -376,7 +376,7 @@ def worth_of(here: Traced, there: Traced, scores: Sequence[Score], after: FitRes
 
 def moves_material(here: Traced, there: Traced, after: FitResult) -> bool:
     """Whether a refit has moved a parameter of the material far, where this is asked (`trace.material_of`)."""
-    asked = material_of(here.case)
+    asked = material_of(here.case, here.answered)
     names = [here.case.parameters.free[k] for k in asked]
     if not names or after.sigma is None:
         return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.unlisted_effect import heat_file, over_time_file
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
-from thermofit.experiment.missing_body import OF_SURFACE, BodyMissing
+from thermofit.experiment.missing_body import OF_SURFACE, BodyMissing, closer
 
 NAME = "planted_for_missing_body"
 
@@ -69,7 +70,9 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     assert isinstance(joint.missing, BodyMissing) and joint.missing.of_surface == {"theta": OF_SURFACE}
     assert joint.missing.of_instruments == {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
     grid = joint.missing.grid(kind, (320, 1, 1))
-    assert np.array_equal(grid.time, joint.observations["theta" if channel == "dtheta" else "u"].time), "as dense as it is observed"
+    seen = joint.observations["theta" if channel == "dtheta" else "u"].time
+    assert len(grid.time) == len(seen) if "jaw" not in kind else len(grid.time) > len(seen), "as dense as it is observed, or denser"
+    assert np.all(np.min(np.abs(grid.time[:, None] - seen), axis=0) < 1e-9)
     values = amount * np.cos(2.0 * np.pi * grid.time / grid.time[-1])
     path = tmp_path / f"{NAME}.py"
     path.write_text(over_time_file(kind, NAME, "a test", grid.time, values), encoding="utf-8")
@@ -81,6 +84,22 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     expected = comparison.residual(answers @ values)
     assert np.abs(change).max() > 4.0
     assert np.abs(expected - change).max() < within * np.abs(change).max()
+
+
+def test_knots_are_no_farther_apart_than_asked() -> None:
+    """Where frames are rare jaws may do as much as elsewhere: what they do there is not known, and no straight line."""
+    assert closer(np.array([0.0, 1.0, 2.0, 7.0, 9.0]), 2.0).tolist() == pytest.approx([0.0, 1.0, 2.0, 2.0 + 5 / 3, 2.0 + 10 / 3, 7.0, 9.0])
+    joint = model(study())
+    seen = joint.observations["theta"].time
+    rare = seen[np.r_[0:6, 6 : len(seen) : 4]]
+    observed = {**joint.missing.instruments.observations, "theta": SimpleNamespace(time=rare)}  # type: ignore[union-attr]
+    missing = SimpleNamespace(instruments=SimpleNamespace(observations=observed))
+    grids = {kind: BodyMissing.grid(missing, kind, (320, 1, 1)).time for kind in ("jaws", "flux", "offset")}  # type: ignore[arg-type]
+    assert np.allclose(grids["flux"], rare) and np.allclose(grids["offset"], rare)
+    assert (
+        np.all(np.min(np.abs(grids["jaws"][:, None] - rare), axis=0) < 1e-9)
+        and np.diff(grids["jaws"]).max() <= 2.0 * np.median(np.diff(rare)) + 1e-9
+    )
 
 
 def test_both_jaws_are_the_upper_and_the_lower_one() -> None:

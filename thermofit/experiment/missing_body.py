@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -34,6 +35,8 @@ OF_SURFACE = ("flux", "jaws", "jaw_upper", "jaw_lower")
 """What may come through the surface, and temperatures show: through all that is free, or from jaws whose temperature changes."""
 SIDES = {"all": 0.0, "upper": 1.0, "lower": -1.0}
 """The sign of y of the jaw that changes; 0: both."""
+BETWEEN = 2.0
+"""Usual distances of frames between two knots of a history of the jaws at most."""
 PER_MILLE = 1e-3
 """Apparent strain or error of the scale of a unit coefficient, mm/m, and offset of a camera per length, mK/mm."""
 
@@ -90,11 +93,13 @@ class BodyMissing:
 
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats over all that is observed; a heat source of a folded model is one of |x|. What is the same everywhere has hats as dense in
-        time as it is observed."""
+        time as it is observed. Jaws have no fewer of them where frames are rare: they may do as much there as elsewhere."""
         field = _field_of(kind)
         seen = self.instruments.observations[field]
         if KINDS[kind].alike:
             time = np.quantile(seen.time, np.linspace(0.0, 1.0, min(counts[0], len(seen.time))))
+            if KINDS[kind].alike == "jaws":
+                time = closer(time, BETWEEN * float(np.median(np.diff(time))))
             return Grid(time, np.zeros(len(time), dtype=int), np.zeros(1), np.zeros(1))
         used = seen.mask.any(axis=0)
         low, high = seen.xy[used].min(axis=0), seen.xy[used].max(axis=0)
@@ -242,6 +247,12 @@ def _means(grid: Grid, time: np.ndarray) -> np.ndarray:
     """Means (n_steps, n_k) of the hats over the steps between times (n_t,)."""
     one = np.zeros(len(time) - 1, dtype=int)
     return np.asarray(sum(w * time_hats(grid, time[:-1] + part * np.diff(time), one) for w, part in INSTANTS))
+
+
+def closer(knots: np.ndarray, most: float) -> np.ndarray:
+    """Increasing knots (n,) with more between those that are farther apart than `most`, evenly."""
+    parts = [np.linspace(a, b, max(int(np.ceil((b - a) / most)), 1), endpoint=False) for a, b in pairwise(knots)]
+    return np.append(np.concatenate(parts), knots[-1])
 
 
 def _at_ends(grid: Grid, time: np.ndarray, scheme: str) -> tuple[np.ndarray, ...]:

@@ -376,7 +376,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "c0 3.1 and beta 2.0 off, and 1.3 and 0.4 with short steps. Six nulls of aluminium with short steps have c0 and beta within 1.3;",
         "with long ones two of the same six had c0 2.1 and 2.4 off.",
         "`heat-of-early-flow` left beta 38 of its errors off, before intervals held that the form of a heat of flow is one of many.",
-        "`rate and pulse` of steel was without its law for a day: the pose of the camera was taken for the pulse, and beside it the law was",
+        "`rate and pulse` of steel was without its law for a day: the camera's pose was taken for the pulse, and beside it the law was",
         "taken back by one linear step. A camera that tilts was named jaws that drift apart, for jaws take nearly all of it.",
         "A modulus that saturates was passed over beside a warm grip, exit 0, with E 46 of its errors off, on a truth with long steps.",
         "`softening-squared` was planted with 0.004 first, which the laboratory's specimen does not carry.",

@@ -9,7 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from thermofit.core.parameters import Parameters
 from thermofit.diagnose import unlisted as module
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.unlisted import GONE, UNSETTLED, Sought, Unlisted, of_instrument, over_time, through_surface, told, unlisted
 from thermofit.experiment.missing import KINDS
@@ -144,6 +146,41 @@ def tell(monkeypatch: pytest.MonkeyPatch, term: Term, once: tuple[Term, str], tw
     monkeypatch.setattr(module, "volumes", lambda *_: None)
     monkeypatch.setattr(module, "hints_of", lambda *_: ())
     return told(here, cast(Any, None), Sought(cast(Any, term), here), alone)
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """What `settled` reads of a term beside one parameter: the step to where it is told, and its standard error."""
+
+    step: np.ndarray
+    uncertainty: np.ndarray
+    basis: Any
+    proof: Proof = GOOD
+    before: Any = None
+    after: Any = None
+
+
+@pytest.mark.parametrize(("overshoots", "words"), [(1.0, ""), (2.0, ""), (0.05, UNSETTLED)], ids=["at once", "to and fro", "crawls"])
+def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, overshoots: float, words: str) -> None:
+    """Every step is that many times the way to kappa = 130, from 110, with a standard error of 1: twice the way goes to and fro without
+    end."""
+    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1), chosen=None)
+
+    def term(_: Any, kappa: float, __: Any = None) -> Any:
+        return Stepping(np.array([overshoots * (130.0 - kappa)]), np.ones(1), hat)
+
+    def linearised(p: Parameters, _: Any) -> tuple[float, None]:
+        return p["kappa"], None
+
+    model: Any = SimpleNamespace(linearised=linearised, segments=None)
+    case = Case(model, Parameters.of({"kappa": 110.0}, ("kappa",)), (), (), frozenset())
+    here: Any = SimpleNamespace(case=case, rows=None, split=SimpleNamespace(held_out=()))
+    monkeypatch.setattr(module, "LinearModel", lambda kappa, _: kappa)
+    monkeypatch.setattr(module, "basis", lambda *_: hat)
+    monkeypatch.setattr(module, "over_time", lambda known, *_: term(None, known))
+    monkeypatch.setattr(module, "proved", lambda *_: GOOD)
+    _, parameters, said = module.settled(here, cast(Any, None), term(None, 110.0))
+    assert said == words and (words or parameters["kappa"] == pytest.approx(130.0, abs=1.0))
 
 
 @pytest.mark.parametrize("kind", ["jaws", "jaw_upper", "gradient", "strain", "scale", "offset", "flux"])

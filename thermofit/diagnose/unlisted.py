@@ -53,7 +53,7 @@ CLIPPED = 5.0
 OF_ITS_ERROR = 0.3
 """Part of their standard errors to which a step has come down where parameters beside a term that is the same everywhere have settled; that
 step is taken as well."""
-MOST_STEPS = 8
+MOST_STEPS = 12
 """Most such steps."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
@@ -377,14 +377,20 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum.
 
     Beside a term that is the same everywhere the parameters are told as those that were fitted with it. So they step until what is left of
-    a step is a small part of their standard errors, and take that too."""
+    a step is a small part of their standard errors, and take that too. A step that turns back on the one before is halved, and those after
+    it."""
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
     films = np.array([bare_name(n) in RECIPROCAL for n in parameters.free])
     alike = term.basis.grid.places == 1 and case.model.segments is None
+    share, before = 1.0, np.zeros(len(moved))
     for _ in range(MOST_STEPS if alike else SETTLING):
-        x = np.clip(moved + no_farther(term.step, parameters.vector(), films), *room)
+        step = no_farther(term.step, parameters.vector(), films)
+        if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
+            share *= HALF  # it goes to and fro, as between films that conduct as if there were none
+        before = step
+        x = np.clip(moved + share * step, *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)

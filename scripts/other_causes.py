@@ -37,6 +37,8 @@ ROOT = Path(__file__).resolve().parent.parent
 ROWS, PAGE = ROOT / "docs" / "other_causes.jsonl", ROOT / "docs" / "other-causes.md"
 SURE = 3.0
 """Combined standard errors within which a parameter of the base model should come back."""
+SAYS_NOTHING = 0.5
+"""Standard error over the value of a parameter above which it is not told: two of them reach nothing."""
 HEAT, MOTION = ("dtheta", "theta", "heat"), ("du", "u", "force", "stress")
 
 
@@ -323,6 +325,7 @@ def answer(folder: Path, specimen: str, code: int) -> dict[str, Any]:
         "before": said["before"]["held_out"],
         "after": said["after"]["held_out"],
         "off": {n: round(v, 2) for n, v in off.items()},
+        "wide": {n: float(f"{sigma / abs(value):.2g}") for n, (value, sigma) in found.items() if value},
     }
 
 
@@ -347,6 +350,8 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
     right = [r for r in good if all(answered(r, cause) for cause in RUNS[r["run"]])]
     clean = [r for r in right if not impostors(r)]
     held = [r for r in good if r["off"] and all(abs(v) <= SURE for v in r["off"].values())]
+    measured = [r for r in held if r.get("wide")]
+    vague = [r for r in measured if max(r["wide"].values()) > SAYS_NOTHING]
     lines = [
         "# Causes of other forms",
         "",
@@ -359,6 +364,8 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         f"* Every planted cause answered: **{len(right)} of {len(rows)}** (asked 85 %).",
         f"* Of these without an impostor beside: {len(clean)}.",
         f"* All parameters of the base model within {SURE:g} combined standard errors: **{len(held)} of {len(rows)}** (asked 90 %).",
+        f"* Of these with a standard error above half of its value, so that being within it says nothing: **{len(vague)}** of the "
+        f"{len(measured)} whose widths were kept (column widest).",
         f"* Source: {', '.join(sorted({r['source'] for r in rows}))} (digests of the package).",
         "",
         "Earlier runs had 5 x 38 x 2 elements in the laboratory. Their error is half of that of the fit, where a specimen has none.",
@@ -388,19 +395,20 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "beside a rate law are the yield stress at no rate, which both forms extrapolate to. Their intervals hold what exponents that are",
         "held may be, and half of the overstress at the slowest rate of the test. Before they did, M_y0 of `rate-by-arsinh` was 4.9 off.",
         "",
-        "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | s |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | widest | s |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         if "failed" in r:
-            lines.append(f"| {r['run']} | {r['specimen']} | failed | | | | {' '.join(r['failed'].split())[-120:]} | | |")
+            lines.append(f"| {r['run']} | {r['specimen']} | failed | | | | {' '.join(r['failed'].split())[-120:]} | | | |")
             continue
         by = ", ".join(answered(r, cause) or f"**{cause}: not**" for cause in RUNS[r["run"]])
         name, z = max(r["off"].items(), key=lambda item: abs(item[1]), default=("-", 0.0))
+        of, part = max(r.get("wide", {}).items(), key=lambda item: item[1], default=("", 0.0))
         accepted, beside = (", ".join(names) or "-" for names in (r["accepted"], impostors(r)))
         lines.append(
             f"| {r['run']} | {r['specimen']} | {accepted} | {r['unlisted'] or '-'} | {by} | {beside} "
-            f"| {r['grade']}, {r['exit']} | {name} {z:+.1f} | {r['seconds']:.0f} |"
+            f"| {r['grade']}, {r['exit']} | {name} {z:+.1f} | {f'{of} {100.0 * part:.2g} %' if of else ''} | {r['seconds']:.0f} |"
         )
     return "\n".join(lines) + "\n"
 

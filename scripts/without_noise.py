@@ -2,9 +2,11 @@
 
     python scripts/without_noise.py                # both specimens of scripts/other_causes.py, steps of a fit and short ones
     python scripts/without_noise.py --specimen steel --steps 0.5 --mesh-of-truth 4 28 1
+    python scripts/without_noise.py --specimen aluminium --seed 1 3 5 10 11 12     # with the usual noise, by these seeds
 
 Instruments have a hundredth of their usual noise. The study is told the usual one of displacements and temperatures, so that these weigh
-against each other as always. Printed is what `refine` is off by, in per cent and in combined standard errors.
+against each other as always. With `--seed` they have all of their noise, drawn by it. Printed is what `refine` is off by, in per cent and in
+combined standard errors.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from itertools import product
 from pathlib import Path
 
 import yaml
@@ -31,17 +34,20 @@ USUAL = {"displacement": 0.002, "temperature": 0.025}
 """Noise of a point in mm and of a pixel in K that the study is told."""
 
 
-def off(specimen: str, steps: float, mesh_of_truth: dict[str, int]) -> dict[str, tuple[float, float]]:
-    """By how much each parameter of `refine` is off, in per cent and in combined standard errors. RuntimeError where a command fails."""
+def off(specimen: str, steps: float, mesh_of_truth: dict[str, int], seed: int | None = None) -> dict[str, tuple[float, float]]:
+    """By how much each parameter of `refine` is off, in per cent and in combined standard errors; `seed`: with the usual noise.
+    RuntimeError where a command fails."""
     made = SPECIMENS[specimen]
+    seen = QUIET if seed is None else {"seed": seed, **{name: {n: QUIET[name][n]} for name, n in (("dic", "stages"), ("ir", "frames"))}}
     simulated = {
-        **{"mesh": mesh_of_truth, "truth": made["truth"], "programme": programme(made["largest"]), "max_time_step": steps, **QUIET},
+        **{"mesh": mesh_of_truth, "truth": made["truth"], "programme": programme(made["largest"]), "max_time_step": steps, **seen},
         **({"specimen": made["specimen"]} if made["specimen"] else {}),
     }
     with tempfile.TemporaryDirectory() as passing:
         folder = Path(passing)
         (folder / "lab.yaml").write_text(yaml.safe_dump({"name": "lab", "mesh": made["mesh"], "simulate": simulated}), encoding="utf-8")
-        told = ("--set", f"mesh={json.dumps(made['mesh'])}", "--set", f"noise={json.dumps(USUAL)}", "--run-dir", "runs")
+        noise = ("--set", f"noise={json.dumps(USUAL)}") if seed is None else ()  # else it is measured from the files
+        told = ("--set", f"mesh={json.dumps(made['mesh'])}", *noise, "--run-dir", "runs")
         for words in (
             ("simulate", "lab.yaml", "--run-dir", "lab"),
             ("new", "study.yaml", "--experiment", "lab/raw"),
@@ -61,14 +67,15 @@ def main() -> None:
     parser.add_argument("--specimen", nargs="+", choices=list(SPECIMENS), default=list(SPECIMENS))
     parser.add_argument("--steps", nargs="+", type=float, default=STEPS)
     parser.add_argument("--mesh-of-truth", nargs=3, type=int, metavar=("N_X", "N_Y", "N_Z"), help="elements of the laboratory")
+    parser.add_argument("--seed", nargs="+", type=int, default=[None], help="with the usual noise, by these seeds")
     options = parser.parse_args()
     for specimen in options.specimen:
         mesh = SPECIMENS[specimen]["of_truth"]
         if options.mesh_of_truth:
             mesh = dict(zip(("n_x", "n_y", "n_z"), options.mesh_of_truth, strict=True))
-        for steps in options.steps:
-            told = ", ".join(f"{n} {share:+.3f} % ({z:+.1f})" for n, (share, z) in off(specimen, steps, mesh).items())
-            print(f"{specimen}, steps of {steps:g} s: {told}", flush=True)
+        for steps, seed in product(options.steps, options.seed):
+            told = ", ".join(f"{n} {share:+.3f} % ({z:+.1f})" for n, (share, z) in off(specimen, steps, mesh, seed).items())
+            print(f"{specimen}, steps of {steps:g} s{'' if seed is None else f', seed {seed}'}: {told}", flush=True)
 
 
 if __name__ == "__main__":

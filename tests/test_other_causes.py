@@ -72,3 +72,22 @@ def test_what_counts_as_an_answer(study: Any, row: dict[str, Any], answers: list
     told = {"run": "lamp pulse and camera step", **row}
     assert [study.answered(told, cause) for cause in study.RUNS[str(told["run"])]] == answers
     assert study.impostors(told) == impostors
+
+
+def test_the_page_says_where_an_interval_is_too_wide_to_tell_anything(study: Any) -> None:
+    """A parameter known to no better than its own size is within any number of its errors."""
+    row = {
+        **{
+            "run": "one-jaw",
+            "specimen": "steel",
+            "source": "a",
+            "accepted": ["clamp_drift"],
+            "like": {},
+            "unlisted": None,
+            "grade": "named",
+        },
+        **{"exit": 0, "seconds": 1.0, "off": {"c0": 0.1, "E": -0.2}, "wide": {"c0": 0.72, "E": 0.02}},
+    }
+    said = study.page([row, {**row, "wide": {"c0": 0.4, "E": 0.02}}, {n: v for n, v in row.items() if n != "wide"}])
+    assert "within 3 combined standard errors: **3 of 3**" in said
+    assert "so that being within it says nothing: **1** of the 2 whose widths were kept" in said and "| E -0.2 | c0 72 % |" in said

@@ -134,12 +134,18 @@ def test_arcs_stay_with_their_mesh() -> None:
 
 
 def test_parts_of_the_error_of_the_mesh_are_in_doubt_each_by_itself() -> None:
-    """Together they are what may be left in the residual; for a parameter they may cancel, and the doubt of each does not."""
+    """Half of each that the data hold, in a row of its own: what they make of a parameter does not cancel in a budget."""
     parameters = Parameters.of(TRUTH, ("E", "c0"))
-    found = corrected(joint(("E", "c0"), parameters, noise=0.1), parameters)
+    here = joint(("E", "c0"), parameters, noise=0.1)
+    found, model = corrected(here, parameters), here.model
     doubts = found.doubt(False)
-    assert set(doubts) == {MESH, WITHIN, THEIRS, STEPS} and all(_rms(doubts[part]) > 0.0 for part in (MESH, WITHIN))
-    assert np.allclose(sum(found.causes.values()), found.left) and not found.causes[THEIRS].any(), "a specimen has no elements"
+    assert set(doubts) == {MESH, WITHIN, THEIRS, STEPS}
+    at = here.shown(parameters)[1]
+    for part in (MESH, WITHIN):
+        held = model.assemble(at) - model.assemble({name: at[name] - error for name, error in found.fields[part].items()})
+        rows = slice(0, sum(c.n for c in model.comparisons))
+        assert _rms(held) > 0.0 and np.allclose(doubts[part][rows], 0.5 * held[rows], rtol=0.0, atol=0.02 * np.abs(held).max()), part
+    assert not found.causes[THEIRS].any(), "a specimen has no elements"
 
 
 def test_data_of_the_same_mesh_stay_as_they_are() -> None:

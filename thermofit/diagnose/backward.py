@@ -64,8 +64,8 @@ def still_needed(here: Traced, name: str) -> bool:
 
 
 def moved_by(here: Traced, name: str, without_it: LinearModel) -> bool:
-    """Whether an accepted effect has moved a parameter of the material far, where nothing else was added or all of them
-    leave no more than the floor (`trace.material_of`)."""
+    """Whether an accepted effect has moved a parameter of the material far; asked where nothing else was added, or where the effects
+    together leave no more than the floor (`trace.material_of`)."""
     case, gone = here.case, effect(name).names
     rest = case.parameters.with_free(tuple(n for n in case.parameters.free if n not in gone))
     asked = material_of(replace(case, parameters=rest), here.answered)

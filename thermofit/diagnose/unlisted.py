@@ -55,6 +55,8 @@ OF_ITS_ERROR = 0.3
 step is taken as well."""
 MOST_STEPS = 12
 """Most such steps."""
+TURNED = 0.5
+"""Part of its steps that is taken from where one turns back on the step before: that of twice the way goes to and fro without end."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 LEAST_ROWS = 5
@@ -377,8 +379,8 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum.
 
     Beside a term that is the same everywhere the parameters are told as those that were fitted with it. So they step until what is left of
-    a step is a small part of their standard errors, and take that too. A step that turns back on the one before is halved, and those after
-    it."""
+    a step is a small part of their standard errors, and take that too. Where a step turns back on the one before, half of it and of those
+    after it is taken."""
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
@@ -388,7 +390,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     for _ in range(MOST_STEPS if alike else SETTLING):
         step = no_farther(term.step, parameters.vector(), films)
         if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
-            share *= HALF  # it goes to and fro, as between films that conduct as if there were none
+            share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
         before = step
         x = np.clip(moved + share * step, *room)
         change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])

@@ -5,8 +5,8 @@
     python scripts/without_noise.py --specimen aluminium --seed 1 3 5 10 11 12     # with the usual noise, by these seeds
 
 Instruments have a hundredth of their usual noise. The study is told the usual one of displacements and temperatures, so that these weigh
-against each other as always. With `--seed` they have all of their noise, drawn by it. Printed is what `refine` is off by, in per cent and in
-combined standard errors.
+against each other as always. With `--seed` they have all of their noise, drawn by it. Printed is what `refine` is off by, in per cent and
+in combined standard errors.
 """
 
 from __future__ import annotations

@@ -90,4 +90,4 @@ def test_the_page_says_where_an_interval_is_too_wide_to_tell_anything(study: Any
     }
     said = study.page([row, {**row, "wide": {"c0": 0.4, "E": 0.02}}, {n: v for n, v in row.items() if n != "wide"}])
     assert "within 3 combined standard errors: **3 of 3**" in said
-    assert "so that being within it says nothing: **1** of the 2 whose widths were kept" in said and "| E -0.2 | c0 72 % |" in said
+    assert "so that being within it says nothing: **1** of the 2 that keep widths" in said and "| E -0.2 | c0 72 % |" in said

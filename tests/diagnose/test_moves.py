@@ -14,7 +14,7 @@ from strip import strip_case
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, Proof, far
-from thermofit.diagnose.protected import no_farther
+from thermofit.diagnose.protected import either_sign, no_farther
 from thermofit.diagnose.score import Columns, ranked
 from thermofit.diagnose.trace import material_of, traced
 from thermofit.diagnose.trial import moves_material
@@ -88,9 +88,16 @@ def test_what_is_of_the_material() -> None:
 def test_steps_beside_a_term() -> None:
     """No farther than half of a value; a film by its resistance, which is 1e-6 of what it should be: at once, and up to twice as much."""
     values, films = np.array([100.0, 0.0, 1e6, 300.0]), np.array([False, False, True, True])
-    found = values + no_farther(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, films)
+    found = values + no_farther(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, reciprocal=films)
     assert found == pytest.approx([50.0, 7.0, 250.0, 600.0])
     assert no_farther(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])
+
+
+def test_a_pose_may_step_anywhere() -> None:
+    """A shift of 1 um is not half of what it is: it would grow by half at every step, and beside it nothing settles."""
+    names = ("E", "ir_registration.shift_y")
+    step = no_farther(np.array([-8e4, 0.02]), np.array([7e4, 1e-3]), either_sign(names))
+    assert step == pytest.approx([-3.5e4, 0.02])
 
 
 @pytest.mark.parametrize(("kappa", "sigma", "is_moved"), [(133.0, 1.0, True), (133.0, 3.0, False), (132.0, None, False)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -158,13 +158,15 @@ class Stepping:
     proof: Proof = GOOD
     before: Any = None
     after: Any = None
+    q: np.ndarray = field(default_factory=lambda: np.ones(1))
+    posterior: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
 
 @pytest.mark.parametrize(("overshoots", "words"), [(1.0, ""), (2.0, ""), (0.05, UNSETTLED)], ids=["at once", "to and fro", "crawls"])
 def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, overshoots: float, words: str) -> None:
     """Every step is that many times the way to kappa = 130, from 110, with a standard error of 1: twice the way goes to and fro without
     end."""
-    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1), chosen=None)
+    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1), chosen=np.zeros(1))
 
     def term(_: Any, kappa: float, __: Any = None) -> Any:
         return Stepping(np.array([overshoots * (130.0 - kappa)]), np.ones(1), hat)

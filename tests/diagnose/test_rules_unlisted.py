@@ -268,6 +268,10 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     assert resembled_by(closed_of(), ("a",), found, steps) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
     assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
+    for kind in ("strain", "scale"):
+        cameras: Any = SimpleNamespace(basis=SimpleNamespace(kind=kind), after=None, steps=((30.0, 0.01),))
+        assert not resembled_by(closed_of(), ("hardening_curve",), found, cameras), "it follows the flow under a force, whatever the law is"
+        assert resembled_by(closed_of(), ("dic_tilt",), found, cameras) is taken
     monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
     assert resembled_by(closed_of(), ("a",), found, steps) is not needed, "what drives a declared reading is no answer, whatever it takes"
 

@@ -113,17 +113,19 @@ def test_a_channel_that_misses_something_tells_nothing_of_the_mesh() -> None:
 
 
 def test_a_term_that_the_model_lacks_tells_no_shares_beside_it() -> None:
-    """Where what it adds to the prediction is given, the shares are those of data without it; else it is taken for an error."""
+    """Where what it may add to the prediction is given, the shares are those of data without it, however much it adds; else it is taken for
+    an error."""
     parameters = Parameters.of(TRUTH, ("E",))
     here = joint(("E",), parameters, finer_mesh(COARSE), noise=0.1)
     seen = here.data.temperature
     assert seen is not None
     adds = 0.01 * np.sin(seen.time / 20.0)[:, None, None] * np.ones(seen.value.shape)
     warm = replace(here, data=replace(here.data, temperature=replace(seen, value=seen.value + adds)))
-    clean, told = corrected(here, parameters).shares, corrected(warm, parameters, {"theta": adds}).shares
+    term = {"theta": 7.0 * adds[..., None]}
+    clean, told = corrected(here, parameters, term).shares, corrected(warm, parameters, term).shares
     assert all(abs(told[part] - clean[part]) < 1e-9 for part in clean)
-    wrong = corrected(warm, parameters).shares
-    assert max(abs(wrong[part] - clean[part]) for part in clean) > 0.02, wrong
+    right, wrong = corrected(here, parameters).shares, corrected(warm, parameters).shares
+    assert max(abs(wrong[part] - right[part]) for part in right) > 0.02, wrong
 
 
 def test_arcs_stay_with_their_mesh() -> None:

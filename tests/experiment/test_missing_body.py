@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.unlisted_effect import heat_file, over_time_file
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
+from thermofit.experiment.missing import KINDS
 from thermofit.experiment.missing_body import OF_SURFACE, BodyMissing, closer
 
 NAME = "planted_for_missing_body"
@@ -73,9 +75,10 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     seen = joint.observations["theta" if channel == "dtheta" else "u"].time
     assert len(grid.time) == len(seen) if "jaw" not in kind else len(grid.time) > len(seen), "as dense as it is observed, or denser"
     assert np.all(np.min(np.abs(grid.time[:, None] - seen), axis=0) < 1e-9)
+    grid = replace(grid, y=np.array([6.5 if KINDS[kind].about else 0.0]))
     values = amount * np.cos(2.0 * np.pi * grid.time / grid.time[-1])
     path = tmp_path / f"{NAME}.py"
-    path.write_text(over_time_file(kind, NAME, "a test", grid.time, values), encoding="utf-8")
+    path.write_text(over_time_file(kind, NAME, "a test", grid, values), encoding="utf-8")
     load_effect(path)
     rows = part(joint, channel)
     change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
@@ -84,6 +87,11 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     expected = comparison.residual(answers @ values)
     assert np.abs(change).max() > 4.0
     assert np.abs(expected - change).max() < within * np.abs(change).max()
+    for field, also in joint.missing.elsewhere(kind, base, grid, np.arange(grid.size)).items():
+        assert field == "theta" and channel == "du", "a pixel is given to the point that the displacement cameras say is there"
+        change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[part(joint, "dtheta")]
+        (comparison,) = (c for c in joint.comparisons if c.channel == "dtheta")
+        assert np.abs(comparison.residual(also @ values) - change).max() < 1e-5 * np.abs(change).max() and np.abs(change).max() > 1e-3
 
 
 def test_knots_are_no_farther_apart_than_asked() -> None:

@@ -41,7 +41,9 @@ def test_the_file_of_a_term_of_no_place_loads(tmp_path: Path, kind: str, monkeyp
     monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
     monkeypatch.setattr(parameters, "OF_EFFECTS", dict(parameters.OF_EFFECTS))
     grid = Grid(np.array([0.0, 10.0]), np.zeros(2, dtype=int), np.zeros(1), np.zeros(1))
-    field = SimpleNamespace(basis=SimpleNamespace(grid=grid, kind=kind), values=np.array([1.0, 2.0]).reshape(2, 1, 1, 1), proof="proof")
+    field = SimpleNamespace(basis=SimpleNamespace(grid=grid, kind=kind, chosen=range(2)), values=None, proof="proof")
+    field.q = np.array([1.0, 2.0, 0.5][: 3 if KINDS[kind].about else 2])
+    field.values = field.q[:2].reshape(2, 1, 1, 1)
     here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=SimpleNamespace(records=()))))
     found: Any = SimpleNamespace(field=field, law=None, channel="dtheta")
     file = effect_file("a study", here, found)
@@ -58,8 +60,9 @@ def test_the_file_of_a_term_of_no_place_loads(tmp_path: Path, kind: str, monkeyp
         ({"jaws": "all"}, "in both"),
         ({"jaws": "upper"}, "in one"),
         ({"image": "all"}, "in all of the image"),
+        ({"image": "all", "middle_mm": 3.14159}, "in all of the image, nothing at y = 3.14 mm,"),
         ({"surface": "all"}, "the same everywhere"),
     ],
 )
-def test_where_it_is_in_words(where: dict[str, str], words: str) -> None:
+def test_where_it_is_in_words(where: dict[str, Any], words: str) -> None:
     assert place_in_words(where) == words

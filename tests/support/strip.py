@@ -143,6 +143,10 @@ class StripMissing:
         theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place] / over)
         return theta[:, :, None, :]
 
+    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """None: the strip is seen by one camera."""
+        return {}
+
     def volumes(self, grid: Grid) -> np.ndarray:
         return MODEL.cell * place_hats(grid, MODEL.x, MODEL.y).sum(axis=0)
 

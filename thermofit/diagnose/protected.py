@@ -86,7 +86,7 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
         known = _linearised(fit, there, thermal)
         broad = _broad(case, fit, missing, there)
         found = field_of(known, broad, *_with_usual(fit, thermal, rows, split), likeliest(known, broad))
-        step = no_farther(np.clip(found.step, *_room(case, there, thermal)), np.array([there[n] for n in thermal]))
+        step = no_farther(np.clip(found.step, *_room(case, there, thermal)), np.array([there[n] for n in thermal]), either_sign(thermal))
         there = there.replace(**{n: there[n] + float(d) for n, d in zip(thermal, step, strict=True)})
         f, before = float(found.residual @ found.residual), f
         if np.max(np.abs(step) / scale) < SETTLED or f > (1.0 - NO_FURTHER) * before:
@@ -95,14 +95,21 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
     return Protected(there, replace(_linearised(fit, there, thermal), bounds=_room(case, there, thermal)), found)
 
 
-def no_farther(step: np.ndarray, value: np.ndarray, reciprocal: np.ndarray | bool = False) -> np.ndarray:
-    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value; one that is zero may go anywhere.
+def either_sign(names: Sequence[str]) -> np.ndarray:
+    """Mask (p,) of the parameters that may have either sign, as the pose of a camera: a value of one says nothing of how far it may go."""
+    return np.array([param(n).lower < 0.0 < param(n).upper for n in names], dtype=bool)
+
+
+def no_farther(
+    step: np.ndarray, value: np.ndarray, anywhere: np.ndarray | bool = False, reciprocal: np.ndarray | bool = False
+) -> np.ndarray:
+    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value, but where `anywhere` (p,) or it is zero.
 
     Where `reciprocal` (p,), 1/x takes the linear step, -d/x^2, as far down as it likes and no farther up than that: a film that conducts
     as if there were none changes nothing until it is a hundredth of what it is.
     """
     near = FARTHEST * np.abs(value)
-    plain = np.where(near > 0.0, np.clip(step, -near, near), step)
+    plain = np.where((near > 0.0) & ~np.asarray(anywhere), np.clip(step, -near, near), step)
     whole = np.where(value != 0.0, value, 1.0)
     return np.where(reciprocal & (value != 0.0), whole / np.maximum(1.0 - step / whole, FARTHEST) - whole, plain)
 

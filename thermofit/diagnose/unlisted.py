@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,13 +20,14 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, compared
-from thermofit.diagnose.protected import no_farther
+from thermofit.diagnose.protected import either_sign, no_farther
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, Field, basis_of, believed, field_of, proved
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
+from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_steps import better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
@@ -254,11 +256,9 @@ def predicts_better(here: Traced, one: Field, other: Field) -> bool:
 def everywhere_alike(here: Traced, there: Traced, structure: Structure, kinds: Mapping[str, tuple[str, ...]]) -> Sought | None:
     """The term of the kinds that a channel has among `kinds` which predicts held-out data best, the same everywhere; None where they ask
     for none. It is found `there`, and proved against the optimum `here`."""
-    missing, found = there.case.model.missing, []
+    found = []
     for kind in kinds.get(observed_field(structure.blocks.channel), ()):
-        assert missing is not None, "it has kinds"
-        grid = missing.grid(kind, COUNTS[kind])
-        own = over_time(there.problem.model, basis(there.case, structure, kind, grid, np.arange(grid.size)), there)
+        own = over_time(there.problem.model, alike_basis(there, structure, kind), there)
         found.append(own if there is here else beside_optimum(here, own))
     best = max(filter(believed, found), key=lambda term: term.proof.gain, default=None)
     return None if best is None else Sought(best, there)
@@ -324,13 +324,32 @@ def broad_basis(case: Case, structure: Structure) -> Basis | None:
     return basis(case, structure, kind, grid, np.arange(grid.size))
 
 
-def camera_bases(case: Case, structure: Structure) -> list[Basis]:
+def camera_bases(here: Traced, structure: Structure) -> list[Basis]:
     """The hats over all times of what the infrared camera may add to a channel; none for other channels."""
-    missing, seen = case.model.missing, observed_field(structure.blocks.channel)
-    if missing is None or kind_of(case, structure) != "heat":
+    missing, seen = here.case.model.missing, observed_field(structure.blocks.channel)
+    if missing is None or kind_of(here.case, structure) != "heat":
         return []
-    grids = {kind: missing.grid(kind, COUNTS[kind]) for kind in missing.of_instruments.get(seen, ())}
-    return [basis(case, structure, kind, grid, np.arange(grid.size)) for kind, grid in grids.items()]
+    return [alike_basis(here, structure, kind) for kind in missing.of_instruments.get(seen, ())]
+
+
+def alike_basis(here: Traced, structure: Structure, kind: str) -> Basis:
+    """The hats over all times of a term that is the same everywhere, about the middle that it has beside the fitted parameters."""
+    missing = here.case.model.missing
+    assert missing is not None, "it has kinds"
+    grid = missing.grid(kind, COUNTS[kind])
+    hats = partial(_every_hat, here.case, structure, kind)
+    return hats(found_middle(here.problem.model, hats, grid, here.rows, here.split) if KINDS[kind].about else grid)
+
+
+def alike_beside(case: Case, structure: Structure, term: Field) -> Basis:
+    """The hats of a term that is the same everywhere where the parameters of a case are, and what its middle does."""
+    hats = partial(_every_hat, case, structure, term.basis.kind)
+    return with_middle(hats, term) if KINDS[term.basis.kind].about else hats(term.basis.grid)
+
+
+def _every_hat(case: Case, structure: Structure, kind: str, grid: Grid) -> Basis:
+    """All whitened hats of a grid."""
+    return basis(case, structure, kind, grid, np.arange(grid.size))
 
 
 def term_of(here: Traced, structure: Structure) -> Field | None:
@@ -384,11 +403,11 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
-    films = np.array([bare_name(n) in RECIPROCAL for n in parameters.free])
+    films, anywhere = np.array([bare_name(n) in RECIPROCAL for n in parameters.free]), either_sign(parameters.free)
     alike = term.basis.grid.places == 1 and case.model.segments is None
     share, before = 1.0, np.zeros(len(moved))
     for _ in range(MOST_STEPS if alike else SETTLING):
-        step = no_farther(term.step, parameters.vector(), films)
+        step = no_farther(term.step, parameters.vector(), anywhere, films)
         if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
             share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
         before = step
@@ -400,10 +419,13 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
             known = LinearModel(*there.model.linearised(parameters, parameters.free))
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
-        hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
-        term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
-        rest = np.clip(moved + no_farther(term.step, parameters.vector(), films), *room) - moved
-        near = np.all(np.abs(rest) <= OF_ITS_ERROR * term.uncertainty) if alike else change.max(initial=0.0) < SETTLED
+        if alike:
+            term = over_time(known, alike_beside(there, structure, term), here)
+        else:
+            hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
+            term = field_of(known, hat, here.rows, here.split)
+        rest = np.clip(moved + no_farther(term.step, parameters.vector(), anywhere, films), *room) - moved
+        near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
         if near:
             break
     words = ""
@@ -417,30 +439,45 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     return first, case.parameters, GONE
 
 
+def _rests(term: Field, rest: np.ndarray) -> bool:
+    """Whether what is left of a step (p,), and of one of the term's middle, is a small part of their standard errors."""
+    m = len(term.basis.chosen)
+    middle = np.abs(term.q[m:]) <= OF_ITS_ERROR * np.sqrt(np.diag(term.posterior)[m:])
+    return bool(np.all(np.abs(rest) <= OF_ITS_ERROR * term.uncertainty) and middle.all())
+
+
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:
-    """Whitened hats of a channel."""
-    comparison = case.model.comparisons[case.channels.index(structure.blocks.channel)]
-    assert case.model.missing is not None
-    answers = case.model.missing.answers(kind, case.parameters, grid, chosen)
-    return basis_of((kind, KINDS[kind].unit), grid, chosen, structure.blocks.rows, (answers, comparison.residual))
+    """Whitened hats of a channel, and behind their rows those of other fields in which they show too."""
+    missing, channels = case.model.missing, case.channels
+    assert missing is not None
+    ends = np.cumsum([c.n for c in case.model.comparisons])
+    own = channels.index(structure.blocks.channel)
+    answers = missing.answers(kind, case.parameters, grid, chosen)
+    out = basis_of((kind, KINDS[kind].unit), grid, chosen, structure.blocks.rows, (answers, case.model.comparisons[own].residual))
+    for field, also in missing.elsewhere(kind, case.parameters, grid, chosen).items():
+        for k, comparison in enumerate(case.model.comparisons):
+            if k != own and observed_field(channels[k]) == field:
+                out = out.showing(np.arange(ends[k] - comparison.n, ends[k]), (also, comparison.residual))
+    return out
 
 
 def told_beside(here: Traced, structure: Structure, term: Field, parameters: Parameters) -> tuple[Case, Field, Parameters, str]:
     """The case with its errors of mesh, steps and force told at the parameters beside a term of one place, the term and the parameters that
     follow it there, and why they are those of before, where a run fails. Errors that were told where what is missing had driven the
-    parameters are those of another contact and other gradients, and would be taken for the parameters' own."""
+    parameters are those of another contact and other gradients, and would be taken for the parameters' own. How much of these errors the
+    data hold is what they show beyond parameters and term, whatever its coefficients are: a term that is wrong would have them agree."""
     case, kind = here.case, term.basis.kind
     assert case.model.missing is not None
-    seen = observed_field(structure.blocks.channel)
-    adds = case.model.missing.answers(kind, parameters, term.basis.grid, term.basis.chosen) @ term.q
+    asked = kind, parameters, about(term), term.basis.chosen
+    adds = {observed_field(structure.blocks.channel): case.model.missing.answers(*asked), **case.model.missing.elsewhere(*asked)}
     try:
-        sharp = None if case.refined_at is None else case.refined_at(parameters, {seen: adds})
+        sharp = None if case.refined_at is None else case.refined_at(parameters, adds)
         if sharp is None:
             return case, term, parameters, ""
         told = replace(case, model=sharp.model, doubts=sharp.doubts, parameters=parameters)
         known = LinearModel(*told.model.linearised(parameters, parameters.free))
         there = replace(here, case=told)
-        begin = replace(over_time(known, basis(told, structure, kind, term.basis.grid, term.basis.chosen), here), before=term.before)
+        begin = replace(over_time(known, alike_beside(told, structure, term), here), before=term.before)
         found, moved, remark = settled(there, structure, begin)
     except NumericsError as error:
         words = f"errors of mesh and steps are those at the optimum without the term: a run that tells them failed ({error})"

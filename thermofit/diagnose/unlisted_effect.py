@@ -134,9 +134,9 @@ _ALIKE: Mapping[str, _Alike] = {
     "offset": _Alike("sensor", "theta_camera = theta + scale T(t)", *_AT_SENSOR, "theta + scale * now[:, None]"),
     "gradient": _Alike(
         "sensor",
-        "theta_camera = theta + scale g(t) y",
+        "theta_camera = theta + scale g(t) (y - y_0)",
         *_AT_SENSOR,
-        "theta + scale * now[:, None] * scene.position[:, :, 1]",
+        "theta + scale * now[:, None] * (scene.position[:, :, 1] - MIDDLE)",
         (),
         PER_MILLE,
     ),
@@ -147,9 +147,12 @@ _ALIKE: Mapping[str, _Alike] = {
 }
 
 
-def over_time_file(kind: str, name: str, source: str, time: np.ndarray, values: np.ndarray) -> str:
-    """Effect of a kind of term that is the same everywhere, from its history: times (n_k,) s, and coefficients (n_k,) in the unit of the
-    kind. What comes through the surface begins after the first time, at which the specimen rests in the balance that the model knows."""
+def over_time_file(kind: str, name: str, source: str, grid: Grid, values: np.ndarray) -> str:
+    """Effect of a kind of term that is the same everywhere, from its history: coefficients (n_k,) in the unit of the kind at the times of a
+    grid, whose one knot in y is the middle of what grows from one.
+
+    What comes through the surface begins after the first time, at which the specimen rests in the balance that the model knows.
+    """
     own = _ALIKE[kind]
     heats = KINDS[kind].alike != "image"
     head = _head(
@@ -161,7 +164,11 @@ def over_time_file(kind: str, name: str, source: str, time: np.ndarray, values: 
         source=source,
         imports=_NUMPY if heats else _SCENE,
     )
-    tables = _array("TIME", time, "s; knots in time.") + _array("HISTORY", own.unit * values, "Coefficients of the formula at the knots.")
+    tables = _array("TIME", grid.time, "s; knots in time.") + _array(
+        "HISTORY", own.unit * values, "Coefficients of the formula at the knots."
+    )
+    if KINDS[kind].about:
+        tables += f'MIDDLE = {grid.y[0]:.6g}\n"""mm; y_0, where it is nothing."""\n'
     at = "np.interp(time, TIME, HISTORY, left=0.0, right=0.0) * (time > TIME[0])" if heats else "np.interp(scene.time, TIME, HISTORY)"
     body = f'''
 

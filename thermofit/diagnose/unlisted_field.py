@@ -36,10 +36,14 @@ VALLEY = 1e-8
 _RANK = 1e-10
 
 
+Whiten = Callable[[np.ndarray], np.ndarray]
+
+
 @dataclass(frozen=True)
 class Basis:
     """Hats of one kind: `chosen` (m,) of those of `grid`, the rows of the residual that feel them, their whitened columns (n_rows, m) and
-    roughness R (m, m). Columns beyond m are of other terms that are sought with them."""
+    roughness R (m, m). Columns beyond m are of other terms that are sought with them. The first `n_own` rows are those of the channel that
+    shows it, all where that is zero: held-out data of these prove a term."""
 
     kind: str
     unit: str
@@ -48,6 +52,17 @@ class Basis:
     rows: np.ndarray
     columns: np.ndarray
     rough: np.ndarray
+    n_own: int = 0
+
+    @property
+    def own(self) -> np.ndarray:
+        """Rows of the channel that shows it."""
+        return self.rows[: self.n_own or len(self.rows)]
+
+    def showing(self, rows: np.ndarray, answers: tuple[np.ndarray, Whiten]) -> Basis:
+        """The same hats where further rows feel them too, by their answers (n_t, n_s, n_c, m) there and the comparison that whitens one."""
+        columns = np.concatenate([self.columns, _whitened(len(rows), answers)])
+        return replace(self, rows=np.concatenate([self.rows, rows]), columns=columns, n_own=len(self.own))
 
     def full(self, q: np.ndarray) -> np.ndarray:
         """Coefficients (n_k, n_y, n_x, n_c) of all hats, zero where not chosen."""
@@ -179,7 +194,7 @@ def moves_beside(known: LinearModel, term: Field, errors: np.ndarray) -> np.ndar
 
 def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], folds: int) -> Proof:
     """Proof on the rows that feel a basis, from held-out residuals (n,) without and with the term."""
-    own = basis.rows
+    own = basis.own
     part = Rows(rows.channel[own], rows.time[own], rows.xy[own], rows.phase[own])
     return compared(held_out[0][own], held_out[1][own], part, folds)
 
@@ -248,13 +263,15 @@ def _scaled(gram: np.ndarray, rough: np.ndarray, weight: float, p: int) -> tuple
     return whole * scale[:, None] * scale[None, :] + VALLEY * np.eye(len(whole)), scale
 
 
-Whiten = Callable[[np.ndarray], np.ndarray]
-
-
 def basis_of(kind: tuple[str, str], grid: Grid, chosen: np.ndarray, rows: np.ndarray, answers: tuple[np.ndarray, Whiten]) -> Basis:
     """Basis of chosen hats from their answers (n_t, n_s, n_c, m) and the comparison that whitens one; kind = (name, unit)."""
+    return Basis(*kind, grid, chosen, rows, _whitened(len(rows), answers), roughness(grid, chosen))
+
+
+def _whitened(n: int, answers: tuple[np.ndarray, Whiten]) -> np.ndarray:
+    """Whitened columns (n, m) of answers."""
     field, whiten = answers
-    columns = np.empty((len(rows), len(chosen)), order="F")
-    for k in range(len(chosen)):
+    columns = np.empty((n, field.shape[-1]), order="F")
+    for k in range(field.shape[-1]):
         columns[:, k] = whiten(field[..., k])
-    return Basis(*kind, grid, chosen, rows, columns, roughness(grid, chosen))
+    return columns

@@ -17,7 +17,8 @@ from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
 from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, standing, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Field, field_of
-from thermofit.effects.catalogue import effect
+from thermofit.effects.catalogue import MATERIAL, effect
+from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
 
 
@@ -60,9 +61,11 @@ def _base(closed: Closed) -> np.ndarray | None:
 
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
     """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
-    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it."""
+    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it. What
+    the displacement cameras add to all lengths or displacements follows whatever a law does to the flow under a force."""
     blocks, end = found.structure.blocks, closed.last.case
-    if field.basis.kind == "stress":
+    kind = field.basis.kind
+    if kind == "stress" or (kind in OF_CAMERAS["u"] and all(effect(n).slot in MATERIAL for n in names)):
         return False
     answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
     if answers and not contradicted(end.model.priors, end.parameters):
@@ -86,7 +89,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
     for structure in standing(here, numerical):
         little = structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual)
         broad = None if little or by_cameras_alone else broad_basis(here.case, structure)
-        for hat in (*([] if broad is None else [broad]), *camera_bases(here.case, structure)):
+        for hat in (*([] if broad is None else [broad]), *camera_bases(here, structure)):
             with_both, rows = field_of(here.problem.model, hat, here.rows, here.split), rows_of(here, hat)
             now = held_out_of(here)
             for size in range(1, len(closed.accepted) + 1):

@@ -128,11 +128,11 @@ def numerical_errors(joint: Joint, parameters: Parameters, history: History, coa
 
 
 def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None) -> Discretised:
-    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters; `beside`: what a term that the
-    model lacks adds to its prediction. NumericsError where a run fails.
+    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters; `beside`: what unit coefficients
+    of a term that the model lacks add to its prediction (n_t, n_s, n_c, m), by field. NumericsError where a run fails.
 
     Data of a specimen hold all of these errors, those of a virtual test on the same mesh nothing of them: the shares are those that the
-    residual shows beyond what the fitted parameters could take up.
+    residual shows beyond what the fitted parameters, and the term, could take up.
     """
     history, coarse = joint.shown(parameters)
     joint = with_force_error(joint, parameters)
@@ -148,8 +148,8 @@ def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None
     model, names = joint.model, parameters.free or joint.settings.free
     assert model.linearise is not None
     plain, slopes = model.linearise(parameters, names)
-    with_term = {name: error if beside is None or name not in beside else error + beside[name] for name, error in plain.items()}
-    shares = shares_held(own, *model.assembled(parameters, names, with_term, slopes), model.places)
+    residual, fitted = model.assembled(parameters, names, plain, slopes)
+    shares = shares_held(own, residual, np.hstack([fitted, *_of_term(model, plain, beside)]), model.places)
     held = {part: {name: shares[part] * field for name, field in error.items()} for part, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(
@@ -163,6 +163,15 @@ def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None
         ({name: error - whole[name] for name, error in plain.items()}, slopes),
         history,
     )
+
+
+def _of_term(model: StageModel, plain: Errors, beside: Errors | None) -> list[np.ndarray]:
+    """Columns (n, m) of a term that the model lacks; none where it lacks none."""
+    if not beside:
+        return []
+    m = next(iter(beside.values())).shape[-1]
+    shown = {name: beside[name] if name in beside else np.zeros((*error.shape, m)) for name, error in plain.items()}
+    return [np.concatenate([model.assemble_jacobian(plain, shown), np.zeros((len(model.priors), m))])]
 
 
 def _left(told: Parts, shares: Mapping[str, float]) -> Parts:

@@ -34,12 +34,13 @@ def looks_through_effects(parameters: Parameters) -> bool:
 
 @dataclass(frozen=True)
 class View:
-    """A field on its way to an instrument: temperatures (n_steps, n_s) or displacements (n_t, n_s, 2), its scene, and which times are
-    observed."""
+    """A field on its way to an instrument: temperatures (n_steps, n_s) or displacements (n_t, n_s, 2), its scene, which times are observed,
+    and the displacements (n_steps or n_t, n_s, 2) of its points."""
 
     field: np.ndarray
     scene: Scene
     index: np.ndarray
+    motion: np.ndarray
 
     def taken(self, seen_field: np.ndarray) -> np.ndarray:
         """What is observed (n_t, n_s, n_c) of a field that went through the instrument."""
@@ -64,8 +65,8 @@ class Instruments:
         u = u[:-1] - u[-1]
         scene = scene_of(history.time[index], self.observations[name].xy, u, np.abs(history.force[index]), self.theta_air)
         if name == "u":
-            return View(u, scene, np.arange(len(index)))
-        return View(here.operator.temperature(history.theta)[:, :, 0], scene, here.index)
+            return View(u, scene, np.arange(len(index)), u)
+        return View(here.operator.temperature(history.theta)[:, :, 0], scene, here.index, u)
 
     def predicted(self, name: str, history: History, parameters: Parameters) -> np.ndarray:
         """What the instruments show of a history (n_t, n_s, n_c), as means over patches where the observation is one of those; a load cell
@@ -75,11 +76,58 @@ class Instruments:
             return (
                 self.samplers[name].observed(name, history) - (acting_force(recorded.ravel(), parameters) - recorded.ravel())[:, None, None]
             )
-        links = chain(SLOTS.get(name, ()), parameters)
-        if not links:
+        if not self.changes(name, parameters):
             return self.observations[name].averaged(self.samplers[name].observed(name, history))
         view = self.view(name, history)
-        return self.observations[name].averaged(view.taken(seen(view.field, view.scene, links, parameters)))
+        shown = seen(view.field, view.scene, chain(SLOTS[name], parameters), parameters)
+        if name == "theta":
+            shown = shown + carried(shown, view.scene, _misplaced(view, parameters))
+        return self.observations[name].averaged(view.taken(shown))
+
+    def changes(self, name: str, parameters: Parameters) -> bool:
+        """True where an effect makes what is observed of a field other than what is there."""
+        return bool(chain((*SLOTS.get(name, ()), *(CAMERA if name == "theta" else ())), parameters))
+
+    def shown_along(self, name: str, view: View, slope: np.ndarray, parameters: Parameters) -> np.ndarray:
+        """What is observed (n_t, n_s, n_c), point by point, of a field that changes at the rate `slope`, of the shape of the view's."""
+        shown = seen_along(view.field, slope, view.scene, chain(SLOTS[name], parameters), parameters)
+        if name == "theta":
+            shown = shown + carried(shown, view.scene, _misplaced(view, parameters))
+        return view.taken(shown)
+
+    def shown_by(self, name: str, view: View, param: str, parameters: Parameters) -> np.ndarray:
+        """What is observed (n_t, n_s, n_c), point by point, of a Param of the measuring chain that changes at the rate one; zero where it
+        does not act on what is observed of the field."""
+        links = chain(SLOTS[name], parameters)
+        own = tuple(e for e in effects(SLOTS[name]) if param in e.names or e in links)
+        shown = np.zeros_like(view.field)
+        if any(param in e.names for e in own):
+            shown = seen_along(view.field, shown, view.scene, own, parameters, param)
+            if name == "theta":
+                shown = shown + carried(shown, view.scene, _misplaced(view, parameters))
+        elif name == "theta" and any(param in e.names for e in effects(CAMERA)):
+            shown = carried(seen(view.field, view.scene, links, parameters), view.scene, _misplaced(view, parameters, param))
+        return view.taken(shown)
+
+
+def carried(theta: np.ndarray, scene: Scene, error: np.ndarray) -> np.ndarray:
+    """What an error d (n_t, n_s, 2) mm of measured displacements adds to the temperatures (n_t, n_s) K of material points.
+
+    A pixel is given to the point that the displacement cameras say is there: F^-1 d . grad theta to first order, F that of a bar that keeps
+    its volume.
+    """
+    by_x, by_y = scene.gradient(theta)
+    along = np.exp(-scene.strain)
+    return np.asarray(error[..., 0] / np.sqrt(along) * by_x + error[..., 1] * along * by_y)
+
+
+def _misplaced(view: View, parameters: Parameters, param: str = "") -> np.ndarray:
+    """Error (n_t, n_s, 2) mm of measured displacements at the points where temperatures are compared, or its derivative by a Param."""
+    u = view.motion
+    if param:
+        links = tuple(e for e in effects(CAMERA) if param in e.names or e in chain(CAMERA, parameters))
+        return seen_along(u, np.zeros_like(u), view.scene, links, parameters, param)
+    return np.asarray(seen(u, view.scene, chain(CAMERA, parameters), parameters) - u)
 
 
 @dataclass(frozen=True)
@@ -126,10 +174,9 @@ class JointPrediction:
     ) -> None:
         """Derivatives of one field at the observed points into out (n_t, n_s, n_c, n_p): those of the specimen as shown, those of the
         instruments."""
-        links = chain(SLOTS.get(name, ()), parameters)
-        here = {n: tuple(e for e in effects(SLOTS.get(name, ())) if n in e.names or e in links) for n in names if n not in of_body}
-        wanted = {n: chosen for n, chosen in here.items() if any(n in e.names for e in chosen)}
-        view = self.instruments.view(name, history) if links or wanted else None
+        on = self.instruments.changes(name, parameters)
+        stations = [n for n in names if n not in of_body]
+        view = self.instruments.view(name, history) if name in SLOTS and (on or stations) else None
         index = self.instruments.samplers[name].index
         for k, n in enumerate(names):
             if n in of_body:
@@ -137,13 +184,13 @@ class JointPrediction:
                 if name == "force":
                     recorded = self.instruments.observations[name].value.ravel()
                     out[..., k] = slope - acting_force_rate(recorded, parameters, n)[:, None, None]
-                elif view is not None and links:
+                elif view is not None and on:
                     flat = slope if name == "u" else slope[:, :, 0]
-                    out[..., k] = view.taken(seen_along(view.field, flat, view.scene, links, parameters))
+                    out[..., k] = self.instruments.shown_along(name, view, flat, parameters)
                 else:
                     out[..., k] = slope[index] if name == "theta" else slope
-            elif view is not None and n in wanted:
-                out[..., k] = view.taken(seen_along(view.field, np.zeros_like(view.field), view.scene, wanted[n], parameters, n))
+            elif view is not None:
+                out[..., k] = self.instruments.shown_by(name, view, n, parameters)
 
 
 class _Slopes:

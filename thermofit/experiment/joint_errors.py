@@ -41,8 +41,8 @@ class JointWithErrors:
 
 
 def told(plain: JointParts, parameters: Parameters, beside: Errors | None = None) -> JointWithErrors:
-    """Errors of a joint problem at given parameters; `beside`: what a term that the model lacks adds to the prediction of its only test.
-    NumericsError where a run fails."""
+    """Errors of a joint problem at given parameters; `beside`: what unit coefficients of a term that the model lacks add to the
+    prediction of its only test. NumericsError where a run fails."""
     each = {name: corrected(part, plain.seen_by(parameters, name), beside) for name, part in plain.each.items()}
     parts = plain.rebuilt({name: one.joint for name, one in each.items()})
 

@@ -17,8 +17,8 @@ from thermofit.core.parameters import Parameters, bare_name
 from thermofit.effects.catalogue import HEATING, Effect, effects
 from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.held import thermal_names
-from thermofit.experiment.instruments import SLOTS, Instruments
-from thermofit.observe.stations import INFRARED, chain, seen_along
+from thermofit.experiment.instruments import Instruments
+from thermofit.observe.stations import INFRARED
 
 Direction = tuple[str, Mapping[str, float]]
 """A Param along which a derivative is taken, and values of the other Params of its effect, which is off."""
@@ -60,9 +60,9 @@ def along(
         slopes[n] = look.operator.temperature(rates[:, : len(names)].T)[:, :, 0].T
 
     heat_run_rates(problem, parameters, names, collect, [others for _, others in directions])
-    links, seen = chain(SLOTS["theta"], parameters), instruments.observations["theta"]
-    if not links:
+    seen = instruments.observations["theta"]
+    if not instruments.changes("theta", parameters):
         return seen.averaged(slopes[look.index][:, :, None, :])
     view = instruments.view("theta", history)
-    shown = [view.taken(seen_along(view.field, slope, view.scene, links, parameters)) for slope in np.moveaxis(slopes, -1, 0)]
+    shown = [instruments.shown_along("theta", view, slope, parameters) for slope in np.moveaxis(slopes, -1, 0)]
     return seen.averaged(np.stack(shown, axis=-1))

@@ -20,13 +20,15 @@ from thermofit.experiment.coupon_records import CouponTest
 class Kind:
     """A kind of missing term: the unit of its coefficients and what it is in words. `alike`: where one is that is the same everywhere (the
     "surface" that is free, the "jaws" or the "image" of a camera), and `which` of them; empty: it has places, or is that of a record.
-    `drifts`: it never jumps, as jaws and cameras that warm up; a constant part of one is taken by other parameters."""
+    `drifts`: it never jumps, as jaws and cameras that warm up; a constant part of one is taken by other parameters. `about`: it grows from
+    a height at which it is nothing, the one knot of its grid in y."""
 
     unit: str
     words: str
     alike: str = ""
     which: str = "all"
     drifts: bool = False
+    about: bool = False
 
 
 KINDS: Mapping[str, Kind] = {
@@ -38,7 +40,7 @@ KINDS: Mapping[str, Kind] = {
     "jaw_upper": Kind("K", "change of the temperature of the upper jaw", "jaws", "upper", drifts=True),
     "jaw_lower": Kind("K", "change of the temperature of the lower jaw", "jaws", "lower", drifts=True),
     "offset": Kind("K", "offset of the infrared camera", "image"),
-    "gradient": Kind("mK/mm", "offset of the infrared camera along the load", "image", drifts=True),
+    "gradient": Kind("mK/mm", "offset of the infrared camera along the load", "image", drifts=True, about=True),
     "strain": Kind("mm/m", "apparent strain of the displacement cameras", "image", drifts=True),
     "scale": Kind("mm/m", "error of the scale of displacements", "image", drifts=True),
 }
@@ -150,6 +152,9 @@ class Missing(Protocol):
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the m chosen hats."""
+
+    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Change (n_t, n_s, n_c, m) of other observed fields than the one that shows the kind, by field."""
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the specimen under each hat over the face; None where it is not known (coupons)."""

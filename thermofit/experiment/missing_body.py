@@ -18,11 +18,10 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
-from thermofit.experiment.instruments import SLOTS, Instruments
+from thermofit.experiment.instruments import Instruments, carried
 from thermofit.experiment.missing import KINDS, Grid, place_hats, time_hats
 from thermofit.law.page import law_of
 from thermofit.observe.observation import FieldObservation
-from thermofit.observe.stations import chain, seen_along
 
 FIELDS = {"theta": "heat", "u": "displacement"}
 FREE = "air"
@@ -144,26 +143,35 @@ class BodyMissing:
             self.kept[key] = self.instruments.run(parameters)
         return self.kept[key]
 
+    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Change (n_t, n_s, n_c, m) of other observed fields than the own one by unit coefficients: a pixel of the infrared camera is given
+        to the point that the displacement cameras say is there."""
+        if kind not in OF_CAMERAS["u"] or "theta" not in self.instruments.observations:
+            return {}
+        seen, view = self.instruments.observations["theta"], self.instruments.view("theta", self.history(parameters))
+        length = view.motion if kind == "scale" else view.scene.position
+        shown = view.taken(carried(view.field, view.scene, PER_MILLE * length))
+        return {"theta": seen.averaged(shown[..., None] * _over_time(grid, seen, chosen)[:, None, None, :])}
+
     def _magnified(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Displacements (n_t, n_s, 2, m) that an apparent strain of 1 mm/m adds, e (x + u) as of effect `dic_out_of_plane`, or an error of
-        the scale of as much, e u as of `dic_scale`; temperatures (n_t, n_s, 1, m) that 1 mK/mm adds, g (y + v). All of the run, for noise
-        of measured displacements would be taken for them."""
+        the scale of as much, e u as of `dic_scale`; temperatures (n_t, n_s, 1, m) that 1 mK/mm adds, g (y + v - y_0), y_0 the knot of
+        the grid in y. All of the run, for noise of measured displacements would be taken for them."""
         field = _field_of(kind)
         seen, view = self.instruments.observations[field], self.instruments.view(field, self.history(parameters))
-        in_time = time_hats(grid, seen.time, np.zeros(len(seen.time), dtype=int))[:, chosen]
         length = view.field if kind == "scale" else view.scene.position[view.index]
         if kind == "gradient":
-            length = length[:, :, 1:]
-        return seen.averaged(PER_MILLE * length[..., None] * in_time[:, None, None, :])
+            length = length[:, :, 1:] - grid.y[0]
+        return seen.averaged(PER_MILLE * length[..., None] * _over_time(grid, seen, chosen)[:, None, None, :])
 
     def _warmed(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         history, sampler = self.history(parameters), self.instruments.samplers["theta"]
         seen = self.instruments.observations["theta"]
         loads = None if kind in OF_SURFACE else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
-        links = chain(SLOTS["theta"], parameters)
+        on = self.instruments.changes("theta", parameters)
         out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
-        view = self.instruments.view("theta", history) if links else None
-        full = np.zeros((len(history.time), len(seen.xy), len(chosen))) if links else None
+        view = self.instruments.view("theta", history) if on else None
+        full = np.zeros((len(history.time), len(seen.xy), len(chosen))) if on else None
         for n, theta in self._marched(parameters, history, grid, kind if loads is None else loads, chosen):
             rates = sampler.temperature_rates(theta)
             if full is not None:
@@ -172,7 +180,7 @@ class BodyMissing:
                 out[sampler.index == n] = rates
         if view is not None and full is not None:
             for k in range(len(chosen)):
-                out[..., k] = view.taken(seen_along(view.field, full[:, :, k], view.scene, links, parameters))
+                out[..., k] = self.instruments.shown_along("theta", view, full[:, :, k], parameters)
         return seen.averaged(out)
 
     def _marched(
@@ -264,6 +272,11 @@ def _at_ends(grid: Grid, time: np.ndarray, scheme: str) -> tuple[np.ndarray, ...
 def _at_knots(time: np.ndarray, value: np.ndarray, knots: np.ndarray) -> np.ndarray:
     """A history (n_t, n) at the knots (n_k, n)."""
     return np.stack([np.interp(knots, time, column) for column in value.T], axis=1)
+
+
+def _over_time(grid: Grid, seen: FieldObservation, chosen: np.ndarray) -> np.ndarray:
+    """Values (n_t, m) of chosen hats over time alone at the observed times."""
+    return time_hats(grid, seen.time, np.zeros(len(seen.time), dtype=int))[:, chosen]
 
 
 def _shown_directly(grid: Grid, seen: FieldObservation, chosen: np.ndarray) -> np.ndarray:

@@ -81,6 +81,10 @@ class CouponMissing:
             out[own] = self._warmed(self.of_test(parameters, test), test, in_time[own])
         return out[:, None, None, :]
 
+    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """None: what a load cell or a sensor lacks shows in its own records alone."""
+        return {}
+
     def _warmed(self, parameters: Parameters, test: CouponTest, power: np.ndarray) -> np.ndarray:
         """What the sensor shows (n, m) of powers (n, m) in mW/mm^3."""
         scene, links = sensor_scene(test), chain(SENSOR, parameters)

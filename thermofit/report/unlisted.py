@@ -22,6 +22,7 @@ from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
 from thermofit.diagnose.unlisted_effect import camera_file, heat_file, over_time_file, sensor_file, yield_file
 from thermofit.diagnose.unlisted_field import Field
 from thermofit.diagnose.unlisted_law import StateLaw
+from thermofit.diagnose.unlisted_middle import about
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import KINDS, Missing
@@ -182,7 +183,8 @@ def place_in_words(where: dict[str, Any]) -> str:
     if "record" in where:
         return f"in record {where['record']}"
     if "image" in where:
-        return f"in {where['image']} of the image"
+        middle = f", nothing at y = {where['middle_mm']:.3g} mm," if "middle_mm" in where else ""
+        return f"in {where['image']} of the image{middle}"
     if "surface" in where:
         return "the same everywhere"
     if "jaws" in where:
@@ -243,6 +245,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
     elif KINDS[field.basis.kind].alike:
         kind = KINDS[field.basis.kind]
         strength, sigma, position = place.strength, place.sigma, {kind.alike: kind.which}
+        position |= {"middle_mm": float(about(field).y[0])} if kind.about else {}
     else:
         strength, sigma = place.strength, place.sigma
         position = {
@@ -301,7 +304,7 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
     if KINDS[kind].alike:
-        text = over_time_file(kind, name, source, grid.time, field.values[:, 0, 0, 0])
+        text = over_time_file(kind, name, source, about(field), field.values[:, 0, 0, 0])
         return EffectFile(name, text, f"the {KINDS[kind].words} over time", field.proof)
     if missing.records:
         text = sensor_file(name, source, _rises(found, missing, field))

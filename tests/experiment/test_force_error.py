@@ -81,6 +81,20 @@ def test_the_residual_is_whitened_against_the_force() -> None:
     assert np.all(np.std(white, axis=0) < 0.15)
 
 
+def test_columns_of_a_term_are_what_it_does_to_the_residual() -> None:
+    """What displacement cameras add is taken for an error of the force, and shows in the temperatures as the heat of its flow."""
+    model = with_force_error(joint(COURSE, 40.0 * MODES), PARAMETERS).model
+    errors = model.errors(PARAMETERS)
+    drift = np.linspace(0.0, 0.02, errors["u"].shape[0])[:, None, None] * np.ones_like(errors["u"])
+    warmer = np.linspace(0.0, 0.3, errors["theta"].shape[1])[None, :, None] * np.linspace(0.0, 1.0, len(errors["theta"]))[:, None, None]
+    for name, added in (("u", drift * np.linspace(0.0, 1.0, drift.shape[1])[:, None]), ("theta", warmer)):
+        change = model.assemble({**errors, name: errors[name] + added}) - model.assemble(errors)
+        columns = model.columns({name: np.stack([added, 2.0 * added], axis=-1)})
+        assert np.allclose(np.concatenate(columns), np.stack([change, 2.0 * change], axis=1), atol=1e-9 * np.abs(change).max())
+        felt = {field_of(c) for c, column in zip(model.comparisons, columns, strict=True) if np.abs(column).max() > 1e-3}
+        assert felt == ({"u", "theta"} if name == "u" else {"theta"})
+
+
 def test_a_force_whose_error_is_not_known_changes_nothing() -> None:
     here = joint(COURSE, None)
     assert with_force_error(here, PARAMETERS) is here

@@ -24,7 +24,7 @@ from thermofit.diagnose.protected import either_sign, no_farther
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
-from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, Field, basis_of, believed, field_of, proved
+from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, Field, believed, field_of, proved, roughness
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
@@ -447,18 +447,19 @@ def _rests(term: Field, rest: np.ndarray) -> bool:
 
 
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:
-    """Whitened hats of a channel, and behind their rows those of other fields in which they show too."""
-    missing, channels = case.model.missing, case.channels
-    assert missing is not None
-    ends = np.cumsum([c.n for c in case.model.comparisons])
-    own = channels.index(structure.blocks.channel)
-    answers = missing.answers(kind, case.parameters, grid, chosen)
-    out = basis_of((kind, KINDS[kind].unit), grid, chosen, structure.blocks.rows, (answers, case.model.comparisons[own].residual))
-    for field, also in missing.elsewhere(kind, case.parameters, grid, chosen).items():
-        for k, comparison in enumerate(case.model.comparisons):
-            if k != own and observed_field(channels[k]) == field:
-                out = out.showing(np.arange(ends[k] - comparison.n, ends[k]), (also, comparison.residual))
-    return out
+    """Whitened hats of a channel, and behind their rows those of other channels that feel them too."""
+    model, own = case.model, case.channels.index(structure.blocks.channel)
+    assert model.missing is not None
+    asked = kind, case.parameters, grid, chosen
+    shown = {observed_field(structure.blocks.channel): model.missing.answers(*asked), **model.missing.elsewhere(*asked)}
+    ends, columns = np.cumsum([c.n for c in model.comparisons]), model.columns(shown)
+    felt = [own, *(k for k, column in enumerate(columns) if k != own and column.any())]
+    rows = [np.arange(ends[k] - len(columns[k]), ends[k]) for k in felt]
+    rough = roughness(grid, chosen, from_nothing=KINDS[kind].from_rest)
+    out = Basis(kind, KINDS[kind].unit, grid, chosen, rows[0], columns[own], rough)
+    if len(felt) == 1:
+        return out
+    return replace(out, rows=np.concatenate(rows), columns=np.concatenate([columns[k] for k in felt]), n_own=len(rows[0]))
 
 
 def told_beside(here: Traced, structure: Structure, term: Field, parameters: Parameters) -> tuple[Case, Field, Parameters, str]:

@@ -9,7 +9,6 @@ which the misfit falls to the noise (discrepancy principle) no data ask for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,9 +35,6 @@ VALLEY = 1e-8
 _RANK = 1e-10
 
 
-Whiten = Callable[[np.ndarray], np.ndarray]
-
-
 @dataclass(frozen=True)
 class Basis:
     """Hats of one kind: `chosen` (m,) of those of `grid`, the rows of the residual that feel them, their whitened columns (n_rows, m) and
@@ -58,11 +54,6 @@ class Basis:
     def own(self) -> np.ndarray:
         """Rows of the channel that shows it."""
         return self.rows[: self.n_own or len(self.rows)]
-
-    def showing(self, rows: np.ndarray, answers: tuple[np.ndarray, Whiten]) -> Basis:
-        """The same hats where further rows feel them too, by their answers (n_t, n_s, n_c, m) there and the comparison that whitens one."""
-        columns = np.concatenate([self.columns, _whitened(len(rows), answers)])
-        return replace(self, rows=np.concatenate([self.rows, rows]), columns=columns, n_own=len(self.own))
 
     def full(self, q: np.ndarray) -> np.ndarray:
         """Coefficients (n_k, n_y, n_x, n_c) of all hats, zero where not chosen."""
@@ -107,8 +98,9 @@ class Field:
         return self.basis.full(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
-def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE) -> np.ndarray:
-    """R (m, m): squared differences between hats that are neighbours in time (of one record), y or x, and `size` times q^2."""
+def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE, from_nothing: bool = False) -> np.ndarray:
+    """R (m, m): squared differences between hats that are neighbours in time (of one record), y or x, and `size` times q^2; `from_nothing`:
+    in the stead of that, the square of q at the first time, from which it drifts as far as it likes."""
     index = np.arange(grid.size).reshape(grid.shape)
     pairs = []
     for axis in range(3):
@@ -121,7 +113,7 @@ def roughness(grid: Grid, chosen: np.ndarray, size: float = SIZE) -> np.ndarray:
     at[chosen] = np.arange(len(chosen))
     place = at[np.concatenate(pairs)]
     place = place[(place >= 0).all(axis=1)]
-    out = size * np.eye(len(chosen))
+    out = np.diag((chosen < grid.size // len(grid.time)).astype(float)) if from_nothing else size * np.eye(len(chosen))
     for i, j in ((0, 0), (1, 1)):
         np.add.at(out, (place[:, i], place[:, j]), 1.0)
     np.add.at(out, (place[:, 0], place[:, 1]), -1.0)
@@ -261,17 +253,3 @@ def _scaled(gram: np.ndarray, rough: np.ndarray, weight: float, p: int) -> tuple
     scale = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
     # What the data do not determine stays where it is: it must not run off along a valley.
     return whole * scale[:, None] * scale[None, :] + VALLEY * np.eye(len(whole)), scale
-
-
-def basis_of(kind: tuple[str, str], grid: Grid, chosen: np.ndarray, rows: np.ndarray, answers: tuple[np.ndarray, Whiten]) -> Basis:
-    """Basis of chosen hats from their answers (n_t, n_s, n_c, m) and the comparison that whitens one; kind = (name, unit)."""
-    return Basis(*kind, grid, chosen, rows, _whitened(len(rows), answers), roughness(grid, chosen))
-
-
-def _whitened(n: int, answers: tuple[np.ndarray, Whiten]) -> np.ndarray:
-    """Whitened columns (n, m) of answers."""
-    field, whiten = answers
-    columns = np.empty((n, field.shape[-1]), order="F")
-    for k in range(field.shape[-1]):
-        columns[:, k] = whiten(field[..., k])
-    return columns

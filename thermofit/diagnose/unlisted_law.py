@@ -6,14 +6,15 @@ state it may be one curve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted_effect import VARIABLES
-from thermofit.diagnose.unlisted_field import Field, basis_of, field_of
+from thermofit.diagnose.unlisted_field import Basis, Field, field_of
 from thermofit.diagnose.unlisted_structure import Structure
+from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Grid
 
 STEPS = 10
@@ -59,7 +60,8 @@ def state_law(here: Traced, structure: Structure) -> StateLaw | None:
 def _stepped(here: Traced, structure: Structure, answers: np.ndarray, edges: np.ndarray) -> Field:
     """Field of steps of the yield stress at edges (m,) of a state variable; `answers` (n_t, 1, 1, m) are theirs."""
     grid = Grid(edges, np.zeros(len(edges), dtype=int), np.zeros(1), np.zeros(1))
-    comparison = here.case.model.comparisons[here.case.channels.index(structure.blocks.channel)]
-    hat = basis_of(("stress", "MPa"), grid, np.arange(len(edges)), structure.blocks.rows, (answers, comparison.residual))
+    channel, model = structure.blocks.channel, here.case.model
+    columns = model.columns({observed_field(channel): answers})[here.case.channels.index(channel)]
     # Steps of the table are independent of each other: only their size is held down.
-    return field_of(here.problem.model, replace(hat, rough=np.eye(len(edges))), here.rows, here.split)
+    hat = Basis("stress", "MPa", grid, np.arange(len(edges)), structure.blocks.rows, columns, np.eye(len(edges)))
+    return field_of(here.problem.model, hat, here.rows, here.split)

@@ -21,7 +21,7 @@ class Kind:
     """A kind of missing term: the unit of its coefficients and what it is in words. `alike`: where one is that is the same everywhere (the
     "surface" that is free, the "jaws" or the "image" of a camera), and `which` of them; empty: it has places, or is that of a record.
     `drifts`: it never jumps, as jaws and cameras that warm up; a constant part of one is taken by other parameters. `about`: it grows from
-    a height at which it is nothing, the one knot of its grid in y."""
+    a height at which it is nothing, the one knot of its grid in y. `from_rest`: it is nothing at the first time, to which it is told."""
 
     unit: str
     words: str
@@ -29,6 +29,7 @@ class Kind:
     which: str = "all"
     drifts: bool = False
     about: bool = False
+    from_rest: bool = False
 
 
 KINDS: Mapping[str, Kind] = {
@@ -41,8 +42,8 @@ KINDS: Mapping[str, Kind] = {
     "jaw_lower": Kind("K", "change of the temperature of the lower jaw", "jaws", "lower", drifts=True),
     "offset": Kind("K", "offset of the infrared camera", "image"),
     "gradient": Kind("mK/mm", "offset of the infrared camera along the load", "image", drifts=True, about=True),
-    "strain": Kind("mm/m", "apparent strain of the displacement cameras", "image", drifts=True),
-    "scale": Kind("mm/m", "error of the scale of displacements", "image", drifts=True),
+    "strain": Kind("mm/m", "apparent strain of the displacement cameras", "image", drifts=True, from_rest=True),
+    "scale": Kind("mm/m", "error of the scale of displacements", "image", drifts=True, from_rest=True),
 }
 """All kinds of terms that any model may lack."""
 

@@ -103,6 +103,17 @@ class StageModel:
         """The residual (n_i,) of every comparison, without what those before tell of their common noise."""
         return self._apart([c.residual(errors[field_of(c)]) for c in self.comparisons])
 
+    def columns(self, shown: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+        """Columns (n_i, m) of every comparison by what m terms add to observed fields (n_t, n_s, n_c, m), without what other comparisons
+        tell of their common noise: an error of displacements is taken for one of the force, and for the heat of its flow."""
+        m = next(iter(shown.values())).shape[-1]
+        parts = [np.zeros((c.n, m)) for c in self.comparisons]
+        for part, c in zip(parts, self.comparisons, strict=True):
+            if field_of(c) in shown:
+                for k in range(m):
+                    part[:, k] = c.residual(shown[field_of(c)][..., k])
+        return self._apart(parts)
+
     def _apart(self, parts: list[np.ndarray]) -> list[np.ndarray]:
         """Residuals or columns (n_i, ...) of every comparison without what the others tell of their common noise."""
         for one in self.common:

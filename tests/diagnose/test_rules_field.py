@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from virtual_pulls import TRUTH, model, study
 
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows, Split
+from thermofit.diagnose.unlisted import basis
 from thermofit.diagnose.unlisted_field import SIZE, Basis, Field, field_of, roughness
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_structure import shared_part
-from thermofit.experiment.missing import Grid, time_hats
+from thermofit.experiment.missing import KINDS, Grid, time_hats
 from thermofit.fit.linear_model import LinearModel
 
 N, KNOTS = 240, 12
@@ -44,9 +48,27 @@ def test_roughness_is_the_squared_difference_of_neighbours_of_one_record() -> No
     pair = np.array([[1.0, -1.0], [-1.0, 1.0]])
     assert roughness(grid, np.arange(4), 0.0) == pytest.approx(np.kron(np.eye(2), pair))
     assert roughness(grid, np.array([0, 2, 3]), 0.5) == pytest.approx(np.diag([0.5, 0.5, 0.5]) + np.pad(pair, ((1, 0), (1, 0))))
+    from_rest = np.kron(np.eye(2), pair) + np.diag([1.0, 0.0, 0.0, 0.0])
+    assert roughness(grid, np.arange(4), from_nothing=True) == pytest.approx(from_rest), "nothing at first, and any level later"
     face = Grid(np.zeros(1), np.zeros(1, dtype=int), np.arange(2.0), np.arange(2.0))
     square = 2.0 * np.eye(4) - np.kron(np.eye(2), [[0.0, 1.0], [1.0, 0.0]]) - np.kron([[0.0, 1.0], [1.0, 0.0]], np.eye(2))
     assert roughness(face, np.arange(4), 0.0) == pytest.approx(square), "and of neighbours in x and y"
+
+
+@pytest.mark.parametrize(("kind", "rests"), [("scale", True), ("strain", True), ("displacement", False)])
+def test_displacement_cameras_drift_from_the_rest(kind: str, rests: bool) -> None:
+    """Displacements are told from the rest, where there is no error of theirs; later nothing holds the level of one. It shows in the
+    temperatures too, whose rows stand behind and prove nothing."""
+    joint = model(study())
+    case = Case(joint, Parameters.of(TRUTH), (), (), frozenset())
+    assert joint.missing is not None
+    grid = joint.missing.grid(kind, (6, 1, 1))
+    hats = np.arange(grid.size)
+    found = basis(case, cast(Any, SimpleNamespace(blocks=SimpleNamespace(channel="du"))), kind, grid, hats)
+    assert np.allclose(found.rough, roughness(grid, hats, from_nothing=rests)) and KINDS[kind].from_rest is rests
+    n_u, n_theta = (c.n for c in joint.comparisons)
+    assert len(found.own) == n_u and len(found.rows) == (n_u + n_theta if rests else n_u)
+    assert found.columns.shape == (len(found.rows), grid.size)
 
 
 def test_a_term_and_the_step_of_the_fitted_parameters_are_found_together() -> None:

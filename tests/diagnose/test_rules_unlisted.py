@@ -268,9 +268,9 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     assert resembled_by(closed_of(), ("a",), found, steps) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
     assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
-    for kind in ("strain", "scale"):
+    for kind in ("strain", "scale", "displacement"):
         cameras: Any = SimpleNamespace(basis=SimpleNamespace(kind=kind), after=None, steps=((30.0, 0.01),))
-        assert not resembled_by(closed_of(), ("hardening_curve",), found, cameras), "it follows the flow under a force, whatever the law is"
+        assert not resembled_by(closed_of(), ("hardening_curve",), found, cameras), "it follows the flow under a force, whatever that is"
         assert resembled_by(closed_of(), ("dic_tilt",), found, cameras) is taken
     monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
     assert resembled_by(closed_of(), ("a",), found, steps) is not needed, "what drives a declared reading is no answer, whatever it takes"
@@ -285,11 +285,16 @@ def stead(
     camera: bool = False,
     by_cameras_alone: bool = False,
     left: float = 60.0,
+    kind: str = "heat",
+    accepted: tuple[str, ...] = ("a", "b", "c"),
 ) -> tuple[str, ...]:
     """Effects in whose stead a field gains so much, (gain, its standard error); others nothing."""
 
     class Hat:
         rows = slice(None)
+
+        def __init__(self) -> None:
+            self.kind = kind
 
     def field(known: Any, *_: Any) -> Any:
         return SimpleNamespace(after=np.array([known if isinstance(known, str) else ""]), residual="alone")
@@ -308,7 +313,7 @@ def stead(
     monkeypatch.setattr(loop, "held_out_of", lambda *_: np.array(["now"]))
     monkeypatch.setattr(loop, "field_of", field)
     monkeypatch.setattr(loop, "compared", compare)
-    return in_their_stead(closed_of(cheap=cheap), None, by_cameras_alone)
+    return in_their_stead(closed_of(cheap=cheap, accepted=accepted), None, by_cameras_alone)
 
 
 def test_a_field_in_the_stead_of_effects_has_to_gain_surely_and_most(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -322,6 +327,16 @@ def test_no_field_stands_in_the_stead_of_effects_that_are_needed_or_leave_little
     gains = {"a": (0.3, 0.01)}
     assert stead(monkeypatch, gains, excess=101.0) == ("a",) and stead(monkeypatch, gains, excess=99.0) == ()
     assert stead(monkeypatch, gains, needed=True) == () and stead(monkeypatch, gains, cheap=True) == ()
+
+
+@pytest.mark.parametrize(("kind", "taken"), [("heat", ("hardening_curve",)), ("displacement", ()), ("scale", ())])
+def test_no_displacement_stands_in_the_stead_of_a_curve_of_any_form(
+    monkeypatch: pytest.MonkeyPatch, kind: str, taken: tuple[str, ...]
+) -> None:
+    """It follows the flow, and says less; of what is a name it may well."""
+    gains = {"hardening_curve": (0.3, 0.01), "rate_power": (0.2, 0.01)}
+    assert stead(monkeypatch, gains, kind=kind, accepted=("hardening_curve",)) == taken
+    assert stead(monkeypatch, gains, kind=kind, accepted=("rate_power",)) == ("rate_power",)
 
 
 def test_what_the_camera_adds_is_asked_for_however_little_they_leave(monkeypatch: pytest.MonkeyPatch) -> None:

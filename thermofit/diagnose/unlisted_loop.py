@@ -17,7 +17,7 @@ from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
 from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, standing, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Field, field_of
-from thermofit.effects.catalogue import MATERIAL, effect
+from thermofit.effects.catalogue import effect
 from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
 
@@ -61,11 +61,10 @@ def _base(closed: Closed) -> np.ndarray | None:
 
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
     """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
-    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it. What
-    the displacement cameras add to all lengths or displacements follows whatever a law does to the flow under a force."""
+    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it. Nor
+    is a curve of any form for a displacement (`says_more`)."""
     blocks, end = found.structure.blocks, closed.last.case
-    kind = field.basis.kind
-    if kind == "stress" or (kind in OF_CAMERAS["u"] and all(effect(n).slot in MATERIAL for n in names)):
+    if field.basis.kind == "stress" or says_more(names, field.basis.kind):
         return False
     answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
     if answers and not contradicted(end.model.priors, end.parameters):
@@ -73,6 +72,14 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
     here, known = closed.last, without_effects(closed.last, names)
     alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)
     return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
+
+
+def says_more(names: Sequence[str], kind: str) -> bool:
+    """Whether a curve of any form is among effects and the field is a displacement, or what displacement cameras add to it.
+
+    Over time either follows whatever the flow under a force does; the curve is no name either, and says at which strain it is.
+    """
+    return kind in ("displacement", *OF_CAMERAS["u"]) and any(effect(n).last for n in names)
 
 
 def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alone: bool = False) -> tuple[str, ...]:
@@ -94,6 +101,8 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
             now = held_out_of(here)
             for size in range(1, len(closed.accepted) + 1):
                 for names in combinations(closed.accepted, size):
+                    if says_more(names, hat.kind):
+                        continue
                     alone = field_of(without_effects(here, names), hat, here.rows, here.split)
                     better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
                     needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces

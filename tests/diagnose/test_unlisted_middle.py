@@ -61,3 +61,11 @@ def test_middle_is_no_farther_than_a_camera_sees() -> None:
     model, rows, split = tilted(1e4, 0.02)
     grid = Grid(TIME, np.zeros(len(TIME), dtype=int), np.zeros(1), np.zeros(1))
     assert found_middle(model, whitened, grid, rows, split).y[0] == pytest.approx(90.0)
+
+
+def test_what_is_constant_says_nothing_of_the_middle() -> None:
+    """A level of the whole image of 30 mK beside a camera that tilts about a height, where no parameter takes it."""
+    model, rows, split = tilted(10.0)
+    other = LinearModel(model.residual - 3.0, np.sin(7.0 * T)[:, None])
+    grid = Grid(TIME, np.zeros(len(TIME), dtype=int), np.zeros(1), np.zeros(1))
+    assert found_middle(other, whitened, grid, rows, split).y[0] == pytest.approx(10.0, abs=2.5)

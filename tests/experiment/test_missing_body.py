@@ -87,7 +87,9 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     expected = comparison.residual(answers @ values)
     assert np.abs(change).max() > 4.0
     assert np.abs(expected - change).max() < within * np.abs(change).max()
-    for field, also in joint.missing.elsewhere(kind, base, grid, np.arange(grid.size)).items():
+    elsewhere = joint.missing.elsewhere(kind, base, grid, np.arange(grid.size))
+    assert set(elsewhere) == ({"theta"} if kind in ("strain", "scale") else set())
+    for field, also in elsewhere.items():
         assert field == "theta" and channel == "du", "a pixel is given to the point that the displacement cameras say is there"
         change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[part(joint, "dtheta")]
         (comparison,) = (c for c in joint.comparisons if c.channel == "dtheta")

@@ -14,7 +14,7 @@ from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Proof, Rows
 from thermofit.diagnose.unlisted import closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_field import believed
-from thermofit.diagnose.unlisted_loop import in_their_stead, resembled_by
+from thermofit.diagnose.unlisted_loop import in_their_stead, needed_elsewhere, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
 from thermofit.diagnose.unlisted_structure import Blocks, Structure
 from thermofit.fit.memory import differences
@@ -287,6 +287,7 @@ def stead(
     left: float = 60.0,
     kind: str = "heat",
     accepted: tuple[str, ...] = ("a", "b", "c"),
+    elsewhere: bool = False,
 ) -> tuple[str, ...]:
     """Effects in whose stead a field gains so much, (gain, its standard error); others nothing."""
 
@@ -311,6 +312,7 @@ def stead(
     monkeypatch.setattr(loop, "camera_bases", lambda *_: [Hat()] if camera else [])
     monkeypatch.setattr(loop, "without_effects", lambda _here, names: " ".join(names))
     monkeypatch.setattr(loop, "rows_of", lambda *_: None)
+    monkeypatch.setattr(loop, "needed_elsewhere", lambda *_: elsewhere)
     monkeypatch.setattr(loop, "held_out_of", lambda *_: np.array(["now"]))
     monkeypatch.setattr(loop, "field_of", field if broad else lambda *_: pytest.fail("what a camera adds may jump"))
     monkeypatch.setattr(loop, "over_time", field)
@@ -350,4 +352,19 @@ def test_what_the_camera_adds_is_asked_for_however_little_they_leave(monkeypatch
     )
     assert stead(monkeypatch, gains, needed=True, excess=1.0, camera=True) == ()
     assert stead(monkeypatch, gains, needed=True, excess=1.0, camera=True, left=40.0) == ("a",), "it leaves nothing"
+    assert stead(monkeypatch, gains, needed=True, excess=1.0, camera=True, left=40.0, elsewhere=True) == (), "what displacements need stays"
     assert stead(monkeypatch, gains, needed=True, left=40.0) == (), "a broad heat leaves nothing of anything"
+
+
+@pytest.mark.parametrize("helps", [True, False])
+def test_what_other_channels_need_is_needed(helps: bool) -> None:
+    """A curve of hardening takes what displacements miss; an offset of the infrared camera takes nothing of that."""
+    random, n = np.random.default_rng(4), 600
+    rows = Rows(np.repeat([0, 1], n // 2), np.tile(np.linspace(0.0, 100.0, n // 2), 2), np.zeros((n, 2)), np.zeros(n, dtype=int))
+    with_both: Any = SimpleNamespace(after=random.normal(size=n))
+    alone: Any = SimpleNamespace(after=with_both.after + np.where(rows.channel == (0 if helps else 1), 2.0 * random.normal(size=n), 0.0))
+    here: Any = SimpleNamespace(rows=rows, split=SimpleNamespace(held_out=(None,) * 5))
+    hat: Any = SimpleNamespace(rows=np.flatnonzero(rows.channel == 1))
+    assert needed_elsewhere(here, hat, alone, with_both) is helps
+    every: Any = SimpleNamespace(rows=np.arange(n))
+    assert not needed_elsewhere(here, every, alone, with_both)

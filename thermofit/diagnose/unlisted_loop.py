@@ -88,9 +88,9 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
     not need beside it; none where what they leave is no more than noise, or less than a tenth of the excess, and none on coupons: a stress
     over the time of each record follows whatever is smooth, and no law predicts the next block as well.
 
-    What the infrared camera adds, which may jump, is asked for however little they leave: jaws that drift apart take nearly all of an offset
-    that grows along the load. Where it leaves no structure in their stead they are not needed. `by_cameras_alone`: nothing else is asked
-    for."""
+    What the infrared camera adds, which may jump, is asked for however little they leave: jaws that drift apart take nearly all of an
+    offset that grows along the load. Where it leaves no structure in their stead they are not needed, but where other channels need them.
+    `by_cameras_alone`: nothing else is asked for."""
     here = closed.last
     if here.case.cheap:
         return ()
@@ -110,10 +110,20 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
                     better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
                     needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
                     if jumps and not replace(structure, excess=structure.blocks.excess(alone.residual)).stands_out:
-                        needed = False  # what is the same all over an image and leaves nothing is the answer
+                        # What is the same all over an image and leaves nothing is the answer to its channel.
+                        needed = needed_elsewhere(here, hat, alone, with_both)
                     if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
                         best = (better.gain, names)
     return best[1]
+
+
+def needed_elsewhere(here: Traced, hat: Basis, alone: Field, with_both: Field) -> bool:
+    """Whether held-out data of other channels than those that show a term need the effects beside it."""
+    others = np.setdiff1d(np.arange(len(alone.after)), hat.rows)
+    if not len(others):
+        return False
+    rows = Rows(*(of[others] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
+    return compared(alone.after[others], with_both.after[others], rows, len(here.split.held_out)).convinces
 
 
 def _reconstructed(here: Traced, known: LinearModel, hat: Basis, jumps: bool) -> Field:

@@ -72,8 +72,8 @@ class HeatFit:
 
 
 class Sharper(Protocol):
-    """How the errors of a problem are told at parameters; None where it knows them. `beside`: what unit
-    coefficients of a term that the model lacks add to its prediction; where it is given, the errors are told in any case."""
+    """How the errors of a problem are told at parameters; None where it knows them. `beside`: what unit coefficients of a term that the
+    model lacks add to its prediction; where it is given, the errors are told in any case."""
 
     def __call__(self, parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None: ...
 

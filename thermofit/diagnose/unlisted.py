@@ -453,7 +453,7 @@ def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.nd
     asked = kind, case.parameters, grid, chosen
     shown = {observed_field(structure.blocks.channel): model.missing.answers(*asked), **model.missing.elsewhere(*asked)}
     ends, columns = np.cumsum([c.n for c in model.comparisons]), model.columns(shown)
-    felt = [own, *(k for k, column in enumerate(columns) if k != own and column.any())]
+    felt = [own, *(k for k in columns if k != own)]
     rows = [np.arange(ends[k] - len(columns[k]), ends[k]) for k in felt]
     rough = roughness(grid, chosen, from_nothing=KINDS[kind].from_rest)
     out = Basis(kind, KINDS[kind].unit, grid, chosen, rows[0], columns[own], rough)

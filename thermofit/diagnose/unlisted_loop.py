@@ -20,7 +20,6 @@ from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Fi
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
-from thermofit.fit.linear_model import LinearModel
 
 
 def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) -> tuple[Closed, Unlisted | None]:
@@ -88,7 +87,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
     not need beside it; none where what they leave is no more than noise, or less than a tenth of the excess, and none on coupons: a stress
     over the time of each record follows whatever is smooth, and no law predicts the next block as well.
 
-    What the infrared camera adds, which may jump, is asked for however little they leave: jaws that drift apart take nearly all of an
+    What the infrared camera adds is asked for however little they leave: jaws that drift apart take nearly all of an
     offset that grows along the load. Where it leaves no structure in their stead they are not needed, but where other channels need them.
     `by_cameras_alone`: nothing else is asked for."""
     here = closed.last
@@ -99,17 +98,16 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
         little = structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual)
         broad = None if little or by_cameras_alone else broad_basis(here.case, structure)
         for hat in (*([] if broad is None else [broad]), *camera_bases(here, structure)):
-            jumps = hat is not broad
-            with_both, rows = _reconstructed(here, here.problem.model, hat, jumps), rows_of(here, hat)
+            with_both, rows = field_of(here.problem.model, hat, here.rows, here.split), rows_of(here, hat.rows)
             now = held_out_of(here)
             for size in range(1, len(closed.accepted) + 1):
                 for names in combinations(closed.accepted, size):
                     if says_more(names, hat.kind):
                         continue
-                    alone = _reconstructed(here, without_effects(here, names), hat, jumps)
+                    alone = field_of(without_effects(here, names), hat, here.rows, here.split)
                     better = compared(now[hat.rows], alone.after[hat.rows], rows, len(here.split.held_out))
                     needed = compared(alone.after, with_both.after, here.rows, len(here.split.held_out)).convinces
-                    if jumps and not replace(structure, excess=structure.blocks.excess(alone.residual)).stands_out:
+                    if hat is not broad and not replace(structure, excess=structure.blocks.excess(alone.residual)).stands_out:
                         # What is the same all over an image and leaves nothing is the answer to its channel.
                         needed = needed_elsewhere(here, hat, alone, with_both)
                     if better.gain > max(SURE * better.sigma, PRACTICAL, best[0]) and not needed:
@@ -122,18 +120,12 @@ def needed_elsewhere(here: Traced, hat: Basis, alone: Field, with_both: Field) -
     others = np.setdiff1d(np.arange(len(alone.after)), hat.rows)
     if not len(others):
         return False
-    rows = Rows(*(of[others] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
-    return compared(alone.after[others], with_both.after[others], rows, len(here.split.held_out)).convinces
+    return compared(alone.after[others], with_both.after[others], rows_of(here, others), len(here.split.held_out)).convinces
 
 
-def _reconstructed(here: Traced, known: LinearModel, hat: Basis, jumps: bool) -> Field:
-    """The field of a basis beside the fitted parameters of a linear model, in steps where it `jumps` and held-out data ask for no hats."""
-    return over_time(known, hat, here) if jumps else field_of(known, hat, here.rows, here.split)
-
-
-def rows_of(here: Traced, hat: Basis) -> Rows:
-    """The rows that show a reconstructed term."""
-    return Rows(*(of[hat.rows] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
+def rows_of(here: Traced, own: np.ndarray) -> Rows:
+    """Where the rows of some numbers are from."""
+    return Rows(*(of[own] for of in (here.rows.channel, here.rows.time, here.rows.xy, here.rows.phase)))
 
 
 def _taken_back(closed: Closed, names: Sequence[str], refit: Refit) -> Closed | str:

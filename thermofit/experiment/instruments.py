@@ -80,8 +80,7 @@ class Instruments:
             return self.observations[name].averaged(self.samplers[name].observed(name, history))
         view = self.view(name, history)
         shown = seen(view.field, view.scene, chain(SLOTS[name], parameters), parameters)
-        if name == "theta":
-            shown = shown + carried(shown, view.scene, _misplaced(view, parameters))
+        shown = _at_its_points(name, shown, view, parameters)
         return self.observations[name].averaged(view.taken(shown))
 
     def changes(self, name: str, parameters: Parameters) -> bool:
@@ -91,9 +90,7 @@ class Instruments:
     def shown_along(self, name: str, view: View, slope: np.ndarray, parameters: Parameters) -> np.ndarray:
         """What is observed (n_t, n_s, n_c), point by point, of a field that changes at the rate `slope`, of the shape of the view's."""
         shown = seen_along(view.field, slope, view.scene, chain(SLOTS[name], parameters), parameters)
-        if name == "theta":
-            shown = shown + carried(shown, view.scene, _misplaced(view, parameters))
-        return view.taken(shown)
+        return view.taken(_at_its_points(name, shown, view, parameters))
 
     def shown_by(self, name: str, view: View, param: str, parameters: Parameters) -> np.ndarray:
         """What is observed (n_t, n_s, n_c), point by point, of a Param of the measuring chain that changes at the rate one; zero where it
@@ -102,9 +99,7 @@ class Instruments:
         own = tuple(e for e in effects(SLOTS[name]) if param in e.names or e in links)
         shown = np.zeros_like(view.field)
         if any(param in e.names for e in own):
-            shown = seen_along(view.field, shown, view.scene, own, parameters, param)
-            if name == "theta":
-                shown = shown + carried(shown, view.scene, _misplaced(view, parameters))
+            shown = _at_its_points(name, seen_along(view.field, shown, view.scene, own, parameters, param), view, parameters)
         elif name == "theta" and any(param in e.names for e in effects(CAMERA)):
             shown = carried(seen(view.field, view.scene, links, parameters), view.scene, _misplaced(view, parameters, param))
         return view.taken(shown)
@@ -121,13 +116,18 @@ def carried(theta: np.ndarray, scene: Scene, error: np.ndarray) -> np.ndarray:
     return np.asarray(error[..., 0] / np.sqrt(along) * by_x + error[..., 1] * along * by_y)
 
 
-def _misplaced(view: View, parameters: Parameters, param: str = "") -> np.ndarray:
-    """Error (n_t, n_s, 2) mm of measured displacements at the points where temperatures are compared, or its derivative by a Param."""
-    u = view.motion
-    if param:
-        links = tuple(e for e in effects(CAMERA) if param in e.names or e in chain(CAMERA, parameters))
-        return seen_along(u, np.zeros_like(u), view.scene, links, parameters, param)
-    return np.asarray(seen(u, view.scene, chain(CAMERA, parameters), parameters) - u)
+def _at_its_points(name: str, shown: np.ndarray, view: View, parameters: Parameters) -> np.ndarray:
+    """What an instrument shows at the points to which it is given; temperatures where effects of the displacement cameras place them."""
+    links = chain(CAMERA, parameters) if name == "theta" else ()
+    if not links:
+        return shown
+    return shown + carried(shown, view.scene, seen(view.motion, view.scene, links, parameters) - view.motion)
+
+
+def _misplaced(view: View, parameters: Parameters, param: str) -> np.ndarray:
+    """Derivative (n_t, n_s, 2) mm of measured displacements by a Param, at the points where temperatures are compared."""
+    links = tuple(e for e in effects(CAMERA) if param in e.names or e in chain(CAMERA, parameters))
+    return seen_along(view.motion, np.zeros_like(view.motion), view.scene, links, parameters, param)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ class Kind:
     """A kind of missing term: the unit of its coefficients and what it is in words. `alike`: where one is that is the same everywhere (the
     "surface" that is free, the "jaws" or the "image" of a camera), and `which` of them; empty: it has places, or is that of a record.
     `drifts`: it never jumps, as jaws and cameras that warm up; a constant part of one is taken by other parameters. `about`: it grows from
-    a height at which it is nothing, the one knot of its grid in y. `from_rest`: it is nothing at the first time, to which it is told."""
+    a height at which it is nothing, the one knot of its grid in y. `from_rest`: it is nothing at the first time, from which displacements
+    are measured."""
 
     unit: str
     words: str

@@ -103,16 +103,24 @@ class StageModel:
         """The residual (n_i,) of every comparison, without what those before tell of their common noise."""
         return self._apart([c.residual(errors[field_of(c)]) for c in self.comparisons])
 
-    def columns(self, shown: Mapping[str, np.ndarray]) -> list[np.ndarray]:
-        """Columns (n_i, m) of every comparison by what m terms add to observed fields (n_t, n_s, n_c, m), without what other comparisons
-        tell of their common noise: an error of displacements is taken for one of the force, and for the heat of its flow."""
+    def columns(self, shown: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
+        """Columns (n_i, m) of the comparisons that feel m terms, by their number: by what these add to observed fields (n_t, n_s, n_c, m).
+
+        They are without what other comparisons tell of their common noise: an error of displacements is taken for one of the force, and
+        for the heat of its flow.
+        """
         m = next(iter(shown.values())).shape[-1]
-        parts = [np.zeros((c.n, m)) for c in self.comparisons]
-        for part, c in zip(parts, self.comparisons, strict=True):
+        parts: dict[int, np.ndarray] = {}
+        for k, c in enumerate(self.comparisons):
             if field_of(c) in shown:
-                for k in range(m):
-                    part[:, k] = c.residual(shown[field_of(c)][..., k])
-        return self._apart(parts)
+                parts[k] = np.empty((c.n, m), order="F")
+                for i in range(m):
+                    parts[k][:, i] = c.residual(shown[field_of(c)][..., i])
+            elif parts:  # those before the first tell nothing of it
+                parts[k] = np.zeros((c.n, m))
+        for one in self.common:
+            parts = one.innovations_of(parts)
+        return {k: part for k, part in parts.items() if field_of(self.comparisons[k]) in shown or part.any()}
 
     def _apart(self, parts: list[np.ndarray]) -> list[np.ndarray]:
         """Residuals or columns (n_i, ...) of every comparison without what the others tell of their common noise."""

@@ -47,8 +47,12 @@ class SharedNoise:
 
     def innovations(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals (n_i, ...), each whitened on its own, without what those before tell of the common errors."""
-        found, _ = self._filtered(dict(enumerate(parts)))
-        return [found.get(place, part) for place, part in enumerate(parts)]
+        return list(self.innovations_of(dict(enumerate(parts))).values())
+
+    def innovations_of(self, parts: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+        """The same of the comparisons at some places, in their order; those left out tell nothing, as where their residual is zero."""
+        found, _ = self._filtered(parts)
+        return {place: found.get(place, part) for place, part in parts.items()}
 
     def told(self, parts: Mapping[int, np.ndarray]) -> np.ndarray:
         """Mean (k,) of the common errors after the first comparisons, of which the whitened residuals (n_i,) are given by place; zero after

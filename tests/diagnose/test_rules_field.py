@@ -13,7 +13,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted import basis
-from thermofit.diagnose.unlisted_field import SIZE, Basis, Field, field_of, roughness
+from thermofit.diagnose.unlisted_field import SIZE, Basis, MissingField, field_of, roughness
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_structure import shared_part
 from thermofit.experiment.missing import KINDS, Grid, time_hats
@@ -38,7 +38,7 @@ def folds(count: int = 5) -> Split:
     return Split(tuple(block == k for k in range(count)), (np.zeros(N, dtype=bool),) * count, "")
 
 
-def found_in(residual: np.ndarray, split: Split | None = None) -> Field:
+def found_in(residual: np.ndarray, split: Split | None = None) -> MissingField:
     return field_of(LinearModel(residual, FITTED), basis_of(), ROWS, split or folds())
 
 

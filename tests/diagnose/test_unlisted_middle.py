@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import Basis, Field, field_of, roughness
+from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of, roughness
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.experiment.missing import Grid, hats
 from thermofit.fit.linear_model import LinearModel
@@ -33,7 +33,7 @@ def tilted(middle: float, amount: float = 8.0) -> tuple[LinearModel, Rows, Split
     return LinearModel(residual, FITTED), rows, Split(fifths, fifths, "fifths")
 
 
-def settled(model: LinearModel, rows: Rows, split: Split, grid: Grid) -> Field:
+def settled(model: LinearModel, rows: Rows, split: Split, grid: Grid) -> MissingField:
     """The term where its middle has settled."""
     term = field_of(model, whitened(found_middle(model, whitened, grid, rows, split)), rows, split)
     for _ in range(4):

@@ -18,13 +18,17 @@ class Slots(NamedTuple):
 
 
 class Numbered(Protocol):
-    """What a slot may hold: known by its name, and by a number that kernels take."""
+    """What a slot may hold."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in a study."""
+        ...
 
     @property
-    def number(self) -> int: ...
+    def number(self) -> int:
+        """Number that kernels take."""
+        ...
 
 
 Held = TypeVar("Held", bound=Numbered)

@@ -20,7 +20,7 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import UNSETTLED, Unlisted
-from thermofit.diagnose.unlisted_field import Field, moves_beside
+from thermofit.diagnose.unlisted_field import MissingField, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
@@ -86,7 +86,7 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     return BesideSource({n: value[n] for n in free if n in value}, {n: sigma[n] for n in free if n in sigma})
 
 
-def _beside_one_place(case: Case, parameters: Parameters, term: Field) -> BesideSource:
+def _beside_one_place(case: Case, parameters: Parameters, term: MissingField) -> BesideSource:
     """The parameters that were fitted with a term over time that is the same everywhere."""
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)

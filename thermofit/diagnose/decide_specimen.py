@@ -30,10 +30,14 @@ class CandidateProgramme(Protocol):
     """A test programme of a coupon or of a specimen."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name among the programmes of a study."""
+        ...
 
     @property
-    def words(self) -> str: ...
+    def words(self) -> str:
+        """What it does, in words."""
+        ...
 
 
 @dataclass(frozen=True)

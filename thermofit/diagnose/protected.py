@@ -24,7 +24,7 @@ from scipy.linalg import block_diag
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, HeatFit, scans
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import SETTLED, Basis, Field, field_of, likeliest, roughness
+from thermofit.diagnose.unlisted_field import SETTLED, Basis, MissingField, field_of, likeliest, roughness
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acting_on_temperatures, acts_in_heat
 from thermofit.experiment.missing import Missing
@@ -50,7 +50,7 @@ class Protected:
 
     parameters: Parameters
     linear: LinearModel
-    source: Field
+    source: MissingField
 
     @property
     def with_source(self) -> float:

@@ -24,7 +24,7 @@ from thermofit.diagnose.protected import either_sign, no_farther
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
-from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, Field, believed, field_of, proved, roughness
+from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, MissingField, believed, field_of, proved, roughness
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
@@ -80,7 +80,7 @@ class Unlisted:
     channel: str
     structure: Structure
     listed: tuple[str, float]
-    field: Field | None
+    field: MissingField | None
     place: Place | None
     hints: tuple[Hint, ...]
     others: tuple[str, ...]
@@ -140,7 +140,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
 class Sought:
     """A term, the problem in which it was found, and whether it stays with the parameters of that."""
 
-    term: Field
+    term: MissingField
     there: Traced
     fitted: bool = False
 
@@ -189,7 +189,7 @@ def believed_law(law: StateLaw | None) -> Proof | None:
     return law.field.proof if law is not None and believed(law.field) else None
 
 
-def sought(here: Traced, there: Traced, structure: Structure) -> tuple[Field | None, Traced]:
+def sought(here: Traced, there: Traced, structure: Structure) -> tuple[MissingField | None, Traced]:
     """The term of a channel, None where held-out data do not ask for one, and where it was found; `there`: at protected parameters.
 
     A heat of a body is sought at protected parameters, and stays with these: a term of few hats is not all that is missing, and a fit
@@ -209,13 +209,13 @@ def sought(here: Traced, there: Traced, structure: Structure) -> tuple[Field | N
     return term_of(here, structure), here
 
 
-def beside_optimum(here: Traced, term: Field) -> Field:
+def beside_optimum(here: Traced, term: MissingField) -> MissingField:
     """A term that was found elsewhere, proved against the optimum without it."""
     before = replace(here.problem.model, bounds=None).predicted(here.split.folds)
     return replace(term, before=before, proof=proved(term.basis, here.rows, (before, term.after), len(here.split.held_out)))
 
 
-def through_surface(here: Traced, there: Traced, structure: Structure, term: Field | None) -> Sought | None:
+def through_surface(here: Traced, there: Traced, structure: Structure, term: MissingField | None) -> Sought | None:
     """A heat through all of the free surface alike or from the jaws, over time of any form, in the stead of another term, or of none; None
     where held-out data do not ask for it, or `term` predicts them better. What warms a sheet evenly has no place, and what comes from a jaw
     has none that is seen. Found `there`, at protected parameters, it has to predict better: beside a broad source any smooth term does
@@ -228,7 +228,7 @@ def through_surface(here: Traced, there: Traced, structure: Structure, term: Fie
     return own if taken else None
 
 
-def of_instrument(here: Traced, there: Traced, structure: Structure, term: Field | None) -> Sought | None:
+def of_instrument(here: Traced, there: Traced, structure: Structure, term: MissingField | None) -> Sought | None:
     """An offset of the camera over time or one that grows along the load, of cameras that see displacements an apparent strain or a drift
     of their scale, in the stead of a term of the body, or of none; None where held-out data do not ask for it, or the term of the body
     predicts them no worse.
@@ -248,7 +248,7 @@ def of_instrument(here: Traced, there: Traced, structure: Structure, term: Field
     return own if predicts_better(here, own.term, term) else None
 
 
-def predicts_better(here: Traced, one: Field, other: Field) -> bool:
+def predicts_better(here: Traced, one: MissingField, other: MissingField) -> bool:
     """Whether a term predicts held-out data better than another one, surely."""
     return compared(other.after, one.after, here.rows, len(here.split.held_out), here.problem.model.noise, one.residual).convinces
 
@@ -341,7 +341,7 @@ def alike_basis(here: Traced, structure: Structure, kind: str) -> Basis:
     return hats(found_middle(here.problem.model, hats, grid, here.rows, here.split) if KINDS[kind].about else grid)
 
 
-def alike_beside(case: Case, structure: Structure, term: Field) -> Basis:
+def alike_beside(case: Case, structure: Structure, term: MissingField) -> Basis:
     """The hats of a term that is the same everywhere where the parameters of a case are, and what its middle does."""
     hats = partial(_every_hat, case, structure, term.basis.kind)
     return with_middle(hats, term) if KINDS[term.basis.kind].about else hats(term.basis.grid)
@@ -352,7 +352,7 @@ def _every_hat(case: Case, structure: Structure, kind: str, grid: Grid) -> Basis
     return basis(case, structure, kind, grid, np.arange(grid.size))
 
 
-def term_of(here: Traced, structure: Structure) -> Field | None:
+def term_of(here: Traced, structure: Structure) -> MissingField | None:
     """The reconstructed term of a channel, None where held-out data do not ask for one."""
     broad, missing = broad_basis(here.case, structure), here.case.model.missing
     if broad is None or missing is None:
@@ -375,7 +375,7 @@ def term_of(here: Traced, structure: Structure) -> Field | None:
     return closer_grid(whole, close)
 
 
-def closer_grid(whole: Field, close: Field) -> Field:
+def closer_grid(whole: MissingField, close: MissingField) -> MissingField:
     """The field of fewer hats, unless held-out data ask for all of them."""
     own = whole.basis.rows
     worse = np.nanmean(close.after[own] ** 2) - np.nanmean(whole.after[own] ** 2)
@@ -383,7 +383,7 @@ def closer_grid(whole: Field, close: Field) -> Field:
     return close if worse <= doubt else whole
 
 
-def _lasting(whole: Field) -> np.ndarray:
+def _lasting(whole: MissingField) -> np.ndarray:
     """Hats of a coupon within the window of the term and one more on each side: power that goes on and on is a loss, which parameters
     know how to give."""
     grid, place = whole.basis.grid, place_of(whole, None)
@@ -393,7 +393,7 @@ def _lasting(whole: Field) -> np.ndarray:
     return np.arange(max(inside.min() - 1, own.min()), min(inside.max() + 1, own.max()) + 1)
 
 
-def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Parameters, str]:
+def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[MissingField, Parameters, str]:
     """The term where the fitted parameters have taken their step, and these: what was missing had driven them off, and the answers to the
     hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum.
 
@@ -439,7 +439,7 @@ def settled(here: Traced, structure: Structure, term: Field) -> tuple[Field, Par
     return first, case.parameters, GONE
 
 
-def _rests(term: Field, rest: np.ndarray) -> bool:
+def _rests(term: MissingField, rest: np.ndarray) -> bool:
     """Whether what is left of a step (p,), and of one of the term's middle, is a small part of their standard errors."""
     m = len(term.basis.chosen)
     middle = np.abs(term.q[m:]) <= OF_ITS_ERROR * np.sqrt(np.diag(term.posterior)[m:])
@@ -462,7 +462,9 @@ def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.nd
     return replace(out, rows=np.concatenate(rows), columns=np.concatenate([columns[k] for k in felt]), n_own=len(rows[0]))
 
 
-def told_beside(here: Traced, structure: Structure, term: Field, parameters: Parameters) -> tuple[Case, Field, Parameters, str]:
+def told_beside(
+    here: Traced, structure: Structure, term: MissingField, parameters: Parameters
+) -> tuple[Case, MissingField, Parameters, str]:
     """The case with its errors of mesh, steps and force told at the parameters beside a term of one place, the term and the parameters that
     follow it there, and why they are those of before, where a run fails. Errors that were told where what is missing had driven the
     parameters are those of another contact and other gradients, and would be taken for the parameters' own. How much of these errors the
@@ -486,7 +488,7 @@ def told_beside(here: Traced, structure: Structure, term: Field, parameters: Par
     return (case, term, parameters, remark) if found is begin else (told, found, moved, remark)
 
 
-def over_time(known: LinearModel, hat: Basis, here: Traced) -> Field:
+def over_time(known: LinearModel, hat: Basis, here: Traced) -> MissingField:
     """Field of a basis of one place of a body: steps, unless held-out data ask for hats; hats of what drifts, beside which parameters are
     known no better than beside any history."""
     smooth = field_of(known, hat, here.rows, here.split)
@@ -494,7 +496,7 @@ def over_time(known: LinearModel, hat: Basis, here: Traced) -> Field:
     return smooth if steps is None or better(steps, smooth, here.rows, here.split) else steps
 
 
-def solved(here: Traced, hat: Basis) -> Field:
+def solved(here: Traced, hat: Basis) -> MissingField:
     """Field of a basis at the optimum."""
     return field_of(here.problem.model, hat, here.rows, here.split)
 
@@ -504,7 +506,7 @@ def volumes(case: Case, hat: Basis) -> np.ndarray | None:
     return None if hat.kind != "heat" or case.model.missing is None else case.model.missing.volumes(hat.grid)
 
 
-def hints_of(here: Traced, term: Field) -> tuple[Hint, ...]:
+def hints_of(here: Traced, term: MissingField) -> tuple[Hint, ...]:
     """What the term goes with where it is: over the hats that were chosen."""
     grid, missing = term.basis.grid, here.case.model.missing
     assert missing is not None

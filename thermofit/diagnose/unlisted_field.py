@@ -63,7 +63,7 @@ class Basis:
 
 
 @dataclass(frozen=True)
-class Field:
+class MissingField:
     """A reconstructed term: its basis, coefficients q (m,) and their covariance (m, m), lambda, the step (p,) of the fitted parameters,
     residual with it (n,), held-out residuals (n,) without and with it, the proof on the rows that feel it, and `effective`, the number of
     free coefficients that it is worth, tr[(G + lambda R)^-1 G] - p. `uncertainty` (p,) and `posterior` (m, m): standard errors of the
@@ -145,7 +145,7 @@ def likeliest(known: LinearModel, basis: Basis) -> float:
     return min((weight * unit for weight in WEIGHTS), key=wanted)
 
 
-def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight: float | None = None) -> Field:
+def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight: float | None = None) -> MissingField:
     """The field that predicts held-out data best, beside the fitted parameters without their bounds; `weight`: the one of that lambda."""
     system = _System(known, basis)
     folds = [(held, *system.without(hidden)) for held, hidden in split.folds]
@@ -170,10 +170,10 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight:
     effective = float(np.trace(inverse @ system.gram)) - system.p
     uncertainty = np.sqrt(np.diag(inverse)[: system.p]) / system.size
     posterior = inverse[system.p :, system.p :]
-    return Field(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty, posterior)
+    return MissingField(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty, posterior)
 
 
-def moves_beside(known: LinearModel, term: Field, errors: np.ndarray) -> np.ndarray:
+def moves_beside(known: LinearModel, term: MissingField, errors: np.ndarray) -> np.ndarray:
     """What errors (n, k) of the residual make of the fitted parameters (p, k) beside a term with its lambda; `known`: the linear model of
     the parameters where they are."""
     fitted = term.basis if term.solved is None else term.solved
@@ -191,7 +191,7 @@ def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], fo
     return compared(held_out[0][own], held_out[1][own], part, folds)
 
 
-def believed(field: Field) -> bool:
+def believed(field: MissingField) -> bool:
     """True where held-out data ask for a field."""
     return field.proof.gain > max(SURE * field.proof.sigma, PRACTICAL)
 

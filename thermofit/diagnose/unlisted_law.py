@@ -12,7 +12,7 @@ import numpy as np
 
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted_effect import VARIABLES
-from thermofit.diagnose.unlisted_field import Basis, Field, field_of
+from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of
 from thermofit.diagnose.unlisted_structure import Structure
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.missing import Grid
@@ -28,7 +28,7 @@ class StateLaw:
     variable: str
     edges: np.ndarray
     width: float
-    field: Field
+    field: MissingField
 
     @property
     def size(self) -> float:
@@ -57,7 +57,7 @@ def state_law(here: Traced, structure: Structure) -> StateLaw | None:
     return best
 
 
-def _stepped(here: Traced, structure: Structure, answers: np.ndarray, edges: np.ndarray) -> Field:
+def _stepped(here: Traced, structure: Structure, answers: np.ndarray, edges: np.ndarray) -> MissingField:
     """Field of steps of the yield stress at edges (m,) of a state variable; `answers` (n_t, 1, 1, m) are theirs."""
     grid = Grid(edges, np.zeros(len(edges), dtype=int), np.zeros(1), np.zeros(1))
     channel, model = structure.blocks.channel, here.case.model

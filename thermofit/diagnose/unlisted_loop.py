@@ -16,7 +16,7 @@ from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
 from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, standing, unlisted
-from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, Field, field_of
+from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, MissingField, field_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
@@ -59,7 +59,7 @@ def _base(closed: Closed) -> np.ndarray | None:
     return closed.first.columns.residual if closed.accepted else None
 
 
-def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: Field) -> bool:
+def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> bool:
     """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
     field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it. Nor
     is a curve of any form for a displacement (`says_more`)."""
@@ -115,7 +115,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
     return best[1]
 
 
-def needed_elsewhere(here: Traced, hat: Basis, alone: Field, with_both: Field) -> bool:
+def needed_elsewhere(here: Traced, hat: Basis, alone: MissingField, with_both: MissingField) -> bool:
     """Whether held-out data of other channels than those that show a term need the effects beside it."""
     others = np.setdiff1d(np.arange(len(alone.after)), hat.rows)
     if not len(others):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import Basis, Field, field_of
+from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of
 from thermofit.experiment.missing import KINDS, Grid
 from thermofit.fit.linear_model import LinearModel
 
@@ -41,14 +41,14 @@ def found_middle(known: LinearModel, hats: Hats, grid: Grid, rows: Rows, split: 
     return replace(grid, y=np.clip(middle, low - (high - low), high + (high - low)))
 
 
-def with_middle(hats: Hats, term: Field) -> Basis:
+def with_middle(hats: Hats, term: MissingField) -> Basis:
     """The hats of a term about its middle as it was found last and, behind them, what the term does where that lies 1 mm lower."""
     along = hats(about(term))
     lower = _lower(hats, along) @ term.q[: len(along.chosen)]
     return replace(along, columns=np.column_stack([along.columns, lower]), rough=block_diag(along.rough, np.zeros((1, 1))))
 
 
-def about(term: Field) -> Grid:
+def about(term: MissingField) -> Grid:
     """The grid of a term, of one about a middle with that which it has found: as far lower as its last coefficient says."""
     grid = term.basis.grid
     if not KINDS[term.basis.kind].about:

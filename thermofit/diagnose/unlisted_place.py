@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import label
 
-from thermofit.diagnose.unlisted_field import Field
+from thermofit.diagnose.unlisted_field import MissingField
 
 KEPT = 0.3
 """Part of the largest rms over time from which a place belongs to the term."""
@@ -44,7 +44,7 @@ def compact(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return np.asarray(patches == patches[top])
 
 
-def place_of(field: Field, volumes: np.ndarray | None) -> Place:
+def place_of(field: MissingField, volumes: np.ndarray | None) -> Place:
     """Place of a field. The strength over time is that of all its places together, with the sign of its largest part."""
     grid, values = field.basis.grid, field.values
     weights = np.ones(grid.places) / grid.places if volumes is None else volumes
@@ -88,7 +88,7 @@ def _mean_of(time: np.ndarray, window: tuple[float, float], strongest: int) -> n
     return np.stack([np.interp(at, time, row).mean() for row in np.eye(len(time))])
 
 
-def _sigma(field: Field, weights: np.ndarray) -> np.ndarray:
+def _sigma(field: MissingField, weights: np.ndarray) -> np.ndarray:
     """Standard error (n_k,) of the weighted sum over places at every knot."""
     grid, chosen = field.basis.grid, field.basis.chosen
     k, place = np.unravel_index(chosen, (len(grid.time), grid.places))

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import ALONE, Basis, Field, believed, field_of, proved
+from thermofit.diagnose.unlisted_field import ALONE, Basis, MissingField, believed, field_of, proved
 from thermofit.fit.linear_model import LinearModel
 
 MOST = 8
@@ -31,13 +31,13 @@ _NOTHING = 1e-7
 """Part of the square of a column that parameters and other steps leave, below which it is none of its own."""
 
 
-def in_steps(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Field | None:
+def in_steps(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> MissingField | None:
     """The term of hats over time (one place, one record) as steps; None where no step takes anything away.
 
-    Coefficients, covariance and posterior are those of the hats, which the steps are sums of; `Field.steps` are the steps."""
+    Coefficients, covariance and posterior are those of the hats, which the steps are sums of; `MissingField.steps` are the steps."""
     shape = np.tril(np.ones((basis.columns.shape[1], basis.columns.shape[1])))
     columns = basis.columns @ shape
-    found: list[Field] = []
+    found: list[MissingField] = []
     for steps in _chosen(known, basis, columns):
         places = list(dict.fromkeys(k for step in steps for k in step))
         own = replace(basis, columns=columns[:, places], rough=np.eye(len(places)), chosen=basis.chosen[places])
@@ -49,7 +49,7 @@ def in_steps(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Fiel
     return next(f for f in found if f is best or not better(f, best, rows, split))
 
 
-def better(one: Field, other: Field, rows: Rows, split: Split) -> bool:
+def better(one: MissingField, other: MissingField, rows: Rows, split: Split) -> bool:
     """Whether the other field predicts the held-out rows that feel it better, by so much that it is believed, and the one leaves more than
     ALONE of what the other takes. Errors of mesh and steps ask for more steps than there are, and these for other parameters."""
     own = one.basis.rows
@@ -58,7 +58,7 @@ def better(one: Field, other: Field, rows: Rows, split: Split) -> bool:
     return leaves and believed(replace(other, proof=proved(other.basis, rows, (one.after, other.after), len(split.held_out))))
 
 
-def _of_hats(field: Field, basis: Basis, shape: np.ndarray, steps: Sequence[Step], places: Sequence[int]) -> Field:
+def _of_hats(field: MissingField, basis: Basis, shape: np.ndarray, steps: Sequence[Step], places: Sequence[int]) -> MissingField:
     """A field of steps (m, k) in the coefficients of the hats. A step between two knots is shared out to both by its time."""
     amount = dict(zip(places, field.q.tolist(), strict=True))
     told = []

@@ -30,7 +30,7 @@ SURE = 4.0
 
 
 @dataclass(frozen=True)
-class Blocks:
+class ChannelBlocks:
     """Blocks of one channel: its `rows` of the residual, block of each (n_rows,), number of rows, noise v and numerical part (n_b,)."""
 
     channel: str
@@ -55,7 +55,7 @@ class Blocks:
 class Structure:
     """Excess of one channel in the residual, its standard deviation under noise, and its part of the square sum."""
 
-    blocks: Blocks
+    blocks: ChannelBlocks
     excess: float
     share: float
 
@@ -77,7 +77,7 @@ def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarr
         level = alike.of_sums if case.model.segments is not None else alike.of_blocks(differences(residual[own], *series)[0])
         noise = np.full(len(count), level) + shared_part(case, own, block, count, len(residual))
         error = np.zeros(len(count)) if numerical is None else OVER_NUMERICAL * np.bincount(block, numerical[own], len(count)) ** 2 / count
-        blocks = Blocks(case.channels[k], own, block, count, noise, error)
+        blocks = ChannelBlocks(case.channels[k], own, block, count, noise, error)
         excess = blocks.excess(residual)
         out.append(Structure(blocks, excess, excess / max(float(residual[own] @ residual[own]), 1e-300)))
     return tuple(out)

@@ -35,7 +35,7 @@ _JITTER = 0.5
 
 
 @dataclass(frozen=True)
-class Section:
+class StripSection:
     """Section of a strip: the name of the row, place along the axis in mm, cross-section over a common one."""
 
     row: str
@@ -67,7 +67,7 @@ class CouponTest:
     first_loading: CouponTest | None = None
     """All samples of the first loading, where the record itself was thinned: a range that is short against the test has few or none of the
     samples that are left."""
-    section: Section | None = None
+    section: StripSection | None = None
     """Where a record is one section of a strip: its stress was not measured (NaN), and the mean strain of all drives it."""
 
     @property
@@ -237,7 +237,7 @@ def _sections(study: Study, settings: RowSettings, key: str) -> list[tuple[Coupo
     noise = {"strain": max(read.noise, LEAST_NOISE["strain"]), "stress": 0.0}
     tests = []
     for k, y in enumerate(read.place):
-        section = Section(read.name, float(y), area[k])
+        section = StripSection(read.name, float(y), area[k])
         name = f"{read.name} at {y:g} mm"
         record = CouponTest(name, read.time, read.strain[:, k], unknown, None, theta, theta, noise, whole(read.time), section=section)
         tests.append((record, read.remarks if k == 0 else ()))
@@ -333,7 +333,7 @@ def coupon_data_of(record: Record) -> CouponData:
         if record.has(f"{get}/{FIRST_LOADING}/time"):
             samples = _samples(record, f"{get}/{FIRST_LOADING}")
             first = CouponTest(name=name, **samples, **facts_of, phases=whole(samples["time"]))
-        section = None if facts.get("section") is None else Section(**facts["section"])
+        section = None if facts.get("section") is None else StripSection(**facts["section"])
         tests.append(CouponTest(name=name, **_samples(record, get), **facts_of, phases=phases, first_loading=first, section=section))
     return CouponData(tuple(tests), str(record.summary["control"]))
 

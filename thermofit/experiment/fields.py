@@ -212,13 +212,17 @@ def displacement_of(data: Measured) -> FieldObservation:
 
 
 class SurroundingTemperatures(Protocol):
-    """What knows the temperatures around a specimen, K."""
+    """What knows the temperatures around a specimen."""
 
     @property
-    def theta_air(self) -> float: ...
+    def theta_air(self) -> float:
+        """Temperature of the air, K."""
+        ...
 
     @property
-    def theta_clamp(self) -> float: ...
+    def theta_clamp(self) -> float:
+        """Temperature of the jaws, K."""
+        ...
 
 
 def start_parameters(study: Study, data: SurroundingTemperatures) -> Parameters:

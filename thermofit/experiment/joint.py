@@ -42,7 +42,7 @@ FORCE_NOISE = "force noise"
 """Cause of uncertainty: what is left of the noise of the load cell in the smoothed force."""
 KEPT = 3
 """Differentiated runs that are remembered."""
-Kept = OrderedDict[tuple[Any, ...], tuple[Mapping[str, LoadSteps], Errors, dict[str, np.ndarray]]]
+KeptLoads = OrderedDict[tuple[Any, ...], tuple[Mapping[str, LoadSteps], Errors, dict[str, np.ndarray]]]
 """By mesh, fields, parameters and names: the load steps, the fields that the instruments show, and their derivatives by the names."""
 
 
@@ -111,7 +111,7 @@ class Joint:
     """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
     substeps: int = 1
     """Equal parts into which every load step is divided."""
-    kept: Kept = field(default_factory=OrderedDict, compare=False, repr=False)
+    kept: KeptLoads = field(default_factory=OrderedDict, compare=False, repr=False)
     """What the last differentiated runs have shown, common to all problems that `replace` makes of this one: whether its data hold the
     error of the mesh, and whether that of the force is noise, changes no run."""
 

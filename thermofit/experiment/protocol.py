@@ -101,14 +101,22 @@ class PlannedTest:
 
 
 class FieldTest(Protocol):
-    """One specimen under cameras: its name among several (empty: it is alone), the study as it reads for it, what was measured."""
+    """One specimen under cameras."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name among several; empty: it is alone."""
+        ...
+
     @property
-    def study(self) -> Study: ...
+    def study(self) -> Study:
+        """The study as it reads for this test."""
+        ...
+
     @property
-    def data(self) -> Measured: ...
+    def data(self) -> Measured:
+        """What was measured."""
+        ...
 
 
 class UnseenTest(Protocol):

@@ -55,7 +55,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptEvaluations:
     """Where evaluations of an analysis are kept: folder, and the key of all that they depend on."""
 
     folder: Path
@@ -115,7 +115,7 @@ def _percentiles(linear: Linear, x: np.ndarray, blocks: Blocks) -> dict[str, Int
 
 
 def full_bootstrap(
-    subject: Subject, linear: Linear, count: int, seed: int, kept: Kept, where: Executor
+    subject: Subject, linear: Linear, count: int, seed: int, kept: KeptEvaluations, where: Executor
 ) -> tuple[dict[str, Interval], np.ndarray, Blocks]:
     """The same with every repeat fitted anew. UntrustworthyError for too few blocks."""
     blocks = residual_blocks(linear.model, linear.residual)
@@ -127,7 +127,7 @@ def full_bootstrap(
     return _percentiles(linear, x, blocks), x, blocks
 
 
-def refit_task(subject: Subject, kept: Kept, seed: int, numbers: tuple[int, ...]) -> np.ndarray:
+def refit_task(subject: Subject, kept: KeptEvaluations, seed: int, numbers: tuple[int, ...]) -> np.ndarray:
     """Optima (n, n_p) of some repeats of a full bootstrap."""
     done = kept.store()
     linear = linear_subject(subject, kept.store("linear"))
@@ -150,7 +150,7 @@ def refit_task(subject: Subject, kept: Kept, seed: int, numbers: tuple[int, ...]
 
 
 def profiles(
-    subject: Subject, linear: Linear, analysis: Analysis, kept: Kept, where: Executor
+    subject: Subject, linear: Linear, analysis: Analysis, kept: KeptEvaluations, where: Executor
 ) -> tuple[dict[str, Interval], dict[str, np.ndarray]]:
     """Profile intervals, and per parameter the points (m, 2) of its profile: value, and rise of f in units of s2 and its inflation."""
     rises = allowed_rises(linear, analysis)
@@ -190,7 +190,7 @@ def allowed_rises(linear: Linear, analysis: Analysis) -> np.ndarray:
 Answer = tuple[float, bool, str, np.ndarray]
 
 
-def profile_task(subject: Subject, kept: Kept, at: tuple[int, int], rise: float) -> Answer:
+def profile_task(subject: Subject, kept: KeptEvaluations, at: tuple[int, int], rise: float) -> Answer:
     """End, whether it is open, remark, and points (m, 2) of value and rise of one side of a profile, in terms of the parameter itself."""
     done = kept.store()
     i, sign = at

@@ -84,6 +84,7 @@ ROWS = RESULT + 2 + 6 * N_BACK
 
 @kernel(forceinline=True)
 def five(s: Symmetric) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+    """The components of a deviator but zz, which follows from them."""
     return (s[0], s[1], s[3], s[4], s[5])
 
 
@@ -112,6 +113,7 @@ def columns(a: np.ndarray) -> Tensor:
 
 @kernel(forceinline=True)
 def set_six(c: np.ndarray, at: int, s: Symmetric) -> None:
+    """Write a symmetric tensor into six rows of c, from row `at`."""
     set_row(c, at, s[0])
     set_row(c, at + 1, s[1])
     set_row(c, at + 2, s[2])

@@ -164,10 +164,12 @@ def _mean(value: np.ndarray) -> float:
 
 
 class Held(Protocol):
-    """A dataset: its values."""
+    """A dataset of a record."""
 
     @property
-    def value(self) -> np.ndarray: ...
+    def value(self) -> np.ndarray:
+        """Its values, of any shape."""
+        ...
 
 
 @dataclass(frozen=True)

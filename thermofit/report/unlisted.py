@@ -20,7 +20,7 @@ from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import HALF, Unlisted, believed_law
 from thermofit.diagnose.unlisted_effect import camera_file, heat_file, over_time_file, sensor_file, yield_file
-from thermofit.diagnose.unlisted_field import Field
+from thermofit.diagnose.unlisted_field import MissingField
 from thermofit.diagnose.unlisted_law import StateLaw
 from thermofit.diagnose.unlisted_middle import about
 from thermofit.effects.catalogue import Effect, effect
@@ -232,7 +232,7 @@ def _proof(p: Proof) -> dict[str, float]:
     return {"held_out_gain": p.gain, "held_out_sigma": p.sigma}
 
 
-def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
+def _of_field(here: Traced, found: Unlisted, field: MissingField) -> dict[str, Any]:
     place, missing = found.place, here.case.model.missing
     assert place is not None and missing is not None
     when, time = np.array(place.when), place.time
@@ -274,7 +274,7 @@ def _of_field(here: Traced, found: Unlisted, field: Field) -> dict[str, Any]:
     }
 
 
-def errors(here: Traced, field: Field) -> dict[str, Any]:
+def errors(here: Traced, field: MissingField) -> dict[str, Any]:
     """Rms of every channel in its unit without and with the term, of the fit and held out, beside the noise."""
     pairs = {"before": (here.columns.residual, field.before), "after": (field.residual, field.after)}
     out: dict[str, Any] = {}
@@ -313,7 +313,7 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     return EffectFile(name, text, "the missing heat source over place and time", field.proof)
 
 
-def _rises(found: Unlisted, missing: Missing, field: Field) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def _rises(found: Unlisted, missing: Missing, field: MissingField) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Per record its times and the temperature that is missing there."""
     rise = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
     ends = np.cumsum([len(record.time) for record in missing.records])[:-1]

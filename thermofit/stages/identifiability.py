@@ -18,7 +18,7 @@ from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.programmes import OWN
 from thermofit.identify.chains import chain_intervals
 from thermofit.identify.identifiability import Analysis, analysed
-from thermofit.identify.intervals import Interval, Kept, bootstrap, full_bootstrap, half_width, laplace, profiles, wider
+from thermofit.identify.intervals import Interval, KeptEvaluations, bootstrap, full_bootstrap, half_width, laplace, profiles, wider
 from thermofit.identify.linear import Linear
 from thermofit.identify.solve import discard_checkpoints, evaluation_key
 from thermofit.identify.subject import Subject, linear_subject, optimum_of, prepared
@@ -140,7 +140,7 @@ def _job(study: Study, options: IdentifiabilityOptions, key: str) -> Job:
 def _analysis(study: Study, key: str, options: IdentifiabilityOptions, task: Job, where: Executor) -> Made:
     subject = Subject(study, key, options.programme if options.before else None)
     ready = prepared(subject)
-    kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, ready.base))
+    kept = KeptEvaluations(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, ready.base))
     linear = linear_subject(subject, kept.store("linear"))
     analysis = analysed(linear)
     found: dict[str, Mapping[str, Interval]] = {"laplace": laplace(linear, analysis)}
@@ -176,7 +176,7 @@ def _analysis(study: Study, key: str, options: IdentifiabilityOptions, task: Job
 
 
 def _bootstrapped(
-    subject: Subject, linear: Linear, options: IdentifiabilityOptions, kept: Kept, where: Executor
+    subject: Subject, linear: Linear, options: IdentifiabilityOptions, kept: KeptEvaluations, where: Executor
 ) -> tuple[Mapping[str, Interval], np.ndarray, str]:
     if options.refit:
         found, draws, blocks = full_bootstrap(subject, linear, options.repeats, options.seed, kept, where)
@@ -263,7 +263,7 @@ def _compared(study: Study, key: str, options: IdentifiabilityOptions, task: Job
     """Programmes ranked by the intervals that they would give."""
     assert options.compare is not None
     names = options.compare or experiment_of(study).programmes
-    kept = Kept(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, Parameters.of({})))
+    kept = KeptEvaluations(task.path.parent / f".{task.stage}.parts.evaluations", evaluation_key(task, Parameters.of({})))
     tasks = [Task(f"programme {name}", programme_task, (study, key, name, kept)) for name in names]
     with progress("compare", len(tasks)) as advance:
         found = run_all(tasks, where, lambda index, row: advance(1, names[index]))
@@ -283,7 +283,7 @@ def _compared(study: Study, key: str, options: IdentifiabilityOptions, task: Job
     return Made({}, summary)
 
 
-def programme_task(study: Study, key: str, name: str, kept: Kept) -> Row:
+def programme_task(study: Study, key: str, name: str, kept: KeptEvaluations) -> Row:
     """A row of the comparison: one programme as planned, or why it cannot be carried out."""
     free = study.stage(key).free
     try:

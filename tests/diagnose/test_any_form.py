@@ -29,6 +29,12 @@ STEPS = tuple(p.name for p in CURVE.amplitudes)
 FREE = ("E", "M_y0", "M_yinf", "H_exp", "kappa")
 
 
+@pytest.fixture(autouse=True)
+def law_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How the law is fitted beside the curve is asked in `test_curve_and_law`."""
+    monkeypatch.setattr(any_form, "fitted_law", lambda end, *_: (end, ""))
+
+
 def test_it_names_nothing_and_is_no_candidate() -> None:
     assert [e.name for e in effects() if e.last] == ["hardening_curve"]
     from thermofit.diagnose.case import Case
@@ -134,9 +140,25 @@ def test_it_is_fitted_with_the_hardening_law_held(monkeypatch: pytest.MonkeyPatc
     assert none is None and failed[0].refused == "the refit failed: no equilibrium" and failed[0].unjudged
 
 
-@pytest.mark.parametrize(("fell", "fitted"), [(79.0, True), (80.0, False)])
+def test_the_law_is_fitted_beside_the_curve_before_it_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")
+    judged: list[Any] = []
+    monkeypatch.setattr(any_form, "judged_trial", lambda _h, _f, _s, end, _m: judged.append(end) or (told, ("there", "fit")))
+
+    def fitted_law(end: Any, own: Any, model: Any, largest: float, refit: Any) -> Any:
+        assert own is CURVE and largest == 0.18
+        return refit(end[0].replace(M_yinf=300.0), "hardening_curve law 0"), "M_yinf = 300: fitted with it"
+
+    monkeypatch.setattr(any_form, "fitted_law", fitted_law)
+    asked: list[Parameters] = []
+    ((trial,), _) = of_any_form(traced(9.0), None, means(asked))  # type: ignore[arg-type]
+    assert judged[0][0] is asked[-1] and asked[-1]["M_yinf"] == 300.0
+    assert trial.exponents == "M_yinf = 300: fitted with it; fitted"
+
+
+@pytest.mark.parametrize(("fell", "fitted"), [(69.0, True), (71.0, False)])
 def test_what_is_stored_is_fitted_with_the_curve(monkeypatch: pytest.MonkeyPatch, fell: float, fitted: bool) -> None:
-    """With all that the curve has, from its end, and kept where it takes something; never where temperatures are not fitted, or the study
+    """With all that the curve has, from its end, and kept where it takes ten; never where temperatures are not fitted, or the study
     has it on already."""
     asked: list[Parameters] = []
     ends: list[Any] = []

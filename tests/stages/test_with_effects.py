@@ -60,13 +60,13 @@ def test_paths_are_those_of_the_first_study(tmp_path: Path, monkeypatch: pytest.
             "second": {"experiment": "${WHERE}/second", "held_out": True},
             "third": {"experiment": "raw/third", "held_out": True},
         },
-        "parameters": {"E": {"start": 68000.0}, "alpha_air": 14.7},
+        "parameters": {"E": {"start": 68000.0}, "M_y0": {"start": 190.0}, "alpha_air": 14.7},
     }
     file = tmp_path / "two.yaml"
     file.write_text(yaml.safe_dump(tree), encoding="utf-8")
     monkeypatch.setenv("WHERE", "/data")
     study = load_study(file, [f"run_dir={tmp_path / 'run'}", "model=1"])
-    found = {"E": 7e4, "ir_drift.rate": 1e-3, "rate_power.K": 4.0, "rate_power.m": 1.0}
+    found = {"E": 7e4, "M_y0": 129.5, "ir_drift.rate": 1e-3, "rate_power.K": 4.0, "rate_power.m": 1.0}
     parameters = Parameters.of(found, ("E", "ir_drift.rate", "rate_power.K"))
     closed = SimpleNamespace(accepted=("ir_drift", "rate_power"), last=SimpleNamespace(case=SimpleNamespace(parameters=parameters)))
     written = yaml.safe_load(study_text(study, cast(Closed, closed)))
@@ -79,6 +79,7 @@ def test_paths_are_those_of_the_first_study(tmp_path: Path, monkeypatch: pytest.
     }
     assert written["parameters"] == {
         "E": {"start": 7e4},
+        "M_y0": {"start": 129.5},  # identified by the study, and held by the loop
         "alpha_air": 14.7,
         "ir_drift.rate": 1e-3,
         "rate_power.K": 4.0,

@@ -2,35 +2,33 @@
 
 A law that is wrong leaves displacements, and drives off everything else that is fitted. Temperatures on a wrong motion say little. So where
 displacements or force are beyond their floor, and nothing listed was accepted or it leaves more than it takes, the yield stress is fitted
-as a curve of any form, with the hardening law held where it is. It has to predict held-out data better, as any other effect has to. It
+as a curve of any form beside the hardening law. It has to predict held-out data better, as any other effect has to. It
 names nothing: the curve is told as unlisted, and what else is missing is looked for beside it.
 
-What of a law is stored is a part of its form as well, and is not known of one that is held where a wrong form has driven it. So how the
-dissipation changes with plastic strain is fitted with the curve. Else a heat that goes with flow would be taken for another effect.
+What of a law is stored is a part of its form as well, and is not known of one that a wrong form has driven off. So the law is fitted
+beside the curve (`curve_and_law`), and how the dissipation changes with plastic strain where that is worth it. Else a heat that goes with
+flow would be taken for another effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.case import tried_of
+from thermofit.diagnose.curve_and_law import fitted_law, with_the_same_sum
 from thermofit.diagnose.on_displacements import above_floor, beyond, on_their_own, worth_asking
 from thermofit.diagnose.pairs import leaves_more_than_it_takes
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import Accepted, End, Trial, discriminated, freed_refit, judged_trial
+from thermofit.diagnose.trial import WORTH_AN_EXPONENT, Accepted, End, Trial, discriminated, freed_refit, judged_trial
 from thermofit.diagnose.unlisted_field import BEHIND
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.result import FitResult
 from thermofit.law.hardening.catalogue import LINEAR, hardening_laws
-from thermofit.law.page import law_of
 
 FURTHER = 5
 """Refits at most that go on from where the one before was cut off."""
@@ -38,8 +36,6 @@ GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
 STORED = "stored_energy"
 """The effect that says how the dissipation changes with plastic strain."""
-_POINTS = 400
-"""Strains at which curves are compared."""
 
 
 Winner = tuple[Trial, Accepted]
@@ -74,7 +70,8 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     tried: list[End] = []
     failures: list[str] = []
     for k, x in enumerate(tried_of(reach, here.case)):
-        begin = carried(min(tried, key=lambda one: one[1].f)[0] if tried else start, own, {reach.name: x}, here.case.largest_strain)
+        nearest = min(tried, key=lambda one: one[1].f)[0] if tried else start
+        begin = with_the_same_sum(nearest, nearest.replace(**{reach.name: x}), own, here.case.largest_strain)
         try:
             tried.append(means.refit(begin, f"{own.name} {k}"))
         except NumericsError as error:
@@ -85,13 +82,14 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
         end = min(tried, key=lambda one: one[1].f)
         freed, said = freed_refit(end, (reach.name,), own.name, means.refit)
         end, settled = _settled(freed or end, own, means)
+        end, law = fitted_law(end, own, here.case.model, here.case.largest_strain, lambda at, label: means.refit(at, label, exponents=True))
         end, stored = _with_stored(end, here, own, means)
         trial, found = judged_trial(here, fit, (score,), end, means)
     except NumericsError as error:
         return [Trial((score,), None, {}, {}, 0.0, f"the refit failed: {error}", unjudged=True)], None
     passed_over = f"{len(failures)} of {len(failures) + len(tried)} ranges of strain could not be run ({failures[0]})" if failures else ""
     words = (
-        "the hardening law is held",
+        law or "the hardening law is held",
         stored,
         said,
         "" if settled else f"not settled after {FURTHER} further refits",
@@ -100,22 +98,6 @@ def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial]
     )
     trial = replace(trial, exponents="; ".join(w for w in words if w))
     return [trial], None if found is None else (trial, found)
-
-
-def carried(parameters: Parameters, own: Effect, exponents: Mapping[str, float], largest_strain: float) -> Parameters:
-    """The parameters with the curve that they have by other exponents, the nearest over all strains up to the largest: a fit from nothing
-    would not come as far in the same time."""
-    there, names = parameters.replace(**exponents), [p.name for p in own.amplitudes]
-    nothing = there.replace(**dict.fromkeys(names, 0.0))
-    columns = np.stack([curve_at(nothing.replace(**{n: 1.0}), own, largest_strain) for n in names], axis=1)
-    heights = np.linalg.lstsq(columns, curve_at(parameters, own, largest_strain), rcond=None)[0]
-    return there.replace(**dict(zip(names, heights.tolist(), strict=True)))
-
-
-def curve_at(parameters: Parameters, own: Effect, largest_strain: float) -> np.ndarray:
-    """What the curve adds to the yield stress, MPa (n,), from no plastic strain to the largest."""
-    strain = np.linspace(0.0, largest_strain, _POINTS)
-    return np.asarray(own.act(strain, 0.0, parameters["theta_ref"], law_of(parameters), *(parameters[n] for n in own.names)))
 
 
 def beside_any_form(here: Traced, accepted: Sequence[str]) -> Traced:
@@ -141,13 +123,13 @@ def _settled(end: End, own: Effect, means: Means) -> tuple[End, bool]:
 
 def _with_stored(end: End, here: Traced, own: Effect, means: Means) -> tuple[End, str]:
     """The end with the change of the dissipation over plastic strain fitted as well, and words of it; as it is where temperatures are not
-    fitted, the model knows of none, or has it already. NumericsError where the refit fails."""
+    fitted, the model knows of none, has it already, or where that is worth nothing. NumericsError where the refit fails."""
     dissipation = next((e for e in here.case.known if e.name == STORED and not e.is_on(end[0])), None)
     if dissipation is None or not acting_on_temperatures(end[0].free):
         return end, ""
     (slope,) = dissipation.amplitudes
     found = means.refit(end[0].with_free((*end[0].free, slope.name)), f"{own.name} {STORED}", exponents=True)
-    if found[1].f >= end[1].f:
+    if end[1].f - found[1].f <= WORTH_AN_EXPONENT:
         return end, ""
     return found, f"what of the hardening is stored is not known, and {slope.name} = {found[0][slope.name]:.3g} is fitted with it"
 

@@ -42,7 +42,9 @@ def study_text(study: Study, closed: Closed) -> str:
     found = closed.last.case.parameters
     # Exponents that were held are not free, and yet not those that the effect has by itself.
     held = (name for added in closed.accepted for name in effect(added).names if found[name] != param(name).neutral)
-    for name in dict.fromkeys((*found.free, *held)):
+    # A hardening law that is held beside a curve is identified by the study, and stands elsewhere than where the study starts.
+    identified = (name for name, given in parameters.items() if isinstance(given, dict))
+    for name in dict.fromkeys((*found.free, *held, *identified)):
         value = float(found[name])
         if isinstance(parameters.get(name), dict):
             parameters[name] = {**parameters[name], "start": value}

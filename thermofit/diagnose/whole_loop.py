@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 from thermofit.diagnose.combined import with_combined
 from thermofit.diagnose.heat_of_flow import with_form_of_heat
-from thermofit.diagnose.held_exponents import with_held_exponents, with_held_law
+from thermofit.diagnose.held_exponents import with_held_exponents
+from thermofit.diagnose.held_law import with_held_law
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.pulled import with_pulled
@@ -35,6 +36,9 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    for knowing in (with_stand_ins, with_combined, with_held_exponents, with_held_law, with_form_of_heat, with_pulled, with_slowest_rate):
+    for knowing in (with_stand_ins, with_combined, with_held_exponents):
+        closed = knowing(closed)
+    closed = with_held_law(closed, missing)
+    for knowing in (with_form_of_heat, with_pulled, with_slowest_rate):
         closed = knowing(closed)
     return Looped(found, closed, missing)

@@ -1,4 +1,16 @@
-"""A fit whose parameters are less known than its noise alone makes them, and which of its intervals that widens most."""
+"""A fit whose parameters are less known than its noise alone makes them, for it holds numbers that nobody knows.
+
+With J the columns of the fitted parameters, S those of the numbers that are held, s what of S is beyond J, and C the correlation of the
+noise, the data would move these numbers from where they are held by
+
+    a = -(s^T s)^-1 s^T r,   P = s^T s (s^T C s)^-1 s^T s = (var a)^-1.
+
+Before the data speak they are off by no more than errors u. So the data have them at m, known to V,
+
+    V = (P + diag u^-2)^-1,   m = V P a,   and held where they are, they are off by V + m m^T (mean square).
+
+To the first order, with m = 0, it is as if they were fitted beside a prior of standard error u.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +19,20 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.fit.covariance import correlation
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
+
+
+def known_to(model: LinearModel, columns: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """V + m m^T (k, k) of numbers that are held, whose columns are (n, k), and whose standard errors (k,) are `before` by themselves. What
+    no datum tells beyond the model's parameters is known as before."""
+    s = model.projected(columns * before)
+    gram = s.T @ s
+    told = gram @ np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True) @ gram
+    spread = np.linalg.inv(told + np.eye(len(told)))
+    # P a = s^T s (s^T C s)^-1 s^T s a, with s^T s a = -s^T r.
+    mean = -spread @ gram @ np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True) @ (s.T @ model.left)
+    return np.asarray((spread + np.outer(mean, mean)) * np.outer(before, before))
 
 
 def widened(fit: FitResult, added: np.ndarray) -> FitResult:

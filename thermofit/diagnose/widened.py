@@ -27,11 +27,9 @@ def known_to(model: LinearModel, columns: np.ndarray, before: np.ndarray) -> np.
     """V + m m^T (k, k) of numbers that are held, whose columns are (n, k), and whose standard errors (k,) are `before` by themselves. What
     no datum tells beyond the model's parameters is known as before."""
     s = model.projected(columns * before)
-    gram = s.T @ s
-    told = gram @ np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True) @ gram
-    spread = np.linalg.inv(told + np.eye(len(told)))
-    # P a = s^T s (s^T C s)^-1 s^T s a, with s^T s a = -s^T r.
-    mean = -spread @ gram @ np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True) @ (s.T @ model.left)
+    gram, inner = s.T @ s, np.linalg.pinv(model.meat(s), rcond=1e-12, hermitian=True)
+    spread = np.linalg.inv(gram @ inner @ gram + np.eye(len(gram)))
+    mean = -spread @ gram @ inner @ (s.T @ model.left)
     return np.asarray((spread + np.outer(mean, mean)) * np.outer(before, before))
 
 

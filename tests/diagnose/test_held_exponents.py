@@ -142,9 +142,13 @@ def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(whole_loop, "with_combined", lambda _: "combined")
     monkeypatch.setattr(whole_loop, "with_held_exponents", lambda one: f"{one} beside exponents")
     monkeypatch.setattr(whole_loop, "with_held_law", lambda one, missing: f"{one} and a law beside {missing}")
+    monkeypatch.setattr(whole_loop, "with_other_forms", lambda one, how: f"{one} or another ({how})")
     monkeypatch.setattr(whole_loop, "with_form_of_heat", lambda one: f"{one} and a heat")
     monkeypatch.setattr(whole_loop, "with_pulled", lambda one: f"{one} pulled")
     monkeypatch.setattr(whole_loop, "with_slowest_rate", lambda one: f"{one} to the slowest rate")
     study: Any = SimpleNamespace(diagnosis=SimpleNamespace(held_out="auto", max_effects=2))
     found: Any = SimpleNamespace(case=None, fit=None, refit=None, numerical=None)
-    assert whole_loop.looped(study, found).closed == "combined beside exponents and a law beside None and a heat pulled to the slowest rate"
+    assert (
+        whole_loop.looped(study, found).closed
+        == "combined beside exponents and a law beside None or another (auto) and a heat pulled to the slowest rate"
+    )

@@ -37,9 +37,9 @@ def with_stand_ins(closed: Closed) -> Closed:
 
 def stand_ins(here: Traced, name: str, family: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Dormant effects, of the family or at |cos| above ALIKE from the accepted one, that in its stead predict held-out data as well."""
-    rest = _at_neutral(here, name)
+    rest = at_neutral(here, name)
     own = rest.sensitive(_amplitudes(here, name))
-    blocks = {n: _best_of(here, rest, n) for n in here.problem.dormant if n != name}
+    blocks = {n: best_of(here, rest, n) for n in here.problem.dormant if n != name}
     near = {n: rest.sensitive(block) for n, block in blocks.items()}
     alike = likeness({name: own, **{n: s for n, s in near.items() if s.shape[1] > 0}}, (name,))
     asked = [n for n in blocks if n in family or alike.get((name, n), 0.0) > ALIKE]
@@ -83,7 +83,7 @@ def _amplitudes(here: Traced, name: str) -> np.ndarray:
     return here.columns.fitted[:, [free.index(p.name) for p in effect(name).amplitudes if p.name in free]]
 
 
-def _at_neutral(here: Traced, name: str) -> LinearModel:
+def at_neutral(here: Traced, name: str) -> LinearModel:
     """The problem without the columns of an effect, at neutral by a run; to first order where that run fails."""
     rest = without_effects(here, [name])
     off: Mapping[str, float] = {n: param(n).neutral for n in effect(name).names}
@@ -93,7 +93,7 @@ def _at_neutral(here: Traced, name: str) -> LinearModel:
         return rest
 
 
-def _best_of(here: Traced, rest: LinearModel, name: str) -> np.ndarray:
+def best_of(here: Traced, rest: LinearModel, name: str) -> np.ndarray:
     """Columns (n, k) of a dormant effect at the values of its exponents that do most in the stead of what went."""
     blocks = [block for _, block in here.scanned.get(name, ())] or [here.problem.dormant[name][1]]
     if len(blocks) == 1:

@@ -9,6 +9,7 @@ from thermofit.diagnose.heat_of_flow import with_form_of_heat
 from thermofit.diagnose.held_exponents import with_held_exponents
 from thermofit.diagnose.held_law import with_held_law
 from thermofit.diagnose.loop import Closed, close_loop
+from thermofit.diagnose.other_form import with_other_forms
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.pulled import with_pulled
 from thermofit.diagnose.slowest_rate import with_slowest_rate
@@ -38,7 +39,7 @@ def looped(study: Study, found: Prepared) -> Looped:
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
     for knowing in (with_stand_ins, with_combined, with_held_exponents):
         closed = knowing(closed)
-    closed = with_held_law(closed, missing)
+    closed = with_other_forms(with_held_law(closed, missing), how)
     for knowing in (with_form_of_heat, with_pulled, with_slowest_rate):
         closed = knowing(closed)
     return Looped(found, closed, missing)

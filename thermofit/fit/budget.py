@@ -27,6 +27,8 @@ EXPONENTS, HELD_LAW, SLOWER_RATES = "held exponents", "held hardening law", "rat
 where the test has no data."""
 FORM_OF_HEAT = "form of the heat of flow"
 """What an added heat of plastic flow may be of another form over plastic strain."""
+OTHER_FORM = "another effect in its stead"
+"""What an effect that the data do not tell from an added one would make of the parameters."""
 PULLED = "pull of temperatures"
 """How far temperatures pull parameters of the motion from where displacements have them, beside an added heat."""
 

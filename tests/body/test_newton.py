@@ -166,6 +166,8 @@ def test_bisection_recovers_a_step_that_is_too_large() -> None:
         run(body, [0.0, 1.0], load, steps=1, max_cuts=0, newton=NewtonSettings(max_iterations=9))
     cut = run(body, [0.0, 1.0], load, steps=1, newton=NewtonSettings(max_iterations=9))
     assert cut.counts["bisections"] >= 1 and len(cut.time) == 2
+    with pytest.raises(NumericsError, match=r"1 bisections in 1 steps to t = 1 s, expected one for every step and -1 besides at most"):
+        run(body, [0.0, 1.0], load, steps=1, all_cuts=-1, newton=NewtonSettings(max_iterations=9))
     fine = run(body, [0.0, 1.0], load, steps=80)
     assert cut.u_top[-1] == pytest.approx(fine.u_top[-1], rel=2e-3)
     assert cut.balance[0].dissipated == pytest.approx(fine.total("dissipated"), rel=5e-3)

@@ -24,8 +24,9 @@ class MarchSettings:
 
     `model` is the hardening law, by number or name, or says with it which yield surface it is. `material_angle` turns the axes of the
     yield surface about the thickness axis z, in degrees: that between the rolling direction (axis 2 of the law) and the load. `max_step` s
-    puts solution steps between the recorded times. `films` gives facet sets of the mesh
-    their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`. `keep_energy` has the internal energy summed at
+    puts solution steps between the recorded times. A step is bisected `max_cuts` times at most, all of a run together once for every
+    solution step and `all_cuts` times besides: a run that needs more takes many times as long, and hardly has a solution. `films` gives
+    facet sets of the mesh their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`. `keep_energy` has the internal energy summed at
     every recorded time, for the first law.
     """
 
@@ -35,6 +36,7 @@ class MarchSettings:
     max_coupling: int = 20
     heat_scheme: str = "sdirk2"
     max_cuts: int = 8
+    all_cuts: int = 100
     model: int | str | Slots = 2
     closed_form: bool = True
     plastic: bool = True

@@ -50,7 +50,8 @@ def march(
 
     Only these are recorded; solution steps between them (`max_step`) add up to one Balance. `watch` follows the run and may have it
     differentiated. Effects of the machine (slot load) stand between the loading and the specimen. NumericsError where a step fails even
-    after `max_cuts` bisections; the message names the time. StudyError where times, loading, body and parameters do not fit together.
+    after `max_cuts` bisections, or all steps together need more than one each and `all_cuts` besides; the message names the time. StudyError
+    where times, loading, body and parameters do not fit together.
     """
     law, conditions = beginning(body, parameters, loading, times, settings)
     run = Run(body, law, conditions, loading.acting(parameters), settings)
@@ -89,6 +90,7 @@ def marched(run: Run, parameters: Parameters, load_rates: np.ndarray, times: np.
     for n, t in enumerate(times[1:], start=1):
         parts = []
         for middle in solution_times(start.time, float(t), settings.max_step):
+            run.steps += 1
             state, balance = run.advance(start, past, middle, 0)
             past, start = (passed(start), *past[:1]), state
             parts.append(balance)
@@ -115,6 +117,7 @@ class Run:
         self.iterations = 0
         self.fallbacks = body.mechanical.fallbacks.total() + body.thermal.fallbacks.total()
         self.cuts = 0
+        self.steps = 0
         self.resting_temperature = np.empty(0)
         self.rest_displacement = 0.0
         self.rates: Differentiator | None = None
@@ -173,6 +176,11 @@ class Run:
                 advice = self._advice(start, t)
                 raise NumericsError(f"time step to t = {t:.4g} s failed after {depth} bisections ({err}); {advice}") from err
         self.cuts += 1
+        if self.cuts > self.steps + self.settings.all_cuts:
+            raise NumericsError(
+                f"{self.cuts} bisections in {self.steps} steps to t = {t:.4g} s, expected one for every step and {self.settings.all_cuts} "
+                "besides at most: with these parameters there is hardly a solution; check them, the loads and the starts"
+            )
         middle, first = self.advance(start, (), 0.5 * (start.time + t), depth + 1)
         end, second = self.advance(middle, (), t, depth + 1)
         return end, added(first, second)

@@ -26,8 +26,8 @@ class MarchSettings:
     yield surface about the thickness axis z, in degrees: that between the rolling direction (axis 2 of the law) and the load. `max_step` s
     puts solution steps between the recorded times. A step is bisected `max_cuts` times at most, all of a run together once for every
     solution step and `all_cuts` times besides: a run that needs more takes many times as long, and hardly has a solution. `films` gives
-    facet sets of the mesh their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`. `keep_energy` has the internal energy summed at
-    every recorded time, for the first law.
+    facet sets of the mesh their own (coefficient W/(m^2 K), medium temperature K), see `films.conditions_of`. `keep_energy` has the
+    internal energy summed at every recorded time, for the first law.
     """
 
     newton: NewtonSettings = NewtonSettings()

@@ -50,8 +50,8 @@ def march(
 
     Only these are recorded; solution steps between them (`max_step`) add up to one Balance. `watch` follows the run and may have it
     differentiated. Effects of the machine (slot load) stand between the loading and the specimen. NumericsError where a step fails even
-    after `max_cuts` bisections, or all steps together need more than one each and `all_cuts` besides; the message names the time. StudyError
-    where times, loading, body and parameters do not fit together.
+    after `max_cuts` bisections, or all steps together need more than one each and `all_cuts` besides; the message names the time.
+    StudyError where times, loading, body and parameters do not fit together.
     """
     law, conditions = beginning(body, parameters, loading, times, settings)
     run = Run(body, law, conditions, loading.acting(parameters), settings)

@@ -61,6 +61,8 @@ TURNED = 0.5
 """Part of its steps that is taken from where one turns back on the step before: that of twice the way goes to and fro without end."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
+RIVALS = 0.8
+"""Part of the gain of a term from which one of another kind may be the better once parameters have followed it."""
 LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
 
@@ -120,8 +122,8 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
         proofs = [p.gain for p in (terms[0].term.proof if terms else None, believed_law(law)) if p is not None]
         if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
-            found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), terms, failed, law))
-    for _, structure, listed, terms, failed, law in sorted(found, key=lambda f: -f[0]):
+            found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), terms, apart, failed, law))
+    for _, structure, listed, terms, apart, failed, law in sorted(found, key=lambda f: -f[0]):
         others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
         alone = Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)
         if not terms:
@@ -129,7 +131,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
         for begin in terms:
             whole = told(here, structure, begin, replace(alone, remark=failed))
             if whole is not None:
-                return whole
+                return or_rival(here, apart, structure, whole, replace(alone, remark=failed))
         # The term has taken wild samples; there may be structure besides.
         if believed_law(law) is not None or _told_alone(here, structure, base):
             return alone
@@ -170,6 +172,38 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     remark = "; ".join(dict.fromkeys(words for words in (alone.remark, remark, said) if words))
     found = replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
     return replace(found, settled=last != UNSETTLED)
+
+
+def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted, alone: Unlisted) -> Unlisted:
+    """What is missing by a term that is the same everywhere, or by one of another kind that predicts held-out data better once parameters
+    have followed either. At the optimum without them each has a part of what the other does: parameters that were driven off make up for
+    the rest, of a lamp that burns for a while as of jaws that warm up and cool down. The rival is the one that is best from there. A
+    heat has to predict no worse than what a camera adds, as at the optimum (`of_instrument`), and so has any rival of a term beside which
+    the parameters do not settle."""
+    term = whole.field
+    if term is None or term.basis.grid.places != 1 or here.case.model.segments is not None:
+        return whole
+    missing = here.case.model.missing
+    assert missing is not None, "the term has a kind"
+    seen = observed_field(structure.blocks.channel)
+    kinds = [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k not in (term.basis.kind, "gradient")]
+    rivals = [
+        own
+        for kind in kinds
+        for there in ((here,) if apart is here else (here, apart))
+        if (own := everywhere_alike(here, there, structure, {seen: (kind,)})) is not None
+    ]
+    if not rivals:
+        return whole
+    best = max(rivals, key=lambda own: own.term.proof.gain)
+    if best.term.proof.gain < RIVALS * term.proof.gain:
+        return whole
+    other = told(here, structure, best, alone)
+    if other is None or other.field is None or not other.settled:
+        return whole
+    of_camera = term.basis.kind in missing.of_instruments.get(seen, ()) and best.term.basis.kind in missing.of_surface.get(seen, ())
+    enough = (of_camera or not whole.settled) and not predicts_better(here, term, other.field)
+    return other if enough or predicts_better(here, other.field, term) else whole
 
 
 def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:

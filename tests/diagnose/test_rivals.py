@@ -1,0 +1,101 @@
+"""Terms that are the same everywhere: which of two kinds it is, parameters tell that have followed either."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from thermofit.diagnose import unlisted as module
+from thermofit.diagnose.unlisted import or_rival
+
+
+def term(kind: str, left: float, gain: float = 0.9, places: int = 1) -> Any:
+    """A term, what held-out data it leaves, and its gain at the optimum."""
+    return SimpleNamespace(
+        basis=SimpleNamespace(kind=kind, grid=SimpleNamespace(places=places)), left=left, proof=SimpleNamespace(gain=gain)
+    )
+
+
+def told(kind: str, left: float, settled: bool = True, places: int = 1) -> Any:
+    return SimpleNamespace(field=term(kind, left, places=places), settled=settled)
+
+
+SURFACE = {"theta": ("flux", "jaws")}
+CAMERAS = {"theta": ("offset", "gradient")}
+
+
+def asked(
+    monkeypatch: pytest.MonkeyPatch, whole: Any, rivals: dict[str, float], ends: dict[str, Any], segments: Any = None, apart: Any = None
+) -> tuple[Any, list[str]]:
+    """What is told where rivals have these gains at the optimum and these ends, and of which kinds the ends were asked."""
+    made: list[str] = []
+    missing = SimpleNamespace(of_surface=SURFACE, of_instruments=CAMERAS)
+    here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing, segments=segments)))
+    structure: Any = SimpleNamespace(blocks=SimpleNamespace(channel="dtheta"))
+
+    def alike(here: Any, there: Any, structure: Any, kinds: Any) -> Any:
+        ((kind,),) = kinds.values()
+        assert kind not in ("gradient", whole.field.basis.kind)
+        gain = rivals.get(kind) if there is not apart else rivals.get(f"{kind} apart")
+        return None if gain is None else SimpleNamespace(term=term(kind, 0.0, gain))
+
+    def end(here: Any, structure: Any, begin: Any, alone: Any) -> Any:
+        made.append(f"{begin.term.basis.kind} {begin.term.proof.gain}")
+        return ends[begin.term.basis.kind]
+
+    monkeypatch.setattr(module, "everywhere_alike", alike)
+    monkeypatch.setattr(module, "told", end)
+    monkeypatch.setattr(module, "predicts_better", lambda _, one, other: one.left < other.left - 0.1)
+    nothing: Any = None
+    return or_rival(here, here if apart is None else apart, structure, whole, nothing), made
+
+
+def test_a_rival_that_predicts_better_once_parameters_have_followed_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best of those at the optimum is asked; a lamp in the stead of an offset of the camera."""
+    offset, flux, jaws = told("offset", 1.5), told("flux", 1.0), told("jaws", 0.9)
+    found, made = asked(monkeypatch, offset, {"flux": 0.85, "jaws": 0.8}, {"flux": flux, "jaws": jaws})
+    assert found is flux and made == ["flux 0.85"]
+    found, _ = asked(monkeypatch, flux, {"jaws": 0.85}, {"jaws": told("jaws", 0.95)})
+    assert found is flux, "about as well is not better"
+    found, _ = asked(monkeypatch, offset, {"flux": 0.85}, {"flux": None})
+    assert found is offset
+
+
+def test_a_camera_has_to_predict_better_than_a_heat(monkeypatch: pytest.MonkeyPatch) -> None:
+    """About as well is not enough, as it is not at the optimum; nor is it for a camera in the stead of a heat."""
+    offset, flux = told("offset", 1.0), told("flux", 1.05)
+    assert asked(monkeypatch, offset, {"flux": 0.9}, {"flux": flux})[0] is flux
+    assert asked(monkeypatch, offset, {"flux": 0.9}, {"flux": told("flux", 1.2)})[0] is offset
+    assert asked(monkeypatch, flux, {"offset": 0.9}, {"offset": offset})[0] is flux
+
+
+def test_no_rival_that_was_far_behind_or_has_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    offset = told("offset", 1.5)
+    found, made = asked(monkeypatch, offset, {"flux": 0.7}, {"flux": told("flux", 1.0)})
+    assert found is offset and made == []
+    found, made = asked(monkeypatch, offset, {}, {})
+    assert found is offset and made == []
+    found, made = asked(monkeypatch, offset, {"flux": 0.85}, {"flux": told("flux", 1.0, settled=False)})
+    assert found is offset and len(made) == 1
+
+
+def test_beside_what_does_not_settle_a_rival_that_predicts_no_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    flux = told("flux", 1.0, settled=False)
+    jaws, worse = told("jaws", 1.05), told("jaws", 1.2)
+    assert asked(monkeypatch, flux, {"jaws": 0.9}, {"jaws": jaws})[0] is jaws
+    assert asked(monkeypatch, flux, {"jaws": 0.9}, {"jaws": worse})[0] is flux
+    assert asked(monkeypatch, told("flux", 1.0), {"jaws": 0.9}, {"jaws": jaws})[0].field.basis.kind == "flux"
+
+
+def test_terms_with_places_and_those_of_coupons_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    for whole, segments in ((told("heat", 1.5, places=12), None), (told("offset", 1.5), ())):
+        found, made = asked(monkeypatch, whole, {"flux": 0.9}, {"flux": told("flux", 1.0)}, segments)
+        assert found is whole and made == []
+
+
+def test_a_rival_at_protected_parameters_counts_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    flux = told("flux", 1.0)
+    found, made = asked(monkeypatch, told("offset", 1.5), {"flux": 0.5, "flux apart": 0.95}, {"flux": flux}, apart=SimpleNamespace())
+    assert found is flux and made == ["flux 0.95"]

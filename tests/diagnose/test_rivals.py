@@ -59,6 +59,8 @@ def test_a_rival_that_predicts_better_once_parameters_have_followed_it(monkeypat
     assert found is flux and made == ["flux 0.85"]
     found, _ = asked(monkeypatch, flux, {"jaws": 0.85}, {"jaws": told("jaws", 0.95)})
     assert found is flux, "about as well is not better"
+    found, _ = asked(monkeypatch, told("flux", 1.5), {"jaws": 0.85}, {"jaws": jaws})
+    assert found is jaws
     found, _ = asked(monkeypatch, offset, {"flux": 0.85}, {"flux": None})
     assert found is offset
 

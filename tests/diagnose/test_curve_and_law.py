@@ -170,3 +170,5 @@ def test_numbers_of_first_yield_are_no_numbers_of_hardening() -> None:
     p = Parameters.of(TRUTH)
     assert held_law(p) == ("M_y0", "M_yinf", "H_exp") and of_first_yield(p) == ("M_y0",) and of_hardening(p) == ("M_yinf", "H_exp")
     assert all(param(n).name == n for n in held_law(p))
+    rounded = p.replace(M_y0=167.84760355437984, M_yinf=448.3539406852076, H_exp=6.3074919065048)
+    assert of_first_yield(rounded) == ("M_y0",), "what rounding makes is no change"

@@ -36,6 +36,8 @@ FARTHEST = 1.5
 """Factor by which a number of the law changes in one step at most."""
 PARTS = (1.0, 0.5, 0.25)
 """Parts of a step that are tried, until one leaves less."""
+ROUNDING = 1e-9
+"""Relative change of a yield stress below which it is one by rounding."""
 AT_REST = 1.0
 """Fall of the objective that a step of the law promises, in units of the noise, below which it is where the data have it."""
 
@@ -80,7 +82,7 @@ def of_first_yield(parameters: Parameters) -> tuple[str, ...]:
     nothing = float(hardening_along(0.0, law_of(parameters))[0])
     names = held_law(parameters)
     moved = {n: hardening_along(0.0, law_of(parameters.replace(**{n: 1.01 * parameters[n] + 1e-3 * param(n).scale})))[0] for n in names}
-    return tuple(n for n in names if float(moved[n]) != nothing)
+    return tuple(n for n in names if abs(float(moved[n]) - nothing) > ROUNDING * abs(nothing))
 
 
 def of_hardening(parameters: Parameters) -> tuple[str, ...]:

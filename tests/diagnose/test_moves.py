@@ -91,6 +91,10 @@ def test_steps_beside_a_term() -> None:
     found = values + no_farther(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, reciprocal=films)
     assert found == pytest.approx([50.0, 7.0, 250.0, 600.0])
     assert no_farther(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])
+    nothing = no_farther(
+        np.array([9.0, 9.0, 9.0, 9.0]), np.array([2e-15, 0.02, 2e-15, 0.2]), False, films, np.array([10.0, 10.0, 100.0, 100.0])
+    )
+    assert nothing == pytest.approx([9.0, 0.01, 9.0, 0.2]), "a film at its bound, but for rounding, says nothing of how far it may go"
 
 
 def test_a_pose_may_step_anywhere() -> None:

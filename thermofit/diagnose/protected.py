@@ -40,6 +40,8 @@ SWEEPS = 6
 """Steps of the parameters beside the broad source at most."""
 FARTHEST = 0.5
 """Part of its value by which a parameter may change in one of these steps."""
+NOTHING = 1e-3
+"""Part of the usual size of a parameter below which its value says nothing of how far it may go."""
 NO_FURTHER = 3e-3
 """Fall of the square sum beside the source below which no further step is made: what moves then is not determined."""
 
@@ -86,7 +88,8 @@ def protected(case: Case, fit: HeatFit, rows: Rows, split: Split) -> Protected |
         known = _linearised(fit, there, thermal)
         broad = _broad(case, fit, missing, there)
         found = field_of(known, broad, *_with_usual(fit, thermal, rows, split), likeliest(known, broad))
-        step = no_farther(np.clip(found.step, *_room(case, there, thermal)), np.array([there[n] for n in thermal]), either_sign(thermal))
+        values, room = np.array([there[n] for n in thermal]), _room(case, there, thermal)
+        step = no_farther(np.clip(found.step, *room), values, either_sign(thermal), usual=scale)
         there = there.replace(**{n: there[n] + float(d) for n, d in zip(thermal, step, strict=True)})
         f, before = float(found.residual @ found.residual), f
         if np.max(np.abs(step) / scale) < SETTLED or f > (1.0 - NO_FURTHER) * before:
@@ -101,17 +104,23 @@ def either_sign(names: Sequence[str]) -> np.ndarray:
 
 
 def no_farther(
-    step: np.ndarray, value: np.ndarray, anywhere: np.ndarray | bool = False, reciprocal: np.ndarray | bool = False
+    step: np.ndarray,
+    value: np.ndarray,
+    anywhere: np.ndarray | bool = False,
+    reciprocal: np.ndarray | bool = False,
+    usual: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value, but where `anywhere` (p,) or it is zero.
+    """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value, but where `anywhere` (p,) or it is nothing:
+    zero, or less than NOTHING of its `usual` size (p,). A fit that ends at a film of 2e-15 would stay there.
 
     Where `reciprocal` (p,), 1/x takes the linear step, -d/x^2, as far down as it likes and no farther up than that: a film that conducts
     as if there were none changes nothing until it is a hundredth of what it is.
     """
     near = FARTHEST * np.abs(value)
-    plain = np.where((near > 0.0) & ~np.asarray(anywhere), np.clip(step, -near, near), step)
+    something = np.abs(value) > NOTHING * usual
+    plain = np.where(something & ~np.asarray(anywhere), np.clip(step, -near, near), step)
     whole = np.where(value != 0.0, value, 1.0)
-    return np.where(reciprocal & (value != 0.0), whole / np.maximum(1.0 - step / whole, FARTHEST) - whole, plain)
+    return np.where(reciprocal & something, whole / np.maximum(1.0 - step / whole, FARTHEST) - whole, plain)
 
 
 def _usual(fit: HeatFit, thermal: Sequence[str]) -> dict[str, float]:

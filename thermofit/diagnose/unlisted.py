@@ -437,16 +437,17 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
     case, first = here.case, term
     room = room_of(case.parameters, case.parameters.free, case.reach)
     parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
-    films, anywhere = np.array([bare_name(n) in RECIPROCAL for n in parameters.free]), either_sign(parameters.free)
+    films, usual = np.array([bare_name(n) in RECIPROCAL for n in parameters.free]), np.array([param(n).scale for n in parameters.free])
+    farthest = partial(no_farther, anywhere=either_sign(parameters.free), reciprocal=films, usual=usual)
     alike = term.basis.grid.places == 1 and case.model.segments is None
     share, before = 1.0, np.zeros(len(moved))
     for _ in range(MOST_STEPS if alike else SETTLING):
-        step = no_farther(term.step, parameters.vector(), anywhere, films)
+        step = farthest(term.step, parameters.vector())
         if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
             share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
         before = step
         x = np.clip(moved + share * step, *room)
-        change = np.abs(x - moved) / np.array([param(n).scale for n in parameters.free])
+        change = np.abs(x - moved) / usual
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)
         try:
@@ -458,7 +459,7 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
         else:
             hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
             term = field_of(known, hat, here.rows, here.split)
-        rest = np.clip(moved + no_farther(term.step, parameters.vector(), anywhere, films), *room) - moved
+        rest = np.clip(moved + farthest(term.step, parameters.vector()), *room) - moved
         near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
         if near:
             break

@@ -99,3 +99,20 @@ def test_it_begins_in_the_stead_of_what_was_added(drift: Closed, monkeypatch: py
     monkeypatch.setattr(other_form, "compared", lambda *_: SimpleNamespace(convinces=False))
     found = by_another(here, "ir_drift", other, means)
     assert found is not None and found[amplitude] != start[amplitude]
+
+
+def test_parameters_that_temperatures_do_not_show_step_with_it(drift: Closed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a yield stress takes over from the other form has to go with it; what temperatures show is fitted on the known motion first."""
+    here, begun = drift.last, list[Parameters]()
+    other = next(n for n in here.problem.dormant if n in ("ir_gain", "ir_emissivity"))
+    others = tuple(n for n in here.case.parameters.free if n != "ir_drift.rate")
+
+    def refit(start: Parameters, label: str, exponents: bool = False) -> Any:
+        begun.append(start)
+        return drift.refit(start, label)
+
+    means: Any = Means(refit, None, "auto")
+    for warm, moves in ((others, False), ((), True)):
+        monkeypatch.setattr(other_form, "acting_on_temperatures", lambda _, warm=warm: warm)
+        by_another(here, "ir_drift", other, means)
+        assert any(begun[-1][n] != here.case.parameters[n] for n in others) is moves

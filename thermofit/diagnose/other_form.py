@@ -23,6 +23,7 @@ from thermofit.diagnose.stand_ins import at_neutral, best_of
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.diagnose.widened import most_widened, widened
 from thermofit.effects.catalogue import effect
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import OTHER_FORM
 
 TRIED = 2
@@ -69,10 +70,13 @@ def by_another(here: Traced, name: str, other: str, means: Means) -> Parameters 
     parameters = here.case.parameters
     without = parameters.replace(**off).with_free(tuple(n for n in parameters.free if n not in off))
     rest, names = at_neutral(here, name), here.problem.dormant[other][0]
-    step = rest.with_columns(best_of(here, rest, other), room_of(parameters, names)).step.d[-len(names) :]
-    start = with_effect(
-        without, other, {n: parameters[n] + float(d) for n, d in zip(names, step, strict=True)} | here.settings.get(other, {})
-    )
+    room = room_of(parameters, without.free, here.case.reach)
+    step = replace(rest, bounds=room).with_columns(best_of(here, rest, other), room_of(parameters, names)).step.d
+    # What the yield stress takes over from the other form has to go with it, else the force is not carried.
+    warm = acting_on_temperatures(without.free)
+    moved = {n: parameters[n] + float(d) for n, d in zip(without.free, step, strict=False) if n not in warm}
+    estimate = {n: parameters[n] + float(d) for n, d in zip(names, step[-len(names) :], strict=True)}
+    start = with_effect(without.replace(**moved), other, estimate | here.settings.get(other, {}))
     exponents = tuple(p.name for p in effect(other).exponents)
     label = f"{other} in the stead of {name}{EXPONENTS if exponents else ''}"
     end = means.refit(start.with_free((*start.free, *exponents)), label, exponents=bool(exponents))

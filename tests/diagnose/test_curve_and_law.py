@@ -118,8 +118,9 @@ def test_a_law_that_does_not_settle_says_so_and_stays(monkeypatch: pytest.Monkey
     begun = test.begun()
     test.fails = {f"hardening_curve law {k}" for k in range(STEPS)}
     end, words = fitted_law(begun, CURVE, model, LARGEST, test.refit)
-    assert end is begun and words == "M_yinf = 468, H_exp = 4.7: not settled: no step of it leaves less"
+    assert end is begun and words == "M_yinf = 468, H_exp = 4.7: not settled: steps of it cannot be run (no equilibrium)"
     assert test.labels.count("hardening_curve law 0") == len(curve_and_law.PARTS)
+    assert fitted_law(begun, CURVE, model, LARGEST, lambda at, _: (at, begun[1]))[1].endswith("not settled: no step of it leaves less")
     monkeypatch.setattr(curve_and_law, "STEPS", 1)
     test.fails = set()
     end, words = fitted_law(begun, CURVE, model, LARGEST, test.refit)
@@ -146,7 +147,7 @@ def test_steps_are_short_and_keep_the_order_of_the_law() -> None:
         return at, SimpleNamespace(f=np.inf)
 
     step = {"M_yinf": -2000.0, "H_exp": 5.0}
-    assert stepped(begun, step, CURVE, LARGEST, refit, 0) is None
+    assert stepped(begun, step, CURVE, LARGEST, refit, 0) == (None, "")
     for at, part in zip(tried, curve_and_law.PARTS, strict=True):
         assert at["M_yinf"] == pytest.approx(468.0 * curve_and_law.FARTHEST**-part)
         assert total(at) == pytest.approx(total(begun[0]), abs=1.5), "the curve keeps the sum"

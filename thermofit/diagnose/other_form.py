@@ -74,7 +74,7 @@ def by_another(here: Traced, name: str, other: str, means: Means) -> Parameters 
     step = replace(rest, bounds=room).with_columns(best_of(here, rest, other), room_of(parameters, names)).step.d
     # What the yield stress takes over from the other form has to go with it, else the force is not carried.
     warm = acting_on_temperatures(without.free)
-    moved = {n: parameters[n] + float(d) for n, d in zip(without.free, step, strict=False) if n not in warm}
+    moved = {n: parameters[n] + float(d) for n, d in zip(without.free, step[: -len(names)], strict=True) if n not in warm}
     estimate = {n: parameters[n] + float(d) for n, d in zip(names, step[-len(names) :], strict=True)}
     start = with_effect(without.replace(**moved), other, estimate | here.settings.get(other, {}))
     exponents = tuple(p.name for p in effect(other).exponents)

@@ -15,7 +15,7 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
 from thermofit.diagnose.combined import with_wider
-from thermofit.diagnose.curve_and_law import curve_at, held_law, of_hardening
+from thermofit.diagnose.curve_and_law import curve_at, held_law, of_first_yield
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.widened import known_to, most_widened, widened
@@ -40,10 +40,11 @@ def with_held_law(closed: Closed, missing: Unlisted | None = None) -> Closed:
         words = f"{', '.join(names)} count as exact: the run of their derivatives failed ({error})"
         return replace(closed, remarks=(*closed.remarks, words))
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
-    hardens = [k for k, n in enumerate(names) if n in of_hardening(at)]
+    first = of_first_yield(at)
+    begins = [k for k, n in enumerate(names) if n in first]
+    hardens = [k for k, n in enumerate(names) if n not in first and at[n] != 0.0]
     spread = np.zeros((len(names), len(names)))
     # Of the sum at no plastic strain nobody knows what is of the law.
-    begins = [k for k in range(len(names)) if k not in hardens]
     spread[begins, begins] = float(np.abs(curve_at(at, curve, here.case.largest_strain)).max()) / np.sqrt(3.0)
     known = np.zeros((0, 0))
     if hardens:
